@@ -46,6 +46,9 @@ RANDOM_RANGES: Final[Mapping[str, Span]] = MappingProxyType(
     }
 )
 """What `Conditions.RANDOM` draws; why these: docs/driving.md."""
+NOMINAL_SHARE: Final = 0.2
+"""Of the episodes of `Conditions.RANDOM`, which have nominal grip, light and image: those are ends of their ranges or
+single points within them, which draws alone never meet."""
 NEUTRAL: Final[Mapping[str, Any]] = MappingProxyType(
     {
         "mass": 1.0, "light": 1.0, "sun_elevation": None, "sun_azimuth": None, "fog": 0.0, "image_noise": 0.0,
@@ -74,7 +77,7 @@ class ConditionsConfig(TaskConfig):
 
     conditions: Conditions = Conditions.NOMINAL
     """random: each condition below that is left at its default is drawn for every world and episode, in the ranges of
-    docs/driving.md; two equal numbers hold one fixed."""
+    docs/driving.md, and one episode in five is nominal; two equal numbers hold one fixed."""
     friction: Positive | tuple[Positive, Positive] = 0.9
     """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
     mass: Positive | tuple[Positive, Positive] = 1.0
@@ -109,17 +112,26 @@ class ConditionsConfig(TaskConfig):
         said = "camera" in self.sensing and self.image_delay != NEUTRAL["image_delay"]
         require(not said, self, "image_delay", "0 where sensing says what the camera's delay is")
 
+    def left_to_chance(self, name: str) -> bool:
+        """Return True if `Conditions.RANDOM` draws a condition, because nothing else says what it is.
+
+        Args:
+            name: one of `RANDOM_RANGES`.
+        """
+        default = next(field.default for field in dataclasses.fields(self) if field.name == name)
+        by_hand = {"mass": "body_mass" in self.randomise, "image_delay": "camera" in self.sensing}
+        left = getattr(self, name) == default and not by_hand.get(name, False)
+        return self.conditions is Conditions.RANDOM and left
+
     def span(self, name: str) -> Span | None:
         """Return the bounds between which a condition is drawn, equal where it is fixed; None: nothing changes it.
 
         Args:
             name: one of `RANDOM_RANGES`.
         """
-        value = getattr(self, name)
-        default = next(field.default for field in dataclasses.fields(self) if field.name == name)
-        by_hand = {"mass": "body_mass" in self.randomise, "image_delay": "camera" in self.sensing}
-        if self.conditions is Conditions.RANDOM and value == default and not by_hand.get(name, False):
+        if self.left_to_chance(name):
             return RANDOM_RANGES[name]
+        value = getattr(self, name)
         if value == NEUTRAL.get(name, ()):
             return None
         low, high = value if isinstance(value, tuple) else (value, value)
@@ -214,15 +226,16 @@ class DrawnConditions:
                 if getattr(config, name) is not None:
                     raise InputError(f"{name.replace('_', '-')}: there is no sun in this task's light; leave it away")
                 spans[name] = None
+        if camera is not None:
+            self._bind_lights(camera)
         self.values = {
             name: torch.full_like(self._nominal, 0.5 * (span[0] + span[1]))
             for name, span in spans.items() if span is not None
         }  # fmt: skip
         self._drawn = {name: span for name, span in spans.items() if span is not None and span[0] < span[1]}
+        self._usual = {name: self._nominal_value(config, name) for name in self._drawn if config.left_to_chance(name)}
         self.image = None if camera is None else to_torch(camera.data)
         self._disturb: WorldLaunch | None = None
-        if camera is not None:
-            self._bind_lights(camera)
         if self.image is not None and {"image_noise", "contrast"} & self.values.keys():
             self.image = self._bind_image(self.image, simulation)
         self._write()
@@ -233,6 +246,18 @@ class DrawnConditions:
         self._sun, self._sun_color = to_torch(lights.sun_direction), to_torch(lights.sun_color)
         self._built_sun, self._built_color = self._sun.clone(), self._sun_color.clone()
         self._depth = torch.tensor(RAYLEIGH, device=self._sun.device)
+
+    def _nominal_value(self, config: ConditionsConfig, name: str) -> torch.Tensor:
+        """Return the value (W,) of a condition as the task is built."""
+        if name in SUN:
+            elevation, azimuth = self._built_place()
+            return elevation if name == "sun_elevation" else azimuth
+        return torch.full_like(self._nominal, float(getattr(config, name)))
+
+    def _built_place(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return elevation and azimuth (W,) of the first sun as built [rad]."""
+        x, y, z = self._built_sun[:, 0].unbind(1)
+        return z.asin(), torch.atan2(y, x)
 
     def _bind_image(self, clear: torch.Tensor, simulation: Any) -> torch.Tensor:
         """Record what makes the image that is seen of the clear one, (W, height, width, 3), and return its memory."""
@@ -259,8 +284,11 @@ class DrawnConditions:
             self._made.zero_()
         if not self._drawn:
             return
+        nominal = self._random.uniform("nominal conditions").squeeze(1) < NOMINAL_SHARE
         for name, (low, high) in self._drawn.items():
             drawn = self._random.uniform(f"condition {name}", low, high).squeeze(1)
+            if name in self._usual:
+                drawn = torch.where(nominal, self._usual[name], drawn)
             self.values[name].copy_(torch.where(world_mask, drawn, self.values[name]))
         self._write()
 
@@ -288,10 +316,9 @@ class DrawnConditions:
 
     def _write_sun(self) -> None:
         """Turn the first sun, and let the air redden it: as built where it stands as built."""
-        x, y, z = self._built_sun[:, 0].unbind(1)
-        built = z.asin()
+        built, around = self._built_place()
         elevation = self.values.get("sun_elevation", built)
-        azimuth = self.values.get("sun_azimuth", torch.atan2(y, x))
+        azimuth = self.values.get("sun_azimuth", around)
         level = elevation.cos()
         self._sun[:, 0] = torch.stack([level * azimuth.cos(), level * azimuth.sin(), elevation.sin()], dim=1)
         more = (air_mass(elevation) - air_mass(built)).unsqueeze(1)

@@ -10,7 +10,7 @@ import torch
 from simwarp.core.interop import to_torch
 from simwarp.sensors import Lighting
 from simwarp.tasks import InputError, TaskConfig
-from simwarp.tasks.driving.conditions import NEUTRAL, RANDOM_RANGES, Conditions, ConditionsConfig
+from simwarp.tasks.driving.conditions import NEUTRAL, NOMINAL_SHARE, RANDOM_RANGES, Conditions, ConditionsConfig
 from simwarp.tasks.randomisation.uncertainty import Range, Sensing
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from tests.reference.image_noise import disturbed, image_key, reddened
@@ -103,21 +103,42 @@ def test_random_draws_what_is_left_at_its_default_and_nothing_else():
 
 
 def test_draws_fill_their_ranges_and_differ_by_world_and_episode():
-    task = road(128, conditions="random", max_episode_steps=1)
+    task = road(160, conditions="random", max_episode_steps=1)
     before = {name: values.clone() for name, values in task.conditions.values.items()}
     assert before.keys() == {name for name in RANDOM_RANGES if name not in ("mass", "image_delay", "action_delay")}
+    nominal = before["fog"] == 0.0
     task.step(held(task))
-    for name, values in task.conditions.values.items():
+    drawn = task.conditions.values["fog"] != 0.0
+    count = int(drawn.sum())
+    for name, whole in task.conditions.values.items():
         low, high = RANDOM_RANGES[name]
+        values = whole[drawn]
         assert low <= values.min()
         assert values.max() <= high + 1e-6 * abs(high)  # float32
-        # the mean of 128 uniform draws is within 4 standard deviations, span / sqrt(12 * 128) each
-        assert abs(values.mean() - 0.5 * (low + high)) < 4.0 * (high - low) / math.sqrt(12 * 128)
-        assert len(values.unique()) == 128
-        assert (values != before[name]).all()
-    both = torch.stack([*task.conditions.values.values()])
-    # of 21 pairs of 128 independent draws none correlates by more than 4 / sqrt(128)
-    assert (both.corrcoef() - torch.eye(len(both))).abs().max() < 4.0 / math.sqrt(128)
+        # the mean of uniform draws is within 4 standard deviations, span / sqrt(12 * count) each
+        assert abs(values.mean() - 0.5 * (low + high)) < 4.0 * (high - low) / math.sqrt(12 * count)
+        assert len(values.unique()) == count
+        assert (values != before[name][drawn]).all()
+        assert len(whole[~drawn].unique()) == 1  # what is nominal is the same in all such worlds
+    both = torch.stack([values[drawn] for values in task.conditions.values.values()])
+    # of 21 pairs of independent draws none correlates by more than 4 / sqrt(count)
+    assert (both.corrcoef() - torch.eye(len(both))).abs().max() < 4.0 / math.sqrt(count)
+    # a fifth of the episodes is nominal, within 4 standard deviations, and not always the same ones
+    deviation = math.sqrt(160 * NOMINAL_SHARE * (1.0 - NOMINAL_SHARE))
+    assert abs(int(nominal.sum()) - 160 * NOMINAL_SHARE) < 4.0 * deviation
+    assert not torch.equal(nominal, ~drawn)
+
+
+def test_nominal_episodes_among_drawn_ones_look_and_grip_as_a_nominal_task():
+    drawn, plain = road(24, conditions="random"), road(24, obs="camera")
+    nominal = drawn.conditions.values["fog"] == 0.0
+    assert 0 < int(nominal.sum()) < 24
+    assert torch.equal(drawn.conditions.values["friction"][nominal], torch.full((int(nominal.sum()),), 0.9))
+    # the same worlds; with another load the vehicle stands a few centimetres lower, which shifts edges by a pixel
+    images = [task.observe()["camera"].float().mean(dim=(1, 2)) for task in (drawn, plain)]
+    difference = (images[0] - images[1]).abs().amax(dim=1)
+    assert difference[nominal].max() < 2.0
+    assert difference[~nominal].median() > 10.0
 
 
 def test_an_episode_that_begins_changes_the_conditions_of_its_world_alone():
