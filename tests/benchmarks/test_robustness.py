@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from benchmarks import robustness
-from benchmarks.robustness import (
+from benchmarks import robustness, robustness_points, robustness_report
+from benchmarks.robustness import main
+from benchmarks.robustness_points import (
     AXES,
     COLUMNS,
     DRAWN,
@@ -19,16 +20,13 @@ from benchmarks.robustness import (
     axes_of_task,
     changed,
     key_of,
-    labels_of,
-    main,
     nominal_config,
-    numbers_of,
     path_of,
     read_rows,
-    tables,
     thinned,
     wanted_points,
 )
+from benchmarks.robustness_report import labels_of, numbers_of, summary, tables
 from simwarp.tasks import task_class
 from simwarp.tasks.driving.conditions import RANDOM_RANGES, Conditions
 from simwarp.train.evaluation.evaluation import wilson_interval
@@ -40,8 +38,8 @@ ROAD = "obstacle-avoidance"
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(robustness, "RESULTS", tmp_path / "rows")
-    monkeypatch.setattr(robustness, "PICTURES", tmp_path)
+    monkeypatch.setattr(robustness_points, "RESULTS", tmp_path / "rows")
+    monkeypatch.setattr(robustness_report, "PICTURES", tmp_path)
     return tmp_path
 
 
@@ -147,6 +145,19 @@ def test_tables_and_pictures_have_a_line_for_each_policy(folder):
     assert text == tables(ROAD, numbers_of(ROAD, "camera", ["shipped", "drawn"]))
     with Image.open(folder / f"robustness_{ROAD}_camera.png") as image:
         assert image.size[0] == 1100
+
+
+def test_a_summary_tells_the_worst_of_each_condition(folder, capsys):
+    write("shipped", {NOMINAL: 9, DRAWN: 5, "fog=0.02": 4, "fog=0.05": 1, "friction=0.3": 10})
+    write("drawn", {NOMINAL: 8, "fog=0.05": 9})
+    rows = summary([ROAD], "camera", ["shipped"]).splitlines()
+    assert rows[0] == f"| success [%] | {ROAD}, shipped | {ROAD}, drawn |"
+    assert rows[2:4] == ["| nominal | 90 of 10 | 80 of 10 |", "| all drawn | 50 of 10 | – |"]
+    assert "| fog [1/m] | 10 at 0.05 | 80 at 0 |" in rows
+    assert "| friction of the ground | 90 at 0.9 | – |" in rows
+    assert "| mass of the chassis, factor | – | – |" in rows
+    assert main([ROAD, "--summary"]) == 0
+    assert rows[2] in capsys.readouterr().out
 
 
 def test_nothing_is_evaluated_twice_and_an_interruption_keeps_what_is_there(folder, monkeypatch):
