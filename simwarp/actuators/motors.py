@@ -49,9 +49,9 @@ def dc_motor(
 ) -> ActuatorSpec:  # fmt: skip
     """A DC motor behind a PD controller, or without gains one whose control is the torque.
 
-    What speeds the motion up is at most `stall_torque (1 - abs(qd) / free_speed)`, and nothing beyond the free speed; what
-    brakes it is bounded by `effort_limit` alone. With a corner speed the stall torque is there up to it, and falls from
-    there: the curve of a motor whose driver limits the current.
+    What speeds the motion up is at most `stall_torque (1 - abs(qd) / free_speed)`, and nothing beyond the free speed;
+    what brakes it is bounded by `effort_limit` alone. With a corner speed the stall torque is there up to it, and falls
+    from there: the curve of a motor whose driver limits the current.
 
     Args:
         name: of the control: a target where there are gains, else a torque.
