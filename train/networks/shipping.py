@@ -1,17 +1,18 @@
-"""Putting a trained policy into the package: ``python -m simwarp.train.networks.shipping RUN [--nominal]``, from a
-checkout.
+"""Putting a trained policy into the package: ``python -m simwarp.train.networks.shipping RUN [--nominal [--keep
+FIELD ...]]``, from a checkout.
 
 Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached);
 ``TASK.OBS`` where the task has a choice of observations, ``TASK.OBS.soil`` where it was trained on soil.
 
 A policy brings the configuration of its worlds with it, where its evaluation begins. With ``--nominal`` that is the
-task's own instead of the one that it was trained in, such as worlds that vary.
+task's own instead of the one that it was trained in, such as worlds that vary, but for the fields of ``--keep``.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,14 @@ _EPISODES = 256
 _SEED = 1_000_003
 
 
-def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False) -> dict[str, Any]:
+def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Collection[str] = ()) -> dict[str, Any]:
     """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``.
 
     Args:
         run: folder of the run.
         target: folder of the policies.
         nominal: ship it with the configuration that its task has by default, on the ground that it was trained on.
+        keep: fields that are as in the training all the same, such as the tracks that it knows.
     """
     folder = open_run(run)
     whole = folder.load_latest()[1]
@@ -45,7 +47,7 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False) -> dict[st
     usual = config_to_plain(task_class(name).config_type())
     varied = {key: value for key, value in trained.items() if usual.get(key) != value}
     if nominal:
-        kept = {key: trained[key] for key in ("obs", "soil") if key in trained}
+        kept = {key: trained[key] for key in ("obs", "soil", *keep) if key in trained}
         content["task_config"] = usual | kept
     results = evaluate_with_baselines(
         name,
@@ -78,4 +80,9 @@ def _teacher(content: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(ship(Path(sys.argv[1]), nominal="--nominal" in sys.argv)["evaluation"], indent=2))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, help="folder of the run")
+    parser.add_argument("--nominal", action="store_true", help="with the task's configuration by default")
+    parser.add_argument("--keep", nargs="*", default=(), metavar="FIELD", help="but for these fields")
+    options = parser.parse_args()
+    print(json.dumps(ship(options.run, nominal=options.nominal, keep=options.keep)["evaluation"], indent=2))

@@ -181,6 +181,23 @@ def test_the_shipped_pendulum_policy_solves_the_pendulum(tmp_path):
     assert results["random"].mean_episode_length < 200.0
 
 
+def test_shipping_in_nominal_worlds_but_for_what_the_policy_knows(tmp_path):
+    from simwarp.train.networks.shipping import ship
+
+    usual = task_class("fast").config_type()
+    config = replace_fields(default_config(task_class("fast")), {"device": "cpu", "iterations": 1, "num_envs": 4})
+    worlds = replace_fields(usual, {"max_episode_steps": 7, "action_delay": (1, 1)})
+    train("fast", config, worlds, root=tmp_path / "runs", console=Console(quiet=True))
+    run = find_policy("fast", None, tmp_path / "runs").path.parents[1]
+    shipped = {}
+    for keep in ((), ("max_episode_steps",)):
+        record = ship(run, tmp_path, nominal=True, keep=keep)
+        saved = load_checkpoint(tmp_path / "fast.pt")["task_config"]
+        shipped[keep] = (saved["max_episode_steps"], tuple(saved["action_delay"]))
+        assert record["trained_on"] == {"max_episode_steps": 7, "action_delay": [1, 1]}
+    assert shipped == {(): (usual.max_episode_steps, (0, 0)), ("max_episode_steps",): (7, (0, 0))}
+
+
 def test_shipping_writes_the_actor_and_where_it_came_from(trained, tmp_path):
     from simwarp.train.networks.shipping import ship
 
