@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from benchmarks import robustness, robustness_points, robustness_report
-from benchmarks.robustness import main
+from benchmarks.robustness import has_sun, main
 from benchmarks.robustness_points import (
     AXES,
     COLUMNS,
@@ -27,7 +27,7 @@ from benchmarks.robustness_points import (
     wanted_points,
 )
 from benchmarks.robustness_report import labels_of, numbers_of, summary, tables
-from simwarp.tasks import task_class
+from simwarp.tasks import replace_fields, task_class
 from simwarp.tasks.driving.conditions import RANDOM_RANGES, Conditions
 from simwarp.train.evaluation.evaluation import wilson_interval
 from simwarp.train.evaluation.grid import EvaluationStoppedError
@@ -104,6 +104,12 @@ def test_harder_worlds_of_a_training_are_no_part_of_the_nominal_point():
     config = nominal_config(source, "off-road")
     assert (config.obstacles, config.hills, config.varied) == (30, 0.0, False)
     assert nominal_config(find_policy("hallway", Path("shipped"), obs="camera"), "hallway").tracks == 16
+
+
+def test_a_corridor_has_no_sun():
+    for task, sun in (("hallway", False), (ROAD, True)):
+        config = nominal_config(find_policy(task, Path("shipped"), obs="camera"), task)
+        assert has_sun(task, replace_fields(config, {"tracks": 1} if task == "hallway" else {})) is sun
 
 
 def test_a_coarse_axis_has_both_ends():
