@@ -190,12 +190,19 @@ def _unit(vector: Array) -> Array:
 
 
 def _directed(axis: Array, mates: Sequence[Mate]) -> Array:
-    """The axis in the sense of the first mate that has one along it."""
+    """The axis in the sense of the first mate that has one along it, or from the first mate to one further along it.
+
+    The sense in which a factorisation gives it hangs on the processor.
+    """
     unit = _unit(axis)
     for mate in mates:
         if mate.direction is not None and abs(float(mate.direction @ unit)) > 0.5:
             return unit * float(np.sign(mate.direction @ unit))
-    return unit
+    for mate in mates[1:]:
+        way = mate.point - mates[0].point
+        if abs(float(way @ unit)) > 0.5 * float(np.linalg.norm(way)):
+            return unit * float(np.sign(way @ unit))
+    return unit * float(np.sign(unit[np.abs(unit).argmax()]))
 
 
 def _near(anchor: Array, axis: Array, mates: Sequence[Mate]) -> Array:
