@@ -142,7 +142,7 @@ def summary(tasks: Sequence[str], obs: str, first: Sequence[str]) -> str:
     lines.append("|---|" + "---|" * len(columns))
     for name, about in (("nominal", "nominal"), ("drawn", "all drawn")):
         cells = [numbers[name] for numbers in columns.values()]
-        told = (f"{100 * cell['success']:.0f} of {cell['episodes']}" if cell else "–" for cell in cells)
+        told = (f"{100 * cell['success']:.0f} % of {cell['episodes']}" if cell else "–" for cell in cells)
         lines.append(f"| {about} | {' | '.join(told)} |")
     for name, axis in AXES.items():
         least = [lowest(axis, numbers["axes"].get(name, ())) for numbers in columns.values()]

@@ -158,7 +158,7 @@ def test_a_summary_tells_the_worst_of_each_condition(folder, capsys):
     write("drawn", {NOMINAL: 8, "fog=0.05": 9})
     rows = summary([ROAD], "camera", ["shipped"]).splitlines()
     assert rows[0] == f"| success [%] | {ROAD}, shipped | {ROAD}, drawn |"
-    assert rows[2:4] == ["| nominal | 90 of 10 | 80 of 10 |", "| all drawn | 50 of 10 | – |"]
+    assert rows[2:4] == ["| nominal | 90 % of 10 | 80 % of 10 |", "| all drawn | 50 % of 10 | – |"]
     assert "| fog [1/m] | 10 at 0.05 | 80 at 0 |" in rows
     assert "| friction of the ground | 90 at 0.9 | – |" in rows
     assert "| mass of the chassis, factor | – | – |" in rows
