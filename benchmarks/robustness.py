@@ -8,7 +8,7 @@
     python benchmarks/robustness.py off-road convoy --summary                      # the worst of each condition
 
 A policy is LABEL=WHERE, WHERE being what `simwarp eval --checkpoint` takes; {task} in it is the task's name. All axes
-start from the nominal point, at which tasks are trained by default; `drawn` is a point too, with all conditions drawn.
+start from the nominal point, where policies are evaluated by default; `drawn` is a point too, with all conditions drawn.
 The same worlds are driven at all points, by all policies.
 
 Rows are written to benchmarks/results/robustness/TASK.OBS.LABEL.csv as points finish. A point that is there, of the
