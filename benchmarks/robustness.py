@@ -8,8 +8,8 @@
     python benchmarks/robustness.py off-road convoy --summary                      # the worst of each condition
 
 A policy is LABEL=WHERE, WHERE being what `simwarp eval --checkpoint` takes; {task} in it is the task's name. All axes
-start from the nominal point, where policies are evaluated by default; `drawn` is a point too, with all conditions drawn.
-The same worlds are driven at all points, by all policies.
+start from the nominal point, where policies are evaluated by default; `drawn` is a point too, with all conditions
+drawn. The same worlds are driven at all points, by all policies.
 
 Rows are written to benchmarks/results/robustness/TASK.OBS.LABEL.csv as points finish. A point that is there, of the
 same policy and as many episodes, is not evaluated again; after Ctrl-C the same command goes on. Beside the rows:
