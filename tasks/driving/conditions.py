@@ -262,13 +262,13 @@ class DrawnConditions:
     def _bind_image(self, clear: torch.Tensor, simulation: Any) -> torch.Tensor:
         """Record what makes the image that is seen of the clear one, (W, height, width, 3), and return its memory."""
         worlds, seen = len(self._nominal), torch.zeros_like(clear)
-        self._made = wp.zeros(worlds, dtype=wp.uint64, device=str(clear.device))
+        self._made = torch.zeros(worlds, dtype=torch.int64, device=clear.device)
         disturbance = filled(
             Disturbance,
             contrast=self.values.get("contrast", self._nominal),
             noise=self.values.get("image_noise", torch.zeros_like(self._nominal)),
             stream=self._random.stream("image noise"),
-            last=self._made,
+            last=wp.from_torch(self._made, dtype=wp.uint64),
         )
         pairs = (clear[0].numel() + 1) // 2
         chunk = 1 if clear.is_cuda else pairs  # on a CPU threads share worlds
@@ -281,7 +281,7 @@ class DrawnConditions:
     def draw(self, world_mask: torch.Tensor) -> None:
         """Draw the conditions of the running episodes, which begin or are taken up, where ``world_mask`` is true."""
         if self._disturb is not None:
-            self._made.zero_()
+            self._made.masked_fill_(world_mask, 0)
         if not self._drawn:
             return
         nominal = self._random.uniform("nominal conditions").squeeze(1) < NOMINAL_SHARE
@@ -295,8 +295,8 @@ class DrawnConditions:
     def look(self) -> torch.Tensor | None:
         """Return the image (W, height, width, 3) uint8 with contrast and noise of this control step; the buffer itself.
 
-        A function of the camera's image, which is another one in each control step, and of draws alone: it may be
-        called at any time.
+        A function of the camera's image and of this control step's draws alone: it may be called at any time. An image
+        that the camera holds for several control steps has other noise in each.
         """
         if self._disturb is not None:
             self._disturb.launch()

@@ -273,6 +273,16 @@ def test_noise_has_its_deviation_and_is_another_one_in_every_step_world_and_chan
     assert plain.conditions.look().data_ptr() == to_torch(plain.camera.data).data_ptr()
 
 
+def test_an_image_is_made_once_in_a_step_but_where_an_episode_begins():
+    task = road(3, image_noise=0.05)
+    task.step(held(task, 0.0, 0.5))
+    task.conditions.look().fill_(7)
+    task.conditions.draw(torch.tensor([False, True, False]))
+    seen = task.conditions.look()
+    assert (seen[[0, 2]] == 7).all()
+    assert not (seen[1] == 7).all()
+
+
 def test_a_late_image_is_that_of_steps_before():
     delay, steps = 2, 6
     task, plain = road(2, image_delay=delay), road(2)
