@@ -459,7 +459,7 @@ class DrivingTask(Task[DrivingT]):
         for _ in range(round(SETTLING / self.config.dt)):
             self.simulation.step()
         if self.soil is not None:
-            self.soil.keep()
+            self.soil.keep(to_torch(self.simulation.state.body_x))
         self.input.zero_()
         self.simulation.keep_as_initial()
 
@@ -485,7 +485,7 @@ class DrivingTask(Task[DrivingT]):
         self.draw_world(world_mask)
         self.start(world_mask)
         if self.soil is not None:
-            self.soil.press_in(world_mask, to_torch(self.simulation.state.body_x))
+            self.soil.press_in(world_mask)
             self.simulation.measure(world_mask, sensors=False)
 
     def observations(self) -> dict[str, torch.Tensor]:

@@ -127,6 +127,9 @@ class DrivenSoil:
         self._preset = None if kind is SoilKind.RANDOM else self._row(PRESETS[kind.value])
         self._low, self._high = (_spread(self._row(PRESETS[name])) for name in ("soft", "hard"))
         self._draw_of = torch.tensor(DRAW_OF, device=self.parameter.device)
+        self._logarithmic = torch.zeros_like(self._low, dtype=torch.bool)
+        self._logarithmic[LOGARITHMIC] = True
+        self._shifts: torch.Tensor | None = None
 
     def _row(self, soil: SoilSpec) -> torch.Tensor:
         return torch.tensor(soil.values(), dtype=torch.float32, device=self.parameter.device)
@@ -139,24 +142,31 @@ class DrivenSoil:
         rows = self._draw_rows() if self._preset is None else self._preset.expand(len(world_mask), -1)
         self.parameter.copy_(torch.where(world_mask.view(-1, 1, 1), rows.unsqueeze(1), self.parameter))
 
-    def keep(self) -> None:
-        """Remember how the soil carries the vehicles, which have come to rest."""
-        self.element.keep_forces()
+    def keep(self, bodies: torch.Tensor) -> None:
+        """Remember how the soil carries the vehicles, which have come to rest.
 
-    def press_in(self, world_mask: torch.Tensor, bodies: torch.Tensor) -> None:
+        Args:
+            bodies: (W, B, 3) float64 places of all bodies [m], which `press_in` moves up or down.
+        """
+        self.element.keep_forces()
+        self._bodies = bodies
+
+    def press_in(self, world_mask: torch.Tensor) -> None:
         """Move each vehicle, which stands as it settled, to the depth at which the soil of this episode carries it, and
         press its imprint in, where ``world_mask`` (W,) is true.
 
         Args:
             world_mask: only these worlds change.
-            bodies: (W, B, 3) float64 places of all bodies, which are moved up or down [m].
         """
-        shifts = to_torch(self.element.resting_shifts(world_mask)).double()
+        kept = self.element.resting_shifts(world_mask)
+        if self._shifts is None:  # the same memory throughout
+            self._shifts = to_torch(kept)
+        shifts = self._shifts.double()
         shifts = torch.where(world_mask.unsqueeze(1), shifts, torch.zeros_like(shifts))
         first = 0
         for parts in self._parts:
             wheels = slice(first, first + len(parts.sides))
-            bodies[:, parts.bodies.start : parts.bodies.stop, 2] += shifts[:, wheels].mean(dim=1, keepdim=True)
+            self._bodies[:, parts.bodies.start : parts.bodies.stop, 2] += shifts[:, wheels].mean(dim=1, keepdim=True)
             first = wheels.stop
         self.element.imprint(world_mask)
 
@@ -170,7 +180,7 @@ class DrivenSoil:
         """Return (W, 8): what the draws of the running episodes say."""
         shares = self._random.uniform("soil", size=DRAWS + 1)
         rows = torch.lerp(self._low, self._high, shares.index_select(1, self._draw_of))
-        rows[:, LOGARITHMIC] = rows[:, LOGARITHMIC].exp()
+        rows = torch.where(self._logarithmic, rows.exp(), rows)
         rows[:, SoilParameter.TAN_PHI] = rows[:, SoilParameter.TAN_PHI].tan()
         return torch.where(shares[:, DRAWS:] < RIGID_SHARE, self._rigid, rows)
 

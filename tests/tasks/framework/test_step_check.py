@@ -64,6 +64,11 @@ def test_a_control_step_fits_into_one_graph(name, obs):
     assert own <= COMPOSED.get(name, OWN) + task.config.decimation
 
 
+@pytest.mark.parametrize("soil", ["random", "mid"])
+def test_neither_do_draws_of_soil(soil):
+    assert check_step(make("off-road", 2, obs="state", soil=soil, obstacles=1)).problems() == []
+
+
 def test_the_recording_of_the_last_steps_does_not_wait_either():
     assert check_step(task_of("pendulum", None, guard_steps=2)).problems() == []  # a snapshot in every step
 
