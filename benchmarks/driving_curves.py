@@ -10,16 +10,21 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
-from simwarp.tasks import task_class
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.comparing import exit_code
+from simwarp.tasks import InputError, task_class
 from simwarp.train.algorithm.distiller import LESSON
 from simwarp.train.evaluation.figure_style import new_figure, save_figure
-from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.progress_table import read_progress, success_share
 from simwarp.train.runs.run_folder import RunFolder, open_run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,28 +40,42 @@ DRAWN_TOGETHER = 16, 256
 
 
 def write_table(run: Path) -> Path:
-    """Write what a run's progress says, shortened, and return where."""
+    """Write what a run's progress says, shortened, and return where.
+
+    Raises:
+        InputError: it is of a task without a choice of observations.
+    """
     folder = open_run(run)
     saved = folder.load_config()
     kind = ".distilled" if LESSON in saved else ""
-    path = TABLES / f"{saved['task']}.{saved['task_config']['obs']}{kind}.csv"
+    obs = saved["task_config"].get("obs")
+    if obs is None:
+        raise InputError(f"{run} is of task '{saved['task']}', which is no driving task")
+    path = TABLES / f"{saved['task']}.{obs}{kind}.csv"
     write_progress(folder, path)
     return path
+
+
+def successes_of(row: Mapping[str, str], good: Iterable[str]) -> int:
+    """Return how many episodes of an iteration were a success."""
+    share = success_share(row, good)
+    return 0 if math.isnan(share) else round(share * int(row["episodes"] or 0))
 
 
 def write_progress(folder: RunFolder, path: Path) -> None:
     """Write the progress of a run, shortened."""
     reasons = task_class(folder.load_config()["task"]).success_reasons
+    short = [
+        {key: row[key] for key in ("iteration", "env_steps", "episodes")}
+        | {key: f"{float(row[key]):.6g}" for key in COLUMNS[2:5]}
+        | {"successes": successes_of(row, reasons)}
+        for row in read_progress(folder.progress)
+    ]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         table.writeheader()
-        for row in read_progress(folder.progress):
-            successes = sum(int(row[f"end/{reason}"]) for reason in reasons)
-            numbers = {key: f"{float(row[key]):.6g}" for key in COLUMNS[2:5]}
-            table.writerow(
-                {key: row[key] for key in ("iteration", "env_steps", "episodes")} | numbers | {"successes": successes}
-            )
+        table.writerows(short)
 
 
 def success(rows: list[dict[str, str]], episodes: int = EPISODES) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +121,7 @@ def draw(picture: Path) -> None:
     save_figure(figure, picture)
 
 
-def main() -> None:
+def main() -> int:
     """Read runs, draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="*", type=Path, metavar="RUN")
@@ -110,7 +129,8 @@ def main() -> None:
         print(write_table(run), file=sys.stderr)
     draw(PICTURE)
     print(PICTURE, file=sys.stderr)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code("driving_curves", main))

@@ -264,10 +264,13 @@ def _folder(task: str, options: Any, axes: Mapping[str, Any], space: Mapping[str
 
 
 def _check_counts(options: Any) -> None:
+    from simwarp.train.sweeps.ranking import check_column
+
     for field in ("jobs", "trials"):
         value = getattr(options, field)
         if value is not None and value < 1:
             raise UsageError(f"--{field} must be at least 1, got {value}")
+    check_column(options.rank_by)
     if options.grid and options.search:
         raise UsageError("--grid and --search: give one of them; a fixed value is an option of its own")
     if options.slurm and options.launcher is not LauncherKind.SLURM:
@@ -451,7 +454,7 @@ class SweepReport:
         for record in failed:
             print(f"simwarp: run {record.run.folder.path} failed: {record.reason}", file=sys.stderr)
         left = self._plan.total - len(self._ended)
-        if left:
+        if left > 0:  # a search that had more --trials before keeps all of them
             words = f"{left} of {self._plan.total} runs are not finished: the same command goes on with them"
             console.print(words, highlight=False, soft_wrap=True)
         if any(record.kept for record in failed):
@@ -481,7 +484,7 @@ class SweepReport:
         from simwarp.train.sweeps.run_state import RunState
 
         states = [result.record.state for result in self.results]
-        if len(states) == self._plan.total and all(state is RunState.DONE for state in states):
+        if len(states) >= self._plan.total and all(state is RunState.DONE for state in states):
             return DONE
         return INTERRUPTED if interrupted else FELL_SHORT
 

@@ -23,6 +23,8 @@ class EpisodeSummary(ReadableFields):
     """Sum of each reward term over those episodes."""
     end_reasons: dict[str, int]
     """Number of episodes that ended for each reason."""
+    successes: int
+    """Number of episodes that count as a success."""
     bad_values: dict[str, int]
     """Number of times that a reward term or an observation group held NaN or infinity while the physics was sound."""
 
@@ -62,6 +64,7 @@ class EpisodeStatistics:
         self._term_sums = sums(len(terms), dtype=torch.float64)
         self._length_sums = sums()
         self._reason_counts = sums(len(reasons))
+        self._successes = sums()
         self._bad_terms = sums(len(terms))
         self.bad_groups = sums(len(groups))
         self.tally = filled(
@@ -70,6 +73,7 @@ class EpisodeStatistics:
             term_sums=self._term_sums,
             length_sums=self._length_sums,
             reason_counts=self._reason_counts,
+            successes=self._successes,
             bad_terms=self._bad_terms,
         )
 
@@ -85,8 +89,9 @@ class EpisodeStatistics:
             length_sum=float(self._length_sums.sum()),
             terms=dict(zip(self.terms, sums, strict=True)),
             end_reasons=dict(zip(self.reasons, counts, strict=True)),
+            successes=int(self._successes.sum()),
             bad_values={name: count for name, count in bad.items() if count},
         )
-        for tensor in (*kept, self._length_sums):
+        for tensor in (*kept, self._length_sums, self._successes):
             tensor.zero_()
         return summary

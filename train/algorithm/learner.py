@@ -28,7 +28,7 @@ from simwarp.tasks.framework.saved_state import check_like
 
 from ..config import TrainConfig
 from ..runs.checkpoint import check_members
-from ..runs.progress_table import LOGGED
+from ..runs.progress_table import LOGGED, SUCCESS
 from ..runs.saved_state import check_memories, check_optimizer
 from .distributed import Processes
 from .learner_threads import LearnerThreads
@@ -194,6 +194,7 @@ class Learner(ABC):
         values["learning_rate"] = float(self.algorithm.learning_rate)
         values["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         values["episodes"] = summary.episodes
+        values[SUCCESS] = summary.successes / summary.episodes if summary.episodes else math.nan
         ended = max(summary.episodes, 1)
         worlds = self.group.sums({"broken": float(self.env.broken.sum())}, self.device)["broken"]
         everywhere = worlds == self.env.num_envs * self.group.count
@@ -254,7 +255,7 @@ class Learner(ABC):
         if not self.group.several:
             return summary
         mine: dict[str, float] = {"episodes": summary.episodes, "returns": summary.return_sum}
-        mine |= {"lengths": summary.length_sum}
+        mine |= {"lengths": summary.length_sum, "successes": summary.successes}
         mine |= {f"term {name}": value for name, value in summary.terms.items()}
         mine |= {f"end {name}": value for name, value in summary.end_reasons.items()}
         total = self.group.sums(mine, self.device)
@@ -264,6 +265,7 @@ class Learner(ABC):
             length_sum=total["lengths"],
             terms={name: total[f"term {name}"] for name in summary.terms},
             end_reasons={name: round(total[f"end {name}"]) for name in summary.end_reasons},
+            successes=round(total["successes"]),
             bad_values={},
         )
 

@@ -14,12 +14,10 @@ from typing import Any, Protocol
 from simwarp.tasks import InputError
 
 from ..config import LoggerKind
-from .progress_table import ProgressTable
+from .progress_table import FIRST_COLUMNS, ProgressTable
 from .run_files import append_whole
 from .run_folder import RunFolder
 from ..algorithm.learner import IterationReport
-
-_COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
 
 
 class ScalarWriter(Protocol):
@@ -140,7 +138,7 @@ class RunLog:
         self, folder: RunFolder, first: IterationReport, kind: LoggerKind, description: dict[str, Any]
     ) -> None:
         done = first.iteration - 1
-        self._table = ProgressTable(folder.progress, [*_COLUMNS, *sorted(first.values)], keep_below=done)
+        self._table = ProgressTable(folder.progress, [*FIRST_COLUMNS, *sorted(first.values)], keep_below=done)
         self.lost = self._table.lost
         self._sink: ScalarWriter | None = None
         if kind is LoggerKind.TENSORBOARD:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +13,13 @@ from .run_files import append_whole, write_run_file
 
 LOGGED: Final = "task/"
 """Beginning of the names of what a task tells at each iteration (``Task.on_iteration``)."""
+SUCCESS: Final = "success"
+"""Share of the episodes of an iteration that ended as a success."""
+FIRST_COLUMNS: Final = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
+COLUMNS: Final = (*FIRST_COLUMNS, "episodes", SUCCESS, "learning_rate", "action_std")
+"""Columns of all tasks."""
+FAMILIES: Final = ("reward/", "end/", "loss/", LOGGED)
+"""Beginnings of the names of columns that a task or an algorithm has for itself."""
 _ITERATION = "iteration"
 
 
@@ -55,6 +63,22 @@ class ProgressTable:
 def read_progress(path: Path) -> list[dict[str, str]]:
     """Return the lines of ``progress.csv`` that are whole; none where there is no file."""
     return _read(path)[0]
+
+
+def success_share(row: Mapping[str, str], good: Iterable[str]) -> float:
+    """Return the share of the episodes of an iteration that ended as a success; NaN where none ended or none can tell.
+
+    Args:
+        row: of the table. Those of older runs have no such column; their ends tell.
+        good: reasons of an end that are successes; none of a task that has another measure.
+    """
+    if SUCCESS in row:
+        return float(row[SUCCESS] or "nan")
+    reasons = tuple(good)
+    ended = float(row.get("episodes") or 0.0)
+    if not ended or not reasons:
+        return math.nan
+    return sum(float(row.get(f"end/{reason}") or 0.0) for reason in reasons) / ended
 
 
 def _read(path: Path) -> tuple[list[dict[str, str]], int]:

@@ -12,12 +12,10 @@ from scipy import stats
 
 from simwarp.tasks import InputError
 
-from ..runs.progress_table import read_progress
+from ..runs.progress_table import COLUMNS, FAMILIES, SUCCESS, read_progress, success_share
 from .run_state import RunRecord, RunState
 
 REWARD: Final = "mean_reward"
-SUCCESS: Final = "success"
-"""Share of the episodes of an iteration that ended as a success; a column that is computed."""
 CONFIDENCE: Final = 0.9
 """Least probability with which an interval holds the median, where there are seeds enough."""
 _LAST = 0.1
@@ -66,23 +64,32 @@ def _coverage(beyond: int, count: int) -> float:
     return float(1.0 - 2.0 * stats.binom.cdf(beyond, count, 0.5)) if count > 1 else 0.0
 
 
+def check_column(name: str) -> None:
+    """Refuse a name that no column of ``progress.csv`` has, whatever the task; parts of a task show when it is trained.
+
+    Raises:
+        InputError: it is none.
+    """
+    if name not in COLUMNS and not name.startswith(FAMILIES):
+        families = ", ".join(f"{family}NAME" for family in FAMILIES)
+        raise InputError(f"--rank-by must be one of {', '.join(COLUMNS)} or {families}, got '{name}'")
+
+
 def series(rows: Iterable[Mapping[str, str]], column: str, good: Iterable[str]) -> list[float]:
     """Return a column of ``progress.csv``; NaN where it is empty or nothing is known yet.
 
     Args:
         rows: of the table.
-        column: a name in its header, or :data:`SUCCESS`.
+        column: a name in its header, or `SUCCESS`, which rows of older runs do not have.
         good: reasons of an end that are successes.
 
     Raises:
         InputError: there is no such column.
     """
-    found = []
+    found, good = [], tuple(good)
     for row in rows:
-        if column == SUCCESS and column not in row:
-            ended = float(row.get("episodes") or 0.0)
-            won = sum(float(row.get(f"end/{reason}") or 0.0) for reason in good)
-            found.append(won / ended if ended else math.nan)
+        if column == SUCCESS:
+            found.append(success_share(row, good))
         elif column in row:
             found.append(float(row[column] or "nan"))
         else:

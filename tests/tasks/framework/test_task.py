@@ -62,6 +62,7 @@ def test_rewards_are_the_sum_of_named_terms_and_statistics_add_up():
     assert summary.terms == {"one": 15.0, "count": 45.0}
     assert summary.mean_return == 20.0
     assert summary.end_reasons == {"non_finite": 0, "failed": 0, "time_limit": 3}
+    assert summary.successes == 3
     assert task.drain_statistics().episodes == 0
 
 

@@ -111,6 +111,9 @@ def test_success_is_counted_from_the_ends_of_episodes(tmp_path):
     found = result_of(record(tmp_path, 0.9, 0, [1.0]), "success", {"time_limit"})
     assert found.score == pytest.approx(0.75)
     assert math.isnan(series([{"episodes": "0"}], "success", {"goal"})[0])
+    # Tasks that measure it otherwise have no such ends: the column tells, and without it nothing does
+    assert series([{"episodes": "4", "success": "0.25"}], "success", ()) == [0.25]
+    assert math.isnan(series([{"episodes": "4", "end/time_limit": "4"}], "success", ())[0])
     with pytest.raises(InputError, match=r"--rank-by: progress.csv has no column 'rewrad', but iteration, env_steps"):
         result_of(record(tmp_path, 0.9, 1, [1.0]), "rewrad", ())
 

@@ -68,6 +68,7 @@ class Tally:
     term_sums: wp.array2d[wp.float64]  # (W, T) of those that ended
     length_sums: wp.array[wp.int64]  # (W,)
     reason_counts: wp.array2d[wp.int64]  # (W, R)
+    successes: wp.array[wp.int64]  # (W,)
     bad_terms: wp.array2d[wp.int64]  # (W, T)
 
 
@@ -211,6 +212,8 @@ def judge_row(
             success = won[row]
         else:
             success = rules.winning[reason]
+        if success:
+            tally.successes[row] = tally.successes[row] + wp.int64(1)
     verdict.rewards[row] = reward
     verdict.end_reason[row] = wp.int64(reason)
     verdict.terminated[row] = terminated
