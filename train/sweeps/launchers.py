@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -94,4 +95,5 @@ class FoundJob:
     def stop(self, *, at_once: bool = False) -> None:
         """Send it a signal, unless its number is another's by now."""
         if self._writer.is_alive():
-            os.kill(self._writer.pid, signal.SIGKILL if at_once else signal.SIGTERM)
+            with contextlib.suppress(ProcessLookupError):  # it ended just now
+                os.kill(self._writer.pid, signal.SIGKILL if at_once else signal.SIGTERM)

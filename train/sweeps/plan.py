@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from simwarp.tasks import InputError, TaskConfig, config_to_plain
 from simwarp.tasks.framework.plain import plain_value
 
 from ..config import TrainConfig
-from ..runs.run_folder import CONFIG, RunFolder, prepare_run
+from ..runs.run_folder import CONFIG, WARM_START, RunFolder, prepare_run
 from ..runs.training import run_description
 
 OWN: Final = ("train_config.seed", "train_config.threads", "train_config.iterations")
@@ -65,13 +65,20 @@ class SweepRun:
         if not (self.folder.path / CONFIG).is_file():
             prepare_run(self.folder.path, wanted)
             return
-        saved, asked = (flat(part) for part in (self.folder.load_config(), wanted))
-        for key, value in asked.items():
-            if key in saved and saved[key] != value and key not in OWN[1:]:
-                was, now = json.dumps(saved[key]), json.dumps(value)
+        saved, task_config = self.folder.load_config(), self.task_config
+        fields = (field.name for field in dataclasses.fields(task_config))
+        free = {f"task_config.{name}" for name in fields if isinstance(getattr(task_config, name), Mapping)}
+        start = wanted.pop(WARM_START, None)
+        for key, was, now in differences(saved, wanted, free):
+            if key not in OWN[1:]:
                 raise InputError(
-                    f"run {self.folder.path} was made with {_word(key)} = {was}, not {now}: give another --out"
+                    f"run {self.folder.path} was made with {_word(key)} = {json.dumps(was)}, not {json.dumps(now)}: "
+                    "give another --out"
                 )
+        started = saved.get(WARM_START)
+        if started != start:
+            was, now = _told_start(started), _told_start(start)
+            raise InputError(f"run {self.folder.path} was made with {was}, not {now}: give another --out")
 
 
 def run_name(label: str, seed: int) -> str:
@@ -97,6 +104,32 @@ def flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     for key, value in content.items():
         found |= flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
     return found
+
+
+def differences(
+    saved: Mapping[str, Any], asked: Mapping[str, Any], free: Collection[str], prefix: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
+    """Yield key, saved and asked value of each field that differs; fields that are not saved are younger than the run.
+
+    Args:
+        saved: configurations of a run, nested.
+        asked: those that are asked for.
+        free: keys, with dots, of mappings whose entries are no fields: they are compared as a whole.
+        prefix: of the keys.
+    """
+    for name, now in asked.items():
+        key = f"{prefix}{name}"
+        if name not in saved:
+            continue
+        was = saved[name]
+        if isinstance(now, Mapping) and isinstance(was, Mapping) and key not in free:
+            yield from differences(was, now, free, f"{key}.")
+        elif was != now:
+            yield key, was, now
+
+
+def _told_start(path: str | None) -> str:
+    return "no --warm-start" if path is None else f"--warm-start {path}"
 
 
 def _word(key: str) -> str:

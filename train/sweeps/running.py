@@ -123,11 +123,11 @@ class SweepRunner:
         try:
             while not stop.requested and self._go_on():
                 time.sleep(POLL)
+            if stop.requested:
+                self._leave()
         except BaseException:
-            self._stop_all(POLL)
+            self._stop_all()
             raise
-        if stop.requested:
-            self._leave()
 
     def _go_on(self) -> bool:
         """Settle what has ended and begin what there is room for; False if there is nothing more to do."""
@@ -211,21 +211,17 @@ class SweepRunner:
             )
         for started in self._started:
             started.job.stop()
-        try:
-            while self._started:
-                self._settle_ended()
-                self._watcher.update(self.records)
-                time.sleep(POLL)
-        except BaseException:
-            self._stop_all(_PATIENCE)
-            raise
+        while self._started:
+            self._settle_ended()
+            self._watcher.update(self.records)
+            time.sleep(POLL)
 
-    def _stop_all(self, patience: float) -> None:
+    def _stop_all(self) -> None:
         """Ask all runs to stop now, and kill those that do not within a while."""
         for started in self._started:
             with contextlib.suppress(OSError):
                 started.job.stop()
-        deadline = time.monotonic() + max(patience, _PATIENCE)
+        deadline = time.monotonic() + _PATIENCE
         with _patient():
             while any(started.job.poll() is None for started in self._started) and time.monotonic() < deadline:
                 time.sleep(POLL)

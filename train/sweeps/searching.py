@@ -79,11 +79,7 @@ class Search:
             storage=self._optuna.storages.JournalStorage(backend), study_name=_STUDY, direction="maximize",
             load_if_exists=True,
         )  # fmt: skip
-        before = self._study.get_trials(deepcopy=False)
-        for trial in before:
-            if trial.params.keys() != space.keys():
-                there = ", ".join(trial.params)
-                raise InputError(f"{folder} holds a search over {there}, not {', '.join(space)}: give another --out")
+        before = self._earlier_trials(folder, space)
         # A sampler that began anew with the same numbers would propose the same points again
         self._study.sampler = self._optuna.samplers.TPESampler(seed=len(before))
         self._distributions = {key: self._distribution(dimension) for key, dimension in space.items()}
@@ -94,6 +90,19 @@ class Search:
         self._number: dict[str, int] = {}
         self._open: dict[int, int] = {}
         self._scores: dict[int, list[float]] = {}
+
+    def _earlier_trials(self, folder: Path, space: Mapping[str, Dimension]) -> list[Any]:
+        """Return the trials that are there. One that was cut off while it was written began no run, and is left out."""
+        states, whole = self._optuna.trial.TrialState, []
+        for trial in self._study.get_trials(deepcopy=False):
+            if trial.params.keys() == space.keys():
+                whole.append(trial)
+            elif trial.state is states.COMPLETE or not trial.params.keys() < space.keys():
+                there = ", ".join(trial.params)
+                raise InputError(f"{folder} holds a search over {there}, not {', '.join(space)}: give another --out")
+            elif not trial.state.is_finished():
+                self._study.tell(trial.number, state=states.FAIL)
+        return whole
 
     def _distribution(self, dimension: Dimension) -> Any:
         kinds = self._optuna.distributions
@@ -126,7 +135,8 @@ class Search:
         self._scores[number].append(self._score(record))
         if self._open[number]:
             return
-        median = median_interval(self._scores[number]).median
+        known = [score for score in self._scores[number] if not math.isnan(score)]
+        median = median_interval(known).median if known else math.nan
         states = self._optuna.trial.TrialState
         if self._study.get_trials(deepcopy=False)[number].state.is_finished():
             return

@@ -6,12 +6,13 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from simwarp.core.files import OutputError
-from simwarp.tasks import InputError, replace_fields, task_class
+from simwarp.tasks import InputError, Range, Sensing, replace_fields, task_class
 from simwarp.train.config import TrainConfig, default_config
 from simwarp.train.runs.checkpoint import checkpoint_name
 from simwarp.train.runs.run_folder import RunFolder
@@ -199,6 +200,28 @@ def test_a_request_to_stop_is_handed_on_once_and_begins_nothing_more(tmp_path):
     assert launcher.begun == [0, 1]
 
 
+def test_a_second_interruption_while_runs_are_asked_stops_all_of_them(tmp_path):
+    class Interrupted(Scripted):
+        def stop(self, *, at_once=False):
+            super().stop(at_once=at_once)
+            if len(self.stops) == 1:
+                raise KeyboardInterrupt
+
+    jobs = [Interrupted(1000), Scripted(1000)]
+    stop = StopRequest()
+
+    class Asking(Silent):
+        def update(self, records):
+            stop.requested = len(records) == 2
+
+    launcher = Scripts(seed0=jobs[0], seed1=jobs[1])
+    runs = [make_run(tmp_path, seed) for seed in range(2)]
+    runner = SweepRunner("fast", RunList(runs), launcher, jobs=2, watcher=Asking())
+    with pytest.raises(KeyboardInterrupt):
+        runner.run(stop)
+    assert [job.stops for job in jobs] == [[False, False], [False]]
+
+
 def test_an_error_of_the_sweep_stops_its_runs(tmp_path):
     jobs = {"seed0": Scripted(1000), "seed1": Scripted(2, 1)}
 
@@ -248,6 +271,42 @@ def test_a_run_of_another_configuration_is_refused_before_any_work(tmp_path):
     assert not (tmp_path / "seed=0").exists()
     # Threads and iterations may change
     check_runs("fast", [make_run(tmp_path, 1, threads=2, iterations=50)])
+
+
+DRAWN = {"randomise": {"body_mass": Range(0.9, 1.1)}}
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ({}, DRAWN, r'made with task.randomise = {}, not {"body_mass"'),
+        (DRAWN, {}, r'made with task.randomise = {"body_mass".*not {}: give another --out'),
+        ({}, {"sensing": {"policy": Sensing(noise=0.1)}}, r"made with task.sensing = {}, not"),
+        ({}, {"warm_start": "a.pt"}, r"made with no --warm-start, not --warm-start a.pt: give another --out"),
+        ({"warm_start": "a.pt"}, {}, r"made with --warm-start a.pt, not no --warm-start: give another --out"),
+    ],
+)
+def test_what_is_drawn_and_where_it_starts_are_part_of_a_configuration(tmp_path, was, now, words):
+    def run_with(changes):
+        start = changes.get("warm_start")
+        task = dataclasses.replace(
+            FAST.config_type(), **{key: each for key, each in changes.items() if key != "warm_start"}
+        )
+        return dataclasses.replace(make_run(tmp_path), task_config=task, warm_start=start and Path(start))
+
+    run_with(was).prepare("fast")
+    run_with(was).prepare("fast")
+    with pytest.raises(InputError, match=words):
+        run_with(now).prepare("fast")
+
+
+def test_a_field_that_is_younger_than_the_run_is_no_difference(tmp_path):
+    make_run(tmp_path).prepare("fast")
+    path = tmp_path / "seed=0" / "config.json"
+    content = json.loads(path.read_text())
+    del content["train_config"]["critic_warmup"], content["train_config"]["ppo"]["clip"]
+    path.write_text(json.dumps(content))
+    make_run(tmp_path, critic_warmup=3).prepare("fast")
 
 
 def test_names_hold_what_is_varied_and_folders_what_is_held(tmp_path):
