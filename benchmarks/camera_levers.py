@@ -20,6 +20,7 @@ import shlex
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,10 +30,12 @@ import warp as wp
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.driving_curves import EPISODES, success
+from benchmarks.comparing import exit_code
+from benchmarks.driving_curves import EPISODES, success, successes_of
 from simwarp.bench.machine import describe
+from simwarp.cli.sweeping import parse_seeds
 from simwarp.core.files import read_json
-from simwarp.tasks import task_class
+from simwarp.tasks import InputError, task_class
 from simwarp.train.algorithm.distillation import DistillationConfig
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_files import write_json
@@ -125,7 +128,7 @@ def reached(folder: Path, reasons: frozenset[str], first: int) -> dict[str, floa
     """
     rows = [row for row in read_progress(RunFolder(folder).progress) if int(row["iteration"]) > first]
     for row in rows:
-        row["successes"] = str(sum(int(row.get(f"end/{reason}") or 0) for reason in reasons))
+        row["successes"] = str(successes_of(row, reasons))
     if not rows:
         return None
     steps, share = success(rows)
@@ -146,20 +149,25 @@ def stopped_at(command: Sequence[str], runs: Path, case: Case, first: int) -> di
     """Run a training until it is good enough; return what was reached, after how long [s], and its folder."""
     reasons = task_class(case.task).success_reasons
     before = newest(runs / case.task)
-    begun = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    found, folder = None, None
-    try:
-        while process.poll() is None and found is None and time.monotonic() - begun < case.limit:
-            time.sleep(POLL)
-            folder = newest(runs / case.task)
-            found = reached(folder, reasons, first) if folder is not None and folder != before else None
-        taken = time.monotonic() - begun
-    finally:
-        process.terminate()
-        said = process.communicate()[1]
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
+        begun = time.monotonic()
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors)
+        found, folder, code = None, None, None
+        try:
+            while (code := process.poll()) is None and found is None and time.monotonic() - begun < case.limit:
+                time.sleep(POLL)
+                folder = newest(runs / case.task)
+                found = reached(folder, reasons, first) if folder is not None and folder != before else None
+            taken = time.monotonic() - begun
+        finally:
+            process.terminate()
+            process.wait()
+        errors.seek(0)
+        said = errors.read().strip()[-300:]
     if folder is None or folder == before:
-        raise RuntimeError(f"{shlex.join(command)} began no run: {said.strip()[-300:]}")
+        raise InputError(f"{shlex.join(command)} began no run: {said}")
+    if code:
+        raise InputError(f"{shlex.join(command)} ended with exit code {code}: {said}")
     found = found or reached(folder, reasons, first)
     return {"seconds": round(taken, 1), "reached": found, "run": folder}
 
@@ -175,10 +183,30 @@ def teacher_of(case: Case) -> tuple[Path, float]:
                     *case.teacher_extra),
             check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        write_json(record, {"seconds": time.monotonic() - begun})
+        write_json(record, {"seconds": time.monotonic() - begun, **asked_of(case)})
+    check_result(record, case)
     folder = newest(runs / case.task)
     assert folder is not None
     return folder, float(read_json(record, "teacher")["seconds"])
+
+
+def asked_of(case: Case) -> dict[str, Any]:
+    """Return what a result hangs on besides its command: results of another limit, or teacher, are not comparable."""
+    return {
+        "limit_s": case.limit, "extra": shlex.join(case.extra), "teacher_extra": shlex.join(case.teacher_extra)
+    }  # fmt: skip
+
+
+def check_result(path: Path, case: Case) -> None:
+    """Hold a result that is there to what is asked for; older ones do not say what they hang on.
+
+    Raises:
+        InputError: it was measured otherwise.
+    """
+    there = read_json(path, "result")
+    for key, now in asked_of(case).items():
+        if there.get(key, now) != now:
+            raise InputError(f"{path} was measured with {key} {there[key]!r}, not {now!r}: give another --out")
 
 
 def measure(case: Case) -> dict[str, Any]:
@@ -204,6 +232,7 @@ def measure(case: Case) -> dict[str, Any]:
         "lever": case.lever,
         "seed": case.seed,
         "command": shlex.join(["simwarp", *command[3:]]),
+        **asked_of(case),
         "teacher_s": round(teaching, 1),
         "seconds": round(teaching + found["seconds"], 1),
         "reached": found["reached"],
@@ -230,7 +259,7 @@ def table(results: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
+def main() -> int:
     """Do the runs that are missing, and report all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("task")
@@ -246,19 +275,24 @@ def main() -> None:
     unknown = [word for word in wanted if word not in LEVERS]
     if unknown:
         parser.error(f"--levers must be of {', '.join(LEVERS)}, got {unknown[0]}")
+    task_class(options.task)
+    seeds = parse_seeds(options.seeds)
+    extra, teaching = (tuple(shlex.split(text)) for text in (options.extra, options.teacher_extra))
     options.out.mkdir(parents=True, exist_ok=True)  # before hours of training, not after
-    for seed in map(int, options.seeds.split(",")):
+    for seed in seeds:
         for name in wanted:
             path = options.out / f"{options.task}.{name}-{seed}.json"
+            case = Case(options.task, name, seed, extra, teaching, options.runs, options.limit)
             if path.is_file():
+                check_result(path, case)
                 continue
-            extra, teaching = (tuple(shlex.split(text)) for text in (options.extra, options.teacher_extra))
-            result = measure(Case(options.task, name, seed, extra, teaching, options.runs, options.limit))
+            result = measure(case)
             write_json(path, result)
             print(json.dumps({key: result[key] for key in ("lever", "seed", "seconds", "reached", "success_rate")}),
                   file=sys.stderr, flush=True)  # fmt: skip
     print(table([read_json(path, "result") for path in sorted(options.out.glob("*.json"))]))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code("camera_levers", main))

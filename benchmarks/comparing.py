@@ -26,6 +26,8 @@ from rich.console import Console
 from scipy import stats
 
 from simwarp.bench.machine import describe
+from simwarp.cli import UsageError
+from simwarp.core.files import FileError, OutputError
 from simwarp.core.warp_start import start_warp
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
 from simwarp.train.algorithm.learner import TrainingError
@@ -542,10 +544,10 @@ def exit_code(script: str, work: Callable[[], int]) -> int:
     """Do the work; return its exit code, or that of a user's mistake or of an interruption, after a word on it."""
     try:
         return work()
-    except InputError as error:
+    except (InputError, FileError, UsageError) as error:
         print(f"{script}: {error}", file=sys.stderr)
         return 2
-    except TrainingError as error:
+    except (TrainingError, OutputError) as error:
         print(f"{script}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -51,8 +51,12 @@ def moments(path: Path) -> np.ndarray:
 def main() -> None:
     """Make the films that are asked for, then the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("tasks", nargs="*", choices=(*TASKS, []), default=list(TASKS), help="by default all")
-    for task in parser.parse_args().tasks:
+    parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"of {', '.join(TASKS)}; by default all")
+    wanted = parser.parse_args().tasks or list(TASKS)
+    for task in wanted:
+        if task not in TASKS:
+            parser.error(f"TASK must be of {', '.join(TASKS)}, got {task}")
+    for task in wanted:
         film(task)
     rows = [moments(FILMS / f"{task}.mp4") for task in TASKS if (FILMS / f"{task}.mp4").is_file()]
     Image.fromarray(np.vstack(rows)).save(PICTURE, quality=85)

@@ -29,6 +29,7 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks.comparing import exit_code
 from benchmarks.robustness_points import (
     AXES,
     MAPS,
@@ -45,7 +46,8 @@ from benchmarks.robustness_points import (
 )
 from benchmarks.robustness_report import SEED, report, summary
 from simwarp.core.warp_start import start_warp
-from simwarp.tasks import make, resolve_device
+from simwarp.tasks import make, resolve_device, task_class
+from simwarp.tasks.driving import DrivingTask
 from simwarp.train.evaluation.grid import (
     EvaluationStoppedError,
     GridDisplay,
@@ -145,6 +147,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     console = Console(stderr=True)
     device, first = resolve_device(options.device), [label for label, _ in options.policies]
+    for task in options.tasks:
+        if not issubclass(task_class(task), DrivingTask):
+            parser.error(f"{task} is no driving task")
+    if options.episodes is not None and options.episodes < 1:
+        parser.error(f"--episodes must be at least 1, got {options.episodes}")
     if options.summary:
         print(summary(options.tasks, options.obs, first))
         return 0
@@ -153,9 +160,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not evaluate_policy(task, label, where, options, console):
                 report(task, options.obs, first, device, console)
                 return 130
-        report(task, options.obs, first, device, console)
+        report(task, options.obs, first, device, console, again=options.report_only)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code("robustness", main))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import hashlib
+import io
 import itertools
 import json
 import math
@@ -21,6 +22,7 @@ from simwarp.tasks.driving.conditions import NEUTRAL, SEEN, Conditions  # noqa: 
 from simwarp.train.config import task_config_from_plain  # noqa: E402
 from simwarp.train.evaluation.grid import PointResult  # noqa: E402
 from simwarp.train.networks.policies import PolicySource  # noqa: E402
+from simwarp.train.runs.run_files import append_whole  # noqa: E402
 from simwarp.vehicle import load_vehicle, option_names, with_options  # noqa: E402
 
 RESULTS: Final = ROOT / "benchmarks" / "results" / "robustness"
@@ -226,7 +228,8 @@ def read_rows(path: Path, digest: str | None = None) -> dict[str, Row]:
     if not path.exists():
         return {}
     with path.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+        # One that was cut off while it was written is none
+        rows = [row for row in csv.DictReader(file) if all(row.get(name) for name in COLUMNS)]
     digest = rows[-1]["digest"] if digest is None and rows else digest
     found: dict[str, Row] = {}
     for text in rows:
@@ -247,12 +250,12 @@ def write_row(path: Path, digest: str, point: str, result: PointResult) -> None:
         round(result.seconds, 1),
     )  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = not path.exists()
-    with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow(COLUMNS)
-        writer.writerow(values)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    if not path.exists() or not path.stat().st_size:
+        writer.writerow(COLUMNS)
+    writer.writerow(values)
+    append_whole(path, text.getvalue().encode())
 
 
 def digest_of(source: PolicySource) -> str:

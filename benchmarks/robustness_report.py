@@ -32,6 +32,7 @@ from benchmarks.robustness_points import (
     read_rows,
 )
 from simwarp.bench.machine import describe
+from simwarp.core.files import read_json
 from simwarp.tasks import task_class
 from simwarp.train.evaluation.evaluation import wilson_interval
 from simwarp.train.evaluation.figure_style import INK, PALE, new_figure, save_figure, style_axes
@@ -218,7 +219,7 @@ def draw(task: str, obs: str, numbers: Mapping[str, Any], picture: Path) -> None
     save_figure(figure, picture, dpi=100)
 
 
-def report(task: str, obs: str, first: Sequence[str], device: str, console: Console) -> None:
+def report(task: str, obs: str, first: Sequence[str], device: str, console: Console, *, again: bool = False) -> None:
     """Write numbers, tables and picture of a task, of all policies that have rows.
 
     Args:
@@ -227,21 +228,18 @@ def report(task: str, obs: str, first: Sequence[str], device: str, console: Cons
         first: labels that come first.
         device: that was evaluated on.
         console: for the output.
+        again: nothing was evaluated: machine and revision are those of the last evaluation.
     """
     numbers = numbers_of(task, obs, labels_of(task, obs, first))
     if not numbers:
         console.print(f"{task}: no rows yet")
         return
-    machine = describe(wp.get_device(device))
-    content = {
-        "task": task,
-        "obs": obs,
-        "seed": SEED,
-        "machine": machine,
-        **git_revision(),
-        "policies": numbers,
-    }
-    write_json(points.RESULTS / f"{task}.{obs}.json", content)
+    path = points.RESULTS / f"{task}.{obs}.json"
+    made = {"machine": describe(wp.get_device(device)), **git_revision()}
+    if again and path.is_file():
+        before = read_json(path, "results")
+        made = {key: before[key] for key in made if key in before}
+    write_json(path, {"task": task, "obs": obs, "seed": SEED, **made, "policies": numbers})
     text = tables(task, numbers)
     write_run_file(points.RESULTS / f"{task}.{obs}.md", text.encode())
     print(text)

@@ -5,8 +5,8 @@
     python benchmarks/seeds.py --report-only                    # the table, from what is there
 
 Every run of a sweep that was trained to its end is evaluated over the same fresh worlds, with its own task's settings.
-The numbers go to benchmarks/results/seeds/TASK.OBS.json, those of each seed as it is known: a seed that is there, of
-as many episodes and as many steps of training, is not evaluated again. A table of all of them is printed.
+The numbers go to benchmarks/results/seeds/TASK.OBS.json, those of each seed as it is known: a policy that is there,
+with as many episodes, is not evaluated again. Two runs of one task and seed are refused. A table of all of them is printed.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ import warp as wp
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.comparing import exit_code  # noqa: E402
+from benchmarks.robustness_points import digest_of  # noqa: E402
 from simwarp.bench.machine import describe  # noqa: E402
 from simwarp.core.files import read_json  # noqa: E402
 from simwarp.core.warp_start import start_warp  # noqa: E402
@@ -59,13 +61,13 @@ def result_of(folder: Path, known: dict[str, Any], episodes: int) -> tuple[str, 
     source = find_policy(config["task"], folder)
     name, plain = source.content["task"], source.content["task_config"]
     key, seed, steps = f"{name}.{plain.get('obs', 'state')}", str(train["seed"]), int(float(rows[-1]["env_steps"]))
-    found = known.get(key, {}).get(seed)
-    if found and (found["episodes"], found["env_steps"]) == (episodes, steps):
+    found, digest = known.get(key, {}).get(seed), digest_of(source)
+    if found and (found["episodes"], found.get("policy")) == (episodes, digest):
         return key, seed, found
     task: Any = make(name, episodes, device="cpu", seed=SEED, config=task_config_from_plain(task_class(name), plain))
     evaluation = evaluate(task, source.policy(task), episodes, SEED)
     return key, seed, {
-        **evaluation.as_json(), "env_steps": steps, "train_s": round(float(rows[-1]["wall_s"]), 1),
+        **evaluation.as_json(), "policy": digest, "env_steps": steps, "train_s": round(float(rows[-1]["wall_s"]), 1),
         "num_envs": train["num_envs"], "revision": git_revision().get("revision"),
         "machine": describe(wp.get_device("cpu")),
     }  # fmt: skip
@@ -115,16 +117,16 @@ def main() -> int:
         start_warp()
         torch.set_num_threads(1)
         RESULTS.mkdir(parents=True, exist_ok=True)
-        try:
-            folders = [run for sweep in options.sweeps for run in runs_in(sweep)]
-        except InputError as error:
-            parser.error(str(error))
+        folders = [run for sweep in options.sweeps for run in runs_in(sweep)]
+        taken: dict[tuple[str, str], Path] = {}
         for folder in folders:
             result = result_of(folder, known, options.episodes)
             if result is None:
                 print(f"{folder} is not at its end: left out", file=sys.stderr)
                 continue
             key, seed, content = result
+            if (other := taken.setdefault((key, seed), folder)) != folder:
+                parser.error(f"{folder} and {other} are both {key} of seed {seed}: give the sweep of one setting")
             known.setdefault(key, {})[seed] = content
             write_json(RESULTS / f"{key}.json", dict(sorted(known[key].items())))
             print(f"{key} seed {seed}: {100 * content['success_rate']:.1f} %", file=sys.stderr, flush=True)
@@ -133,4 +135,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code("seeds", main))

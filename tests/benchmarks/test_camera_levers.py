@@ -1,13 +1,25 @@
 """The script that times ways to train by camera: what counts as reached, what a lever changes, and its table."""
 
 import csv
+import dataclasses
+import sys
 from pathlib import Path
 
 import pytest
 
 from benchmarks import camera_levers
-from benchmarks.camera_levers import LEVERS, Case, main, newest, options_of, reached, table
-from simwarp.tasks import task_class
+from benchmarks.camera_levers import (
+    LEVERS,
+    Case,
+    check_result,
+    main,
+    newest,
+    options_of,
+    reached,
+    stopped_at,
+    table,
+)
+from simwarp.tasks import InputError, task_class
 from simwarp.train.runs.run_files import write_json
 from simwarp.train.runs.run_folder import RunFolder
 
@@ -69,6 +81,27 @@ def test_a_table_has_a_line_for_each_way_and_says_what_was_not_reached():
     assert table(results).splitlines()[2:] == [
         "| `off-road` | PPO | 1, 2 | 1.5, not in 10.0 | 30 000 | 95.0 %, 50.0 % |"
     ]
+
+
+def test_a_training_that_fails_is_no_measurement(tmp_path):
+    one = dataclasses.replace(case("ppo"), runs=tmp_path)
+    with pytest.raises(InputError, match=r"began no run: .*no such thing"):
+        stopped_at([sys.executable, "-c", "import sys; sys.exit('no such thing')"], tmp_path, one, 0)
+    begins = f"import pathlib, sys; run = pathlib.Path({str(tmp_path / one.task / 'a')!r}); run.mkdir(parents=True);"
+    begins += "(run / 'config.json').write_text('{}'); import time; time.sleep(1.0); sys.exit('not enough memory')"
+    with pytest.raises(InputError, match=r"ended with exit code 1: not enough memory"):
+        stopped_at([sys.executable, "-c", begins], tmp_path, one, 0)
+
+
+def test_results_of_another_limit_or_teacher_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "obstacle-avoidance.ppo-1.json"
+    write_json(path, {"limit_s": 60.0, "extra": "", "teacher_extra": "--iterations 5"})
+    with pytest.raises(
+        InputError, match=r"was measured with teacher_extra '--iterations 5', not '': give another --out"
+    ):
+        check_result(path, case("ppo"))
+    write_json(path, {})  # older ones do not say
+    check_result(path, case("ppo"))
 
 
 def test_results_that_are_there_are_not_measured_again(tmp_path, monkeypatch, capsys):

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from benchmarks import robustness, robustness_points, robustness_report
+from benchmarks.comparing import exit_code
 from benchmarks.robustness import has_sun, main
 from benchmarks.robustness_points import (
     AXES,
@@ -110,6 +111,34 @@ def test_a_corridor_has_no_sun():
     for task, sun in (("hallway", False), (ROAD, True)):
         config = nominal_config(find_policy(task, Path("shipped"), obs="camera"), task)
         assert has_sun(task, replace_fields(config, {"tracks": 1} if task == "hallway" else {})) is sun
+
+
+def test_a_row_that_was_cut_off_is_none(folder):
+    write("one", {NOMINAL: 9, "fog=0.05": 2})
+    path = path_of(ROAD, "camera", "one")
+    whole = path.read_text()
+    for end in range(1, len(whole.splitlines()[-1]) - 3):
+        path.write_text(whole[: -end - 1])
+        assert read_rows(path).keys() <= {NOMINAL, "fog=0.05"}
+    path.write_text(whole[:-12])
+    assert list(read_rows(path)) == [NOMINAL]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nosuch"], "unknown task 'nosuch'"),
+        (["pendulum"], "pendulum is no driving task"),
+        ([ROAD, "--episodes", "0"], "--episodes must be at least 1, got 0"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_told_in_one_line(words, said, capsys):
+    try:
+        code = exit_code("robustness", lambda: main(words))
+    except SystemExit as error:
+        code = error.code
+    assert code == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_coarse_axis_has_both_ends():
