@@ -70,10 +70,6 @@ class LappingConfig(DrivingConfig):
     lap_weight: float = 5.0
     """Reward for a full lap, which ends the episode."""
 
-    def validate(self) -> None:
-        """Check sizes."""
-        super().validate()
-
 
 LappingT = TypeVar("LappingT", bound=LappingConfig)
 

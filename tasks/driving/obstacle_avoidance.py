@@ -66,10 +66,6 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     """Taken for touching a pillar or leaving the road: less than the way to the first pillar pays, or a truck that
     cannot see yet learns to stand still. The original takes nothing."""
 
-    def validate(self) -> None:
-        """Check sizes."""
-        super().validate()
-
 
 @register("obstacle-avoidance")
 class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):

@@ -17,7 +17,7 @@ from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.rows import refuse_agents
 from simwarp.tasks.framework.saved_state import check_like
 
-from ..config import TrainConfig, rsl_rl_config, train_config_from_plain
+from ..config import NetworkKind, TrainConfig, rsl_rl_config, train_config_from_plain
 from ..networks.networks import check_groups
 from ..runs.checkpoint import inference_only
 from .distillation import DistillationConfig, SharedDistillation
@@ -82,6 +82,10 @@ class Distiller(Learner):
         torch.manual_seed(config.seed)
         refuse_agents(task, "and a student is one", "distil with one")
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+        samples, parts = config.steps_per_iteration * config.num_envs, lesson.config.mini_batches
+        if parts > samples and config.network.kind is not NetworkKind.RECURRENT:
+            most = f"--steps-per-iteration x --num-envs = {samples}"
+            raise InputError(f"--distillation.mini-batches must be at most {most}, got {parts}")
         self.lesson = lesson
         task.on_iteration(0)
         super().__init__(task, config, TaskVecEnv(task, teacher=lesson.obs or ""), group)

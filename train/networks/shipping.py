@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.core.files import read_json
-from simwarp.tasks import config_to_plain, task_class
+from simwarp.tasks import InputError, config_to_plain, task_class
 
 from ..algorithm.distiller import TAUGHT_BY
 from ..config import task_config_from_plain
@@ -39,6 +39,9 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Coll
         target: folder of the policies.
         nominal: ship it with the configuration that its task has by default, on the ground that it was trained on.
         keep: fields that are as in the training all the same, such as the tracks that it knows.
+
+    Raises:
+        InputError: the task has no such field.
     """
     folder = open_run(run)
     whole = folder.load_latest()[1]
@@ -46,6 +49,9 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Coll
     name, trained = content["task"], content["task_config"]
     usual = config_to_plain(task_class(name).config_type())
     varied = {key: value for key, value in trained.items() if usual.get(key) != value}
+    for key in keep:
+        if key not in usual:
+            raise InputError(f"--keep {key}: no field of the configuration of task '{name}'")
     if nominal:
         kept = {key: trained[key] for key in ("obs", "soil", *keep) if key in trained}
         content["task_config"] = usual | kept

@@ -257,6 +257,8 @@ def test_what_does_not_fit_is_refused_in_one_line(tmp_path):
     content["actor_state_dict"] = {**content["actor_state_dict"], "mlp.0.weight": torch.zeros(2, 5)}
     with pytest.raises(InputError, match=r"the teacher's network does not fit what task 'two-sights' shows it"):
         distiller(Lesson(content, "other.pt", DistillationConfig()))
+    with pytest.raises(InputError, match=r"--distillation.mini-batches must be at most .* = 512, got 513"):
+        distiller(lesson(mini_batches=513), steps_per_iteration=16)
     other = tmp_path / "other.pt"
     save_checkpoint(other, {**teacher_content(), "task": "fast"})
     with pytest.raises(InputError, match=r"other.pt is of task 'fast', not 'two-sights'"):

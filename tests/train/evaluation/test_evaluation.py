@@ -189,6 +189,8 @@ def test_shipping_in_nominal_worlds_but_for_what_the_policy_knows(tmp_path):
     worlds = replace_fields(usual, {"max_episode_steps": 7, "action_delay": (1, 1)})
     train("fast", config, worlds, root=tmp_path / "runs", console=Console(quiet=True))
     run = find_policy("fast", None, tmp_path / "runs").path.parents[1]
+    with pytest.raises(InputError, match=r"--keep steps: no field of the configuration of task 'fast'"):
+        ship(run, tmp_path, nominal=True, keep=("steps",))
     shipped = {}
     for keep in ((), ("max_episode_steps",)):
         record = ship(run, tmp_path, nominal=True, keep=keep)

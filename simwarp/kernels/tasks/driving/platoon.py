@@ -293,10 +293,10 @@ def pay_platoon(column: Column, state: StateArrays, platoon: Platoon, terms: wp.
     row = world * (platoon.chassis.shape[0] - platoon.leading) + agent
     away = behind_vehicle(world, vehicle, platoon, state)
     vehicles = platoon.chassis.shape[0]
-    struck = platoon.hit[world, vehicle] and not touches_from(
+    collided = platoon.hit[world, vehicle] and not touches_from(
         world, vehicle, vehicle + 1, vehicles, column, platoon, state
     )  # fmt: skip
-    failed = struck or is_upset(world, car_at(vehicle, platoon), state) or wp.length(away) > column.lost_distance
+    failed = collided or is_upset(world, car_at(vehicle, platoon), state) or wp.length(away) > column.lost_distance
     failed = failed or touches_from(world, vehicle, 0, vehicle, column, platoon, state)
     ahead = forward_speed_of(world, vehicle - 1, platoon, state)
     pay_row(row, away, failed, ahead, forward_speed_of(world, vehicle, platoon, state), column, terms)
