@@ -6,7 +6,7 @@
 
 Every run of a sweep that was trained to its end is evaluated over the same fresh worlds, with its own task's settings.
 The numbers go to benchmarks/results/seeds/TASK.OBS.json, those of each seed as it is known: a policy that is there,
-with as many episodes, is not evaluated again. Two runs of one task and seed are refused. A table of all of them is printed.
+with as many episodes, is not evaluated again. Two runs of one task and seed are refused. A table of all is printed.
 """
 
 from __future__ import annotations

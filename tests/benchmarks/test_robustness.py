@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -133,11 +134,8 @@ def test_a_row_that_was_cut_off_is_none(folder):
     ],
 )
 def test_what_cannot_be_evaluated_is_told_in_one_line(words, said, capsys):
-    try:
-        code = exit_code("robustness", lambda: main(words))
-    except SystemExit as error:
-        code = error.code
-    assert code == 2
+    with pytest.raises(SystemExit, match="2"):
+        sys.exit(exit_code("robustness", lambda: main(words)))
     assert said in capsys.readouterr().err
 
 

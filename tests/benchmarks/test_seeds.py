@@ -33,7 +33,12 @@ def test_a_policy_is_evaluated_once_and_another_one_anew(sweeps, tmp_path, monke
     monkeypatch.setattr(seeds, "RESULTS", tmp_path)
     calls = []
     evaluate = seeds.evaluate
-    monkeypatch.setattr(seeds, "evaluate", lambda *args: calls.append(1) or evaluate(*args))
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return evaluate(*arguments)
+
+    monkeypatch.setattr(seeds, "evaluate", counted)
     one, other = (next((sweeps / name).glob("*")) for name in ("one", "other"))
     for folder, count in ((one, 1), (one, 1), (other, 2), (other, 2)):
         evaluated(monkeypatch, folder)
