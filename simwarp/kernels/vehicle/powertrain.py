@@ -170,6 +170,12 @@ def next_gear(gear: int, speed: float, elapsed: float, powertrain: Powertrain) -
 
 
 @wp.func
+def engaged_gear(gear: int, powertrain: Powertrain) -> int:
+    """What somebody wrote, held to the gears that there are."""
+    return wp.clamp(gear, -1, powertrain.gear_count)
+
+
+@wp.func
 def engage(of: Member, ratio: float, powertrain: Powertrain, coefficient: wp.array3d[float]):
     """Sets the gears' viscous coupling to a ratio; neutral (0) couples nothing."""
     row = of.coupling + powertrain.gear_coupling
@@ -242,7 +248,8 @@ def drive_shafts(
         joint_force[of.world, of.dof + powertrain.input_dof] = pair[1]
         drive_torque = pair[1]
         elapsed = float(time - memory.shift_time[of.world, of.vehicle])
-        gear = next_gear(memory.gear[of.world, of.vehicle], input_speed, elapsed, powertrain)
+        gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
+        gear = next_gear(gear, input_speed, elapsed, powertrain)
         if gear != memory.gear[of.world, of.vehicle]:
             memory.gear[of.world, of.vehicle] = gear
             memory.shift_time[of.world, of.vehicle] = time
@@ -250,13 +257,15 @@ def drive_shafts(
         joint_force[of.world, of.dof + powertrain.motor_dof] = torque
         limit = powertrain.clutch_limit * (1.0 - clutch)
         parameters.joint_friction[of.world, of.dof + powertrain.slip_dof] = limit
-        drive_torque = wp.min(torque, limit)
-    ratio = powertrain.ratio[memory.gear[of.world, of.vehicle] + 1]
+        drive_torque = wp.clamp(torque, -limit, limit)
+    ratio = powertrain.ratio[engaged_gear(memory.gear[of.world, of.vehicle], powertrain) + 1]
     engage(of, ratio, powertrain, parameters.coupling_coefficient)
     if ratio != 0.0:
         # what accelerates the input shaft does not reach the drive shaft
         change = powertrain.input_inertia * (input_speed - memory.last_input[of.world, of.vehicle]) / dt
         drive_torque = (drive_torque - change) / ratio
+    else:
+        drive_torque = 0.0
     split_torque(of, drive_torque, 0.5, powertrain, state, joint_force)
     memory.last_input[of.world, of.vehicle] = input_speed
     memory.engine_speed[of.world, of.vehicle] = motor_speed
@@ -271,7 +280,7 @@ def drive_directly(
 ):  # fmt: skip
     """Transmissions whose engine turns with the drive shaft."""
     speed = memory.drive_speed[of.world, of.vehicle]
-    gear = memory.gear[of.world, of.vehicle]
+    gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
     ratio = powertrain.ratio[gear + 1]
     efficiency = float(1.0)
     if powertrain.transmission == CVT:
@@ -285,6 +294,8 @@ def drive_directly(
     if ratio != 0.0:
         motor_speed = wp.abs(speed / ratio)
         torque = engine_torque(throttle, motor_speed, powertrain)
+        if speed / ratio < 0.0 and torque < 0.0:
+            torque = -torque  # losses oppose an engine that the wheels turn backwards
         drive_torque = efficiency * torque / ratio
     if powertrain.transmission == AUTOMATIC_MAP:
         memory.gear[of.world, of.vehicle] = next_gear(gear, motor_speed, float(time), powertrain)
