@@ -498,7 +498,8 @@ def lugre_friction(v, m, row):
 def lugre_disc(c: Contact, row, z, dt):
     """Force of one disc along x and y; advances z."""
     v = float(np.linalg.norm(c.slide))
-    g = lugre_friction(v, c.friction / row[Common.REFERENCE_FRICTION], row)
+    m = c.friction / row[Common.REFERENCE_FRICTION]
+    g = lugre_friction(v, m, row)
     length = 2 * sqrt(row[Common.RADIUS] * c.deflection)
     force = np.zeros(2)
     for i in range(2):
@@ -506,7 +507,7 @@ def lugre_disc(c: Contact, row, z, dt):
         s1 = s1 / (1 + dt * s1 * c.load / row[Common.PATCH_MASS_X + i])
         rate = s0 * v / g + row[Lugre.CARRY_OFF] * abs(c.spin) * c.effective / length
         z[i] = fine_ode(rate, c.slide[i], z[i], dt)
-        force[i] = -c.load * (s0 * z[i] + s1 * (c.slide[i] - rate * z[i]) + s2 * c.slide[i])
+        force[i] = -c.load * (s0 * z[i] + s1 * (c.slide[i] - rate * z[i]) + m * s2 * c.slide[i])
     return force
 
 

@@ -6,12 +6,12 @@ average lumped model, in two directions as by Velenis, Tsiotras, Canudas de Wit 
 
     dz_i/dt = v_i - (s0_i |v| / g(|v|) + c |omega| r / L) z_i
     g(|v|)  = m (F_c + (F_s - F_c) exp(-sqrt(|v| / v_s))),    m = road friction / reference friction
-    F_i     = -(s0_i z_i + s1_i dz_i/dt + s2_i v_i) F_z
+    F_i     = -(s0_i z_i + s1_i dz_i/dt + m s2_i v_i) F_z
 
 c |omega| r / L is the rate at which bristles leave a patch of length L = 2 sqrt(r d) that rolls: it makes the force
-grow with the slip, as other models prescribe it. In steady sliding |F| = (g + s2 |v|) F_z along -v; at rest the bristle
-holds: nothing is blended. The equation is linear for the v of one step and is solved exactly. Its damping s1 F_z is
-reduced to s1 F_z / (1 + h s1 F_z / m) with m as in common.py.
+grow with the slip, as other models prescribe it. In steady sliding |F| = (g + m s2 |v|) F_z along -v; at rest the
+bristle holds: nothing is blended. The equation is linear for the v of one step and is solved exactly. Its damping
+s1 F_z is reduced to s1 F_z / (1 + h s1 F_z / m) with m as in common.py.
 """
 
 import warp as wp
@@ -46,7 +46,8 @@ def sliding_friction(v: float, scale: float, p: wp.array[float]) -> float:
 def disc_force(patch: Patch, p: wp.array[float], z: wp.array[float], disc: int, dt: float) -> wp.vec2:
     """Advances the bristle of a disc and returns its force along x and y [N]."""
     v = wp.length(patch.slide)
-    g = sliding_friction(v, friction_scale(patch, p), p)
+    scale = friction_scale(patch, p)
+    g = sliding_friction(v, scale, p)
     length = 2.0 * wp.sqrt(p[Common.RADIUS] * patch.deflection)
     carried = p[Lugre.CARRY_OFF] * wp.abs(patch.spin) * patch.effective_radius / length
     force = wp.vec2()
@@ -58,7 +59,7 @@ def disc_force(patch: Patch, p: wp.array[float], z: wp.array[float], disc: int, 
         rate = s0 * v / g + carried
         end = advance_bristle(z[2 * disc + i], patch.slide[i], rate, dt)
         z[2 * disc + i] = end
-        f = s0 * end + s1 * (patch.slide[i] - rate * end) + p[Lugre.VISCOSITY + i] * patch.slide[i]
+        f = s0 * end + s1 * (patch.slide[i] - rate * end) + scale * p[Lugre.VISCOSITY + i] * patch.slide[i]
         force[i] = -f * patch.load
     return force
 
