@@ -188,6 +188,11 @@ class Vehicles(Readable):
         }
         return {name: array for name, array in arrays.items() if array.size}
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces it writes: the chassis, and the wheels where tires make forces."""
+        return tuple(body for each in self for body in each.assigned_bodies)
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrains, then tires."""
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays

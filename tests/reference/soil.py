@@ -130,7 +130,7 @@ class Linearised(NamedTuple):
 def pressure(node: Node, s: Any, parameters: SoilParameters, inverse_b: Any = 0.0) -> Any:
     """Static pressure at a sinkage, nothing stored: elastic below the yield pressure, else the virgin curve."""
     trial = parameters.elastic * (s - node.plastic)
-    sigma = np.where(trial > node.strength, parameters.curve(s, inverse_b), trial)
+    sigma = np.where(trial > node.strength, np.minimum(parameters.curve(s, inverse_b), trial), trial)
     return np.where(trial > 0.0, sigma, 0.0)
 
 
@@ -140,8 +140,8 @@ def advance_memory(
     """Yield at the present sinkage, sliding by |v_t| dt. A node that bears nothing keeps all of its memory."""
     trial = parameters.elastic * (s - node.plastic)
     touched = trial > 0.0
-    yields = touched & (trial > node.strength)
     sigma = parameters.curve(s, inverse_b)
+    yields = touched & (trial > node.strength) & (sigma < trial)
     node.strength = np.where(yields, sigma, node.strength)
     node.plastic = np.where(yields, s - sigma / parameters.elastic, node.plastic)
     speed = np.linalg.norm(v_t, axis=-1)

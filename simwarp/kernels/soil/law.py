@@ -49,7 +49,7 @@ class Pressed:
 
 @wp.func
 def press(sinkage: float, plastic: float, limit: float, law: Law) -> Pressed:
-    """Elastic below the yield pressure, else on Bekker's curve."""
+    """Elastic below the yield pressure and where Bekker's curve is above it, else on that curve."""
     p = Pressed()
     p.plastic = plastic
     p.limit = limit
@@ -57,7 +57,10 @@ def press(sinkage: float, plastic: float, limit: float, law: Law) -> Pressed:
     if p.pressure <= 0.0 or sinkage <= 0.0:
         p.pressure = 0.0
     elif p.pressure > limit:
-        p.pressure = law.stiffness * wp.pow(sinkage, law.exponent)
-        p.limit = p.pressure
-        p.plastic = sinkage - p.pressure / law.elastic
+        # Where loading is the stiffer of both, the soil is elastic: yielding would push it up
+        bekker = law.stiffness * wp.pow(sinkage, law.exponent)
+        if bekker < p.pressure:
+            p.pressure = bekker
+            p.limit = bekker
+            p.plastic = sinkage - bekker / law.elastic
     return p

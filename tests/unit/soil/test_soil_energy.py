@@ -8,7 +8,8 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.core.rotation import matrix_of
-from simwarp.soil import PRESETS, ShearMemory, Soil, SoilWheel
+from simwarp.soil import PRESETS, ShearMemory, Soil, SoilBox, SoilSpec, SoilWheel
+from simwarp.soil.soil_parameters import DEEP
 from simwarp.verify.soil_rigs import yielded_nodes
 from tests.reference import soil as reference
 from tests.reference.soil_shapes import Body, Wheel
@@ -89,3 +90,24 @@ def test_thirty_random_wheels_gain_nothing():
     risen, change = np.array([rise(seed) for seed in range(100, 130)]).T
     assert risen.max() < 0.02
     assert change.max() < 0.0
+
+
+@pytest.mark.parametrize(("exponent", "k_c"), [(0.5, 0.0), (1.0, 1e5)])
+def test_a_plate_does_not_bounce_higher_than_it_fell_where_loading_is_as_stiff_as_unloading(exponent, k_c):
+    """The least elastic stiffness that is taken: at small sinkages Bekker's curve is the stiffer one."""
+    k_phi, drop = 2e5, 0.02
+    elastic = 1.001 * k_phi * exponent * DEEP ** (exponent - 1.0)
+    spec = SoilSpec(k_phi=k_phi, k_c=k_c, exponent=exponent, elastic=elastic, damping=0.0)
+    builder = sw.ModelBuilder()
+    body = builder.add_body("plate", mass=2000.0, inertia=(200, 200, 400), pose=sw.pose((0.0, 0.0, drop + 0.1)))
+    model = builder.finalize(1, "cpu")
+    soil = Soil(model, [SoilBox(body=body, half=(0.5, 0.5, 0.1))], spec, spacing=0.05)
+    simulation = sw.Simulation(model, 5e-4, elements=[soil], threads=1)
+    heights = []
+    for _ in range(1000):
+        simulation.step()
+        heights.append(float(simulation.state.body_x.numpy()[0, 0, 2]) - 0.1)
+    lowest = int(np.argmin(heights))
+    assert heights[lowest] < -0.05
+    assert max(heights[lowest:]) < drop
+    assert float(soil.height([(0.0, 0.0)]).numpy()[0, 0]) < 1e-3  # nothing is pushed up

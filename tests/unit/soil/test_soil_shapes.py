@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -23,7 +24,7 @@ from simwarp.soil import (
     soil_shapes,
     soil_under,
 )  # fmt: skip
-from simwarp.vehicle import VEHICLE_SOLVER, Vehicle, add_vehicle, load_vehicle, per_world, with_options
+from simwarp.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, add_vehicle, load_vehicle, per_world, with_options
 from tests.reference.soil_quadrature import bisect
 from tests.unit.soil.soil_wheels import GRAVITY
 
@@ -288,3 +289,24 @@ def test_a_vehicle_on_its_belly_is_carried_by_it():
     weight = float(model.parameters.body_mass.numpy()[0].sum()) * GRAVITY
     assert loads.sum() == pytest.approx(weight, rel=0.01)
     assert loads[4] > 0.5 * weight
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_belly_adds_to_the_drag_of_one_vehicle_and_of_several(several):
+    """In the air the soil bears nothing: the chassis slows down by its drag, as without a belly."""
+    spec = with_options(load_vehicle("hmmwv"), tire="soil-rigid")
+    spec = dataclasses.replace(spec, chassis=dataclasses.replace(spec.chassis, drag_coefficient=0.6, drag_area=4.0))
+    speeds = []
+    for belly in (False, True):
+        builder = sw.ModelBuilder()
+        parts = add_vehicle(builder, spec, at=sw.pose((0.0, 0.0, 50.0)), speed=60.0)
+        model = builder.finalize(1, "cpu", per_world=per_world())
+        vehicle = Vehicles([parts], model) if several else Vehicle(parts, model)
+        soil = soil_under(vehicle, "mid", shapes=[SoilBox(body=parts.chassis, half=(2.0, 1.0, 0.2))] if belly else [])
+        simulation = sw.Simulation(model, 2e-3, elements=[vehicle, soil], solver=VEHICLE_SOLVER, threads=1)
+        simulation.step(100)
+        speeds.append(simulation.state.body_v.numpy()[0, parts.chassis, 0])
+        if belly:
+            with pytest.raises(sw.ModelError, match="act on body 'chassis' must come before the soil"):
+                sw.Simulation(model, 2e-3, elements=[soil, vehicle], solver=VEHICLE_SOLVER)
+    assert speeds[0] == speeds[1] < 59.7
