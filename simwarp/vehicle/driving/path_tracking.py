@@ -73,8 +73,8 @@ class Stanley:
 class PathTrackingSpec:
     """Configuration of a path tracker: paths, target speed and controllers.
 
-    Too slow: throttle; too fast with the throttle open by more than `throttle_threshold`: the throttle closes; else
-    brakes.
+    Too slow: throttle; too fast while the throttle is open by more than `throttle_threshold`: throttle 1 less what the
+    controller asks for, as in Project Chrono, so that it closes only with a large error or an integral; else brakes.
 
     Raises:
         SpecError: there is no path, a number is negative or not finite, or the gains do not fit Stanley's law.

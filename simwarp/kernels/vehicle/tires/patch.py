@@ -46,7 +46,7 @@ class Patch:
     forward: wp.vec3  # axes of the frame of contact, world
     left: wp.vec3
     normal: wp.vec3
-    camber: float  # positive: the upper side leans to the left [rad]
+    camber: float  # positive: the upper side leans to the right [rad]
     v: wp.vec3  # of the wheel's centre, frame of contact [m/s]
     spin: float  # [rad/s]
     friction: float  # of the road, as the tire may use it
