@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence, Set
 from typing import Any, Protocol
 
 import torch
@@ -97,6 +97,19 @@ def check_terms(
         if floating and value.dtype != torch.float32:
             raise TaskError(f"task '{task.name}': {kind} '{name}' must be float32, got {value.dtype}")
     return checked
+
+
+def check_success(task: Worlds, metrics: Mapping[str, torch.Tensor], reasons: Sequence[str]) -> set[str]:
+    """Check what tells a success; return the names in ``success_reasons`` that are no reasons."""
+    told = metrics.get("success")
+    if told is not None and told.dtype != torch.bool:
+        raise TaskError(
+            f"task '{task.name}': metric 'success' must be bool, got {told.dtype}; compare it with a threshold"
+        )
+    good = getattr(task, "success_reasons", ())
+    if not isinstance(good, Set):
+        raise TaskError(f"task '{task.name}': success_reasons must be a set of names, got {good!r}")
+    return set(good) - set(reasons)
 
 
 def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Tensor]:

@@ -12,6 +12,7 @@ from simwarp.kernels.tasks.framework.control_step import Clocks, Rules, Verdict,
 
 from ..randomisation.uncertainty import Curriculum
 from .agents import Agents
+from .errors import TaskError
 from .launching import filled
 from .statistics import EpisodeStatistics
 from .step_result import VerdictViews, block_size
@@ -59,6 +60,7 @@ class Judge:
         agents: Agents,
     ) -> None:  # fmt: skip
         worlds, device, count = len(level), level.device, len(statistics.terms)
+        self._terms, self._reasons = statistics.terms, statistics.reasons[1:-1]
         self._lead = tuple(agents.done.shape) if agents.several else (worlds,)
         rows = worlds * agents.count
         self._block = torch.zeros(block_size(rows, count), dtype=torch.uint8, device=device)
@@ -91,18 +93,27 @@ class Judge:
         self._climbing.fill_(int(climbing))
 
     def judge(
-        self, rewards: Mapping[str, torch.Tensor], flags: Sequence[torch.Tensor], success: torch.Tensor | None
+        self, rewards: Mapping[str, torch.Tensor], flags: Mapping[str, torch.Tensor], success: torch.Tensor | None
     ) -> None:  # fmt: skip
         """Write the verdict on a step.
 
         Args:
             rewards: terms by name, each (W,) float32; (W, N) of several agents, as all that follows.
-            flags: reasons to end, then reasons to cut off, each (W,) bool.
+            flags: reasons to end, then reasons to cut off, by name, each (W,) bool.
             success: (W,) the metric that tells it, if there is one.
+
+        Raises:
+            TaskError: they are not those that the task had when it was built.
         """
+        for kind, known, found in (("reward terms", self._terms, rewards), ("reasons to end", self._reasons, flags)):
+            if known != list(found):  # what is recorded has a place for each of them
+                raise TaskError(
+                    f"the {kind} must stay {known}, got {list(found)}: return all of them always, of zeros where they "
+                    "do not count"
+                )
         torch.stack([each.reshape(-1) for each in rewards.values()], dim=1, out=self.views.reward_terms)
         if flags:
-            torch.stack([each.reshape(-1) for each in flags], dim=1, out=self._flags)
+            torch.stack([each.reshape(-1) for each in flags.values()], dim=1, out=self._flags)
         if success is not None:
             self._won.copy_(success.reshape(-1))
         self._launch.launch()

@@ -34,7 +34,7 @@ from .drawing import Drawing
 from .errors import TaskError
 from .finite_observations import FiniteObservations
 from .guard import Guard
-from .interface_checks import check_action, check_flags, check_observations, check_terms
+from .interface_checks import check_action, check_flags, check_observations, check_success, check_terms
 from .judge import Judge, Terms
 from .launching import filled, launch_over
 from .other_observations import observed_as
@@ -488,7 +488,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         reasons = [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
         if len(set(reasons)) != len(reasons):
             raise TaskError(f"task '{self.name}': end reasons must have different names, got {reasons}")
-        unknown = self.success_reasons - set(reasons)
+        unknown = check_success(self, metrics, reasons)
         if unknown:
             raise TaskError(f"task '{self.name}': success_reasons names {sorted(unknown)}, not among {reasons}")
         self._statistics = EpisodeStatistics(self._agents.done.numel(), terms, reasons, list(groups), self.device)
@@ -567,7 +567,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._path.delay()
         self._advance()
         rewards = self.rewards()
-        flags = [*self.terminations().values(), *self.truncations().values()]
+        flags = {**self.terminations(), **self.truncations()}
         metrics = {name: value.clone() for name, value in self.metrics().items()}
         self._judge.judge(rewards, flags, metrics.get("success"))
         if self._sensors.late:

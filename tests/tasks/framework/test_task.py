@@ -120,6 +120,74 @@ def test_a_broken_world_is_reset_and_counted_and_its_nan_reaches_nobody():
     assert task.drain_statistics().end_reasons["non_finite"] == 1  # and no complaint about the task
 
 
+class Upright(Fragile):
+    """One whose success is that nothing went wrong, which NaN does not contradict."""
+
+    name = "upright"
+
+    def metrics(self):
+        return {"success": ~(self.count[:, 0] + self.fog() > 100.0)}
+
+
+def test_a_broken_world_is_no_success_whatever_its_measure_says():
+    task = Upright(SampleConfig(), 3)
+    task.step(idle(task))
+    result = task.step(idle(task))
+    assert result.non_finite.tolist() == [False, True, False]
+    assert not result.success.any()
+    assert task.drain_statistics().successes == 0
+
+
+class Fickle(Counter):
+    """A task that returns other terms when it is told to."""
+
+    name = "fickle"
+    more: bool = False
+
+    def rewards(self):
+        return super().rewards() | ({"late": torch.ones(self.num_worlds)} if self.more else {})
+
+
+class Swapped(Counter):
+    name = "swapped"
+    more: bool = False
+
+    def terminations(self):
+        flags = {"a": self.fail, "b": torch.zeros_like(self.fail)}
+        return dict(reversed(flags.items())) if self.more else flags
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (Fickle, r"the reward terms must stay \['one', 'count'\], got \['one', 'count', 'late'\]: return all of them"),
+        (Swapped, r"the reasons to end must stay \['a', 'b'\], got \['b', 'a'\]: return all of them"),
+    ],
+)
+def test_terms_that_change_after_the_build_are_named(kind, message):
+    task = kind(SampleConfig(), 2)
+    task.step(idle(task))
+    task.more = True
+    with pytest.raises(TaskError, match=message):
+        task.step(idle(task))
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        (
+            {"metrics": lambda self: {"success": torch.ones(self.num_worlds)}},
+            "metric 'success' must be bool, got torch.fl",
+        ),
+        ({"success_reasons": ["time_limit"]}, r"success_reasons must be a set of names, got \['time_limit'\]"),
+        ({"success_reasons": "time_limit"}, "success_reasons must be a set of names, got 'time_limit'"),
+    ],
+)
+def test_what_tells_a_success_is_checked(members, message):
+    with pytest.raises(TaskError, match=message):
+        type("Odd", (Counter,), {"name": "odd", **members})(SampleConfig(), 2)
+
+
 class Breaking(Counter):
     """A reward that is NaN in world 1 from the second step on."""
 

@@ -209,7 +209,7 @@ def judge_row(
         tally.length_sums[row] = tally.length_sums[row] + steps
         tally.reason_counts[row, reason] = tally.reason_counts[row, reason] + wp.int64(1)
         if rules.judged == 1:
-            success = won[row]
+            success = won[row] and not broken  # NaN makes every comparison false, and its negation true
         else:
             success = rules.winning[reason]
         if success:
