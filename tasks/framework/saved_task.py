@@ -67,6 +67,8 @@ class SavedTask(Touching):
             "extra": {key: value.clone() for key, value in self.extra_state().items()},
             **self._agents.state(),
         }
+        if self._randomiser is not None and self._randomiser.grows and self._randomiser.drawn_level is not None:
+            state["drawn_level"] = self._randomiser.drawn_level.clone()
         if self.simulation is not None:
             with self._acting():
                 state["simulation"] = pack_snapshot(self.simulation.snapshot())
@@ -96,7 +98,9 @@ class SavedTask(Touching):
             self._path.load(state["sensing"])
             self._agents.load(state)
             if self._randomiser is not None:
-                self._randomiser.begin_episodes(self.random, self._every_world, self.level)
+                drawn = state.get("drawn_level")
+                level = self.level if drawn is None else torch.as_tensor(drawn).to(self.level)
+                self._randomiser.begin_episodes(self.random, self._every_world, level)
             if self.simulation is not None:
                 self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
             self._load_contacts(state["sensing"])

@@ -158,6 +158,10 @@ class Randomiser:
         simulation: of a model whose named parameters have a copy per world (:func:`drawn_parameters`).
         owner: whose simulation it is: the errors name it.
 
+    Attributes:
+        grows: a range opens with the level.
+        drawn_level: (W,) float32, that the running episodes were drawn with; None before the first.
+
     Raises:
         InputError: a range cannot act on the model.
     """
@@ -165,6 +169,8 @@ class Randomiser:
     def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
         from simwarp.model.active_entries import active_entries
 
+        self.grows = any(spec.grows for spec in ranges.values())
+        self.drawn_level: torch.Tensor | None = None
         model = simulation.model
         moving, shifting = of_actuators(ranges), of_centres(ranges)
         of_model = {name: spec for name, spec in ranges.items() if name not in {*moving, *shifting}}
@@ -189,9 +195,18 @@ class Randomiser:
             _check_acts(item, effect, model, owner)
 
     def begin_episodes(self, random: WorldRandom, mask: torch.Tensor, level: torch.Tensor) -> None:
-        """Draw everything in the worlds of the mask ((W,) bool)."""
+        """Draw everything in the worlds of the mask ((W,) bool).
+
+        Args:
+            random: of the worlds.
+            mask: (W,) bool.
+            level: (W,) float32, of the curriculum; kept in `drawn_level`, because it may move within an episode.
+        """
+        if self.drawn_level is None:
+            self.drawn_level = level.clone()
+        self.drawn_level.copy_(torch.where(mask, level, self.drawn_level))
         for item in self._parameters:
-            item.draw(random, mask, level)
+            item.draw(random, mask, self.drawn_level)
         for inertia in self._inertias:
             inertia.follow(mask)
         if self._numbers is not None:

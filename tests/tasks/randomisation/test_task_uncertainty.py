@@ -502,3 +502,28 @@ def test_level_rises_with_success_and_falls_with_failure():
     task.step(idle(task))
     assert task.level.tolist() == pytest.approx([1.0, 0.9])
     assert torch.equal(task.state_dict()["level"], task.level)
+
+
+@pytest.mark.parametrize("driver", [Driver.ITERATION, Driver.NONE])
+def test_a_resumed_task_has_the_parameters_its_episodes_began_with(driver):
+    """The level rises within an episode, and with it what later ones draw; what runs stays as it was drawn."""
+
+    def made():
+        return make(
+            "pendulum", 4, seed=1, randomise={"body_mass": Range(0.2, 3.0, grows=True)},
+            curriculum=Curriculum(driver, first=0, last=4),
+        )  # fmt: skip
+
+    task, resumed = made(), made()
+    task.on_iteration(0)
+    task.restart()
+    rest = torch.zeros(4, 1)
+    for iteration in range(3):
+        task.on_iteration(iteration)
+        for _ in range(3):
+            task.step(rest)
+    resumed.load_state_dict(task.state_dict())
+    assert torch.equal(masses(task), masses(resumed))
+    for _ in range(3):
+        found = [one.step(torch.full((4, 1), 0.3)).observations["policy"] for one in (task, resumed)]
+        assert torch.equal(*found)
