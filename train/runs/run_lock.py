@@ -180,9 +180,11 @@ class RunLock:
             raise output_error(self.path, error, needed=len(data)) from error
 
     def is_own(self) -> bool:
-        """Return True if the lock is still the one of this process; a folder without one counts."""
+        """Return True if the lock is still the one of this process; of a folder that is gone the disk tells."""
         try:
             text = self.path.read_bytes()[:_LARGEST]
+        except FileNotFoundError:  # whoever took the run over has finished it
+            return not self.path.parent.is_dir()
         except OSError:
             return True
         try:

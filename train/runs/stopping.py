@@ -7,6 +7,11 @@ import dataclasses
 import signal
 import threading
 from collections.abc import Iterator
+from typing import Final
+
+HEARD: Final = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 
 
 @dataclasses.dataclass
@@ -18,7 +23,7 @@ class StopRequest:
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """Turn the first Ctrl-C or SIGTERM into a request to stop; a second one stops at once.
+    """Turn the first Ctrl-C, SIGTERM or closed terminal (SIGHUP) into a request to stop; a second one stops at once.
 
     So nothing is torn in the middle: the iteration of a training is left whole, a picture is drawn to its end. A signal
     that the process was started to ignore, as shells do for work in the background, stays ignored.
@@ -33,7 +38,7 @@ def stop_on_signals() -> Iterator[StopRequest]:
             raise KeyboardInterrupt
         request.requested = True
 
-    heard = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    heard = [number for number in HEARD if signal.getsignal(number) is not signal.SIG_IGN]
     previous = {number: signal.signal(number, ask) for number in heard}
     try:
         yield request

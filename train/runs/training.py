@@ -15,7 +15,7 @@ from rich.console import Console
 from simwarp.core.readable import ReadableFields
 from simwarp.core.threads import default_threads
 from simwarp.core.files import OutputError, output_error
-from simwarp.core.types import shown
+from simwarp.core.types import ModelError, shown
 from simwarp.tasks import InputError, Task, TaskConfig, config_to_plain, make, task_class
 from simwarp.tasks.framework.registry import origin_of
 
@@ -271,7 +271,7 @@ def _film(trainer: Learner, folder: RunFolder, films: FilmMaker, display: Progre
         try:
             path.parent.mkdir(exist_ok=True)
             films.make(trainer, path)
-        except TrainingError as error:
+        except (TrainingError, InputError, ModelError) as error:
             display.say(f"iteration {trainer.iteration}: no film: {error}")
             return None
         except OSError as error:

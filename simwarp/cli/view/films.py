@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,7 +12,7 @@ import torch
 from simwarp.cli import UsageError
 from simwarp.cli.view.task_subject import task_subject
 from simwarp.core.threads import default_threads
-from simwarp.tasks import Task, make
+from simwarp.tasks import InputError, Task, make
 from simwarp.train.algorithm.learner import Learner
 from simwarp.train.evaluation.play import record
 from simwarp.train.networks.policies import network_policy, zero_policy
@@ -77,10 +78,12 @@ class TrainingFilms:
         every: iterations from film to film.
 
     Raises:
-        UsageError: there are none.
+        UsageError: there are none, or viser is not installed.
     """
 
     def __init__(self, every: int) -> None:
+        if importlib.util.find_spec("viser") is None:
+            raise UsageError("--film needs the package viser: pip install 'simwarp[viewer]'")
         if every < 1:
             raise UsageError(f"film must be at least 1 iteration, got {every}; leave it away for no films")
         self.every = every
@@ -90,6 +93,7 @@ class TrainingFilms:
         """Writes a film of the present policy.
 
         Raises:
+            InputError: the viewer does not show such a task.
             TrainingError: the policy returns NaN or infinity.
             OutputError: the disk did not take it.
         """
@@ -102,7 +106,10 @@ class TrainingFilms:
             content = trainer.checkpoint_of_policy()
             policy = network_policy(content, self._task)
             episode = of.config.max_episode_steps * of.config.control_dt
-            film = HtmlFilm(self._task, path)
+            try:
+                film = HtmlFilm(self._task, path)
+            except UsageError as error:  # a task that the viewer does not show
+                raise InputError(str(error)) from None
             try:
                 record(self._task, policy, min(SECONDS, episode), SEED, film)
                 film.write()

@@ -205,6 +205,24 @@ def test_who_was_taken_over_is_told(locked, dead, capfd):
     run(locked.path.parent, resume=locked.path, iterations=3, take_over=True, console=QUIET)
 
 
+def test_a_writer_that_was_taken_over_stops_when_the_other_has_finished(tmp_path):
+    with writing(tmp_path) as lock:
+        leave(tmp_path, host="elsewhere")
+        assert not lock.is_own()
+        (tmp_path / LOCK).unlink()
+        with pytest.raises(TrainingError, match="was taken over by another process"):
+            lock.check()
+
+
+def test_a_folder_that_is_gone_is_for_the_disk_to_tell(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with writing(folder) as lock:
+        (folder / LOCK).unlink()
+        folder.rmdir()
+        lock.check()
+
+
 def test_a_writer_that_was_taken_over_stops_and_leaves_the_lock_to_the_other(tmp_path, monkeypatch):
     folders = []
 

@@ -7,7 +7,7 @@ import pytest
 from simwarp.train.runs.stopping import stop_on_signals
 
 
-@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
+@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def number(request):
     before = signal.getsignal(request.param)
     yield request.param
