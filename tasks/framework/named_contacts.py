@@ -67,11 +67,14 @@ class NamedContacts(Readable):
                 "among shapes; call contacts twice"
             )
         contacts = simulation.contacts
+        self._moving_offsets: torch.Tensor | None = None
         if all(shapes):
             self._source = to_torch(contacts.shape_contact_force)
             columns = [model.shape_names.index(name) for name in names]
             bodies = [int(model.topology.shape_body.numpy()[column]) for column in columns]
             offsets = model.shape_x.numpy()[0, columns]
+            if model.shape_x.shape[0] > 1:  # a shift of the centre of mass moves them
+                self._moving_offsets = to_torch(model.shape_x)
             if min(bodies) < 0:
                 fixed = names[bodies.index(min(bodies))]
                 raise InputError(
@@ -104,7 +107,9 @@ class NamedContacts(Readable):
 
     def _turned_offsets(self) -> torch.Tensor:
         """Return (W, N, 3) from centres of mass to the parts, axes of the world [m]."""
-        return in_world_axes(self._views.body_q[:, self._bodies, 3:], self._offsets)
+        moving = self._moving_offsets
+        offsets = self._offsets if moving is None else moving[:, self._columns].float()
+        return in_world_axes(self._views.body_q[:, self._bodies, 3:], offsets)
 
     def position(self) -> torch.Tensor:
         """Return (W, N, 3) where the middles of shapes, or the centres of mass of bodies, are in the world [m]."""

@@ -96,8 +96,8 @@ class PathRecorder(EvaluationCallback):
             return
         task.before_reset = None
         ways = torch.stack(self._positions, dim=1).cpu().numpy()
-        first = tally.first_episodes(len(ways))
-        paths = [way[: int(length) + 1] for way, length in zip(ways, first["length"], strict=True)]
+        first = tally.first_episodes(len(ways), task.agents)
+        paths = [way[: int(length) + 1] for way, length in zip(ways, first["length"], strict=False)]
         self.paths_driven = DrivenPaths(
             paths=tuple(path[np.isfinite(path).all(axis=1)] for path in paths),
             reasons=tuple(task.end_reasons[int(index)] for index in first["reason"]),

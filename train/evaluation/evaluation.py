@@ -140,9 +140,20 @@ class EpisodeRecords:
         over = self._round < torch.minimum(self.done, self.quota).unsqueeze(1)
         return _counts(self.records["reason"][over].cpu(), reasons)
 
-    def first_episodes(self, worlds: int) -> dict[str, list[float]]:
-        """Return ``length``, ``reason`` and ``success`` of the first episode of the first worlds; reads the device."""
-        return {name: self.records[name][:worlds, 0].tolist() for name in ("length", "reason", "success")}
+    def first_episodes(self, worlds: int, agents: int = 1) -> dict[str, list[float]]:
+        """Return ``length``, ``reason`` and ``success`` of the first episode of the first worlds; reads the device.
+
+        Of several agents in a world, that of the one which was done last. Worlds that are not counted are left out.
+
+        Args:
+            worlds: of them at most.
+            agents: in each world.
+        """
+        counted = max(1, int((self.quota > 0).sum()) // agents)
+        names = ("length", "reason", "success")
+        columns = {name: self.records[name][: min(worlds, counted) * agents, 0].view(-1, agents) for name in names}
+        last = columns["length"].argmax(dim=1, keepdim=True)
+        return {name: column.gather(1, last).squeeze(1).tolist() for name, column in columns.items()}
 
     def evaluation(self, reasons: list[str]) -> Evaluation:
         """Return the statistics."""

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from simwarp.tasks import InputError, TaskError, make, replace_fields
+from simwarp.tasks import InputError, Task, TaskConfig, TaskError, make, replace_fields
 from simwarp.tasks.framework import registry
 from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.framework.rows import Rows
@@ -17,6 +17,7 @@ from simwarp.train import TrainConfig
 from simwarp.train.algorithm.acting_rows import ActingRows
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import NetworkKind
+from simwarp.train.evaluation.driven_paths import PathRecorder
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import random_policy, zero_policy
 from tests.tasks.framework.pair_task import PairConfig, PairTask, pair
@@ -204,6 +205,50 @@ def test_evaluation_counts_the_first_episodes_of_each_agent():
     assert evaluation.mean_return == evaluation.mean_episode_length, "a step pays one, and rest is no step"
     assert 1 <= evaluation.min_episode_length < 60
     assert evaluate(task, random_policy(task), 8, 3).episodes == 8
+
+
+class Staggered(Task):
+    """In world k agent 0 is done after 2 + 10 k steps, agent 1 one later; a step is a metre to the right."""
+
+    name = "staggered"
+    config_type = TaskConfig
+    agents, action_size, physics = 2, 1, False
+
+    def setup(self):
+        self.place = torch.zeros(self.num_worlds, 3)
+
+    def begin_step(self):
+        self.place[:, 0] += 1.0
+
+    def apply(self, action):
+        pass
+
+    def observations(self):
+        return {"policy": self.place[:, None, :].expand(-1, 2, -1).contiguous()}
+
+    def rewards(self):
+        return {"one": torch.ones(self.num_worlds, 2)}
+
+    def terminations(self):
+        end = 2 + 10 * torch.arange(self.num_worlds)[:, None] + torch.arange(2)
+        late = self.episode_steps[:, None] >= end
+        return {"first": late & torch.tensor([True, False]), "second": late & torch.tensor([False, True])}
+
+    def map_position(self):
+        return self.place
+
+    def reset(self, world_mask):
+        self.place.masked_fill_(world_mask[:, None], 0.0)
+
+
+@pytest.mark.parametrize(("episodes", "lengths"), [(8, [3, 13, 23, 33]), (4, [3, 13])])
+def test_paths_of_an_evaluation_end_with_the_last_agent_of_their_world(episodes, lengths):
+    task, recorder = Staggered(TaskConfig(), 4), PathRecorder()
+    evaluate(task, zero_policy(task), episodes, 0, watcher=recorder)
+    found: Any = recorder.paths_driven
+    assert [len(path) - 1 for path in found.paths] == lengths
+    assert [path[-1, 0] for path in found.paths] == lengths
+    assert found.reasons == ("second",) * len(lengths)
 
 
 def train(steps=32, **options):

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import simwarp as sw
-from simwarp.tasks import InputError, Task, TaskConfig
+from simwarp.tasks import InputError, Range, Task, TaskConfig
 
 G = 9.81
 
@@ -185,3 +185,28 @@ def test_a_threshold_cannot_be_negative():
     wrong = type("Wrong", (BallsTask,), {"threshold": -1.0})
     with pytest.raises(InputError, match="threshold of contacts must be 0 N or more"):
         wrong(BallsConfig(), 1)
+
+
+def test_shapes_are_where_they_are_though_the_centre_of_mass_is_drawn():
+    """The body stays; what moves within it is the origin that its shapes are told from."""
+
+    class Carried(BallsTask):
+        name = "carried"
+
+        def build(self, builder):
+            builder.add_shape_plane(sw.WORLD, name="floor")
+            body = builder.add_body("box", mass=1.0, inertia=(0.01,) * 3, pose=sw.pose((0.0, 0.0, 1.0)))
+            builder.add_shape_sphere(body, radius=0.05, pose=sw.pose((0.3, 0.0, 0.0)), name="foot")
+            builder.add_joint_free("free", body)
+
+        def setup(self):
+            self.felt = self.contacts("foot")
+
+        def apply(self, action):
+            pass
+
+    shift = {"body_com_x": Range(-0.1, 0.1, mode="add")}
+    task = Carried(BallsConfig(randomise=shift), 4)
+    centres = task.views.body_q[:, 0, 0]
+    assert centres.unique().numel() == 4
+    assert torch.allclose(task.felt.position()[:, 0, 0], torch.full((4,), 0.3), atol=1e-6)
