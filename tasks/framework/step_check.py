@@ -29,7 +29,10 @@ from .fixed_state import changed_state, state_of
 if TYPE_CHECKING:
     from .task import Task
 
-_READS: Final = ("_local_scalar_dense", "nonzero", "masked_select", "_unique", "unique", "item", "equal", "lift_fresh")
+_READS: Final = (
+    "_local_scalar_dense", "nonzero", "masked_select", "_unique", "unique", "item", "equal", "lift_fresh", "bincount",
+    "repeat_interleave",
+)  # fmt: skip
 """Operations of torch in which the host waits for the device: for their result, or to bring its own numbers there."""
 _HOST_METHODS: Final = ("numpy", "tolist", "cpu", "__array__")
 """Methods of a tensor that bring it to the host."""
@@ -227,7 +230,11 @@ class _Functions(TorchFunctionMode):
         self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Mapping[str, Any] | None = None
     ) -> Any:
         name = getattr(func, "__name__", "")
-        if name in _HOST_METHODS and getattr(torch.Tensor, name, None) is func:
+        own = getattr(torch.Tensor, name, None) is func
+        # A device in words is meant; `tensor.to(task.device)` is the CPU here, and the GPU there
+        words = (*args[1:2], (kwargs or {}).get("device")) if name == "to" else ()
+        told = any(isinstance(word, str) and word == "cpu" for word in words)
+        if (own and (name in _HOST_METHODS or told)) or name == "allclose":
             self._watch.reads[f"{place()} {name}"] += 1
         return func(*args, **(kwargs or {}))
 

@@ -108,6 +108,11 @@ def count_in_python(task):
         (lambda task: task.count.tolist(), "tolist reads the device"),
         (lambda task: task.count.numpy(), "numpy reads the device"),
         (lambda task: task.count.cpu(), "cpu reads the device"),
+        (lambda task: task.count.to("cpu"), "to reads the device"),
+        (lambda task: task.count.to(device="cpu", dtype=torch.float64), "to reads the device"),
+        (lambda task: torch.allclose(task.count, task.count), "allclose reads the device"),
+        (lambda task: torch.bincount(task.episode_index), "bincount reads the device"),
+        (lambda task: task.count.repeat_interleave(task.episode_index, dim=0), "repeat_interleave reads the device"),
         (lambda task: from_torch(task.count).numpy(), "numpy reads the device"),
         (lambda task: wp.synchronize(), "synchronize reads the device"),
         (lambda task: wp.zeros(3, dtype=float, device="cpu"), "zeros allocates"),
@@ -123,6 +128,12 @@ def test_what_a_step_must_not_do_is_found(deed, what):
     assert len(problems) == 1
     assert what in problems[0]
     assert "test_step_check.py:" in problems[0] or "another object" in problems[0]
+
+
+def test_a_move_to_the_tasks_own_device_is_none():
+    move = staticmethod(lambda task: task.count.to(task.device).to(torch.float64).repeat_interleave(2, dim=0))
+    task = type("Sinner", (Sinner,), {"deed": move})(SampleConfig(), 3)
+    assert check_step(task).problems() == []
 
 
 def test_a_task_in_torch_may_do_what_it_likes_else():
