@@ -26,7 +26,7 @@ from simwarp.tasks.framework.plain import typed
 from simwarp.tasks.framework.registry import origin_of
 from simwarp.tasks.framework.saved_state import check_like
 
-from ..config import TrainConfig
+from ..config import TrainConfig, train_config_from_plain
 from ..runs.checkpoint import check_members
 from ..runs.progress_table import LOGGED, SUCCESS
 from ..runs.saved_state import check_memories, check_optimizer
@@ -112,6 +112,8 @@ class Learner(ABC):
             self.algorithm.broadcast_parameters()
             torch.manual_seed(config.seed + self.group.rank)  # exploration differs
         self.iteration = 0
+        self.env_steps = 0
+        """Control steps of all worlds since the beginning of the run."""
         self._window: deque[tuple[int, float, float]] = deque()
         if config.spread_start:
             chance = torch.rand(task.num_worlds, device=self.device)
@@ -159,11 +161,6 @@ class Learner(ABC):
         return self.algorithm.storage
 
     @property
-    def env_steps(self) -> int:
-        """Control steps of all worlds so far."""
-        return self.iteration * self.steps_per_iteration
-
-    @property
     def steps_per_iteration(self) -> int:
         """Control steps of all worlds of all processes per iteration."""
         return self.config.steps_per_iteration * self.config.num_envs * self.group.count
@@ -188,6 +185,7 @@ class Learner(ABC):
                 raise self._diverged()
         finished = time.perf_counter()
         self.iteration += 1
+        self.env_steps += self.steps_per_iteration
         self._remember(summary.episodes, summary.return_sum, summary.length_sum)
         episodes, returns, lengths = (sum(column) for column in zip(*self._window, strict=True))
         values = {f"loss/{name}": float(value) for name, value in losses.items()}
@@ -303,6 +301,7 @@ class Learner(ABC):
         return {
             **origin_of(self.task.name),
             "iteration": self.iteration,
+            "env_steps": self.env_steps,
             "train_config": config_to_plain(self.config),
             "task_config": config_to_plain(self.task.config),
             **self.algorithm.save(),
@@ -347,6 +346,7 @@ class Learner(ABC):
         check_members(content, {f"{name}_state_dict": dict for name in self.networks} | dict(_SAVED), where)
         self._load_networks(content, where)
         self.iteration = content["iteration"]
+        self.env_steps = _steps_before(content, where)
         self._window = deque(typed(list[tuple[int, float, float]], content["window"], f"{where}: window"))
         owns = [content, *typed(list[dict], content.get("other_processes", []), f"{where}: other_processes")]
         if len(owns) != self.group.count:
@@ -403,3 +403,12 @@ def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch
     if memory is None:
         return []
     return [cell.detach().clone() for cell in (memory if isinstance(memory, tuple) else (memory,))]
+
+
+def _steps_before(content: Mapping[str, Any], where: str) -> int:
+    """Return the control steps of all worlds before a checkpoint; older ones do not tell, but how they were trained."""
+    if "env_steps" in content:
+        return typed(int, content["env_steps"], f"{where}: env_steps")
+    made = train_config_from_plain(content["train_config"], f"{where}: train_config")
+    processes = 1 + len(content.get("other_processes", ()))
+    return int(content["iteration"]) * made.num_envs * made.steps_per_iteration * processes

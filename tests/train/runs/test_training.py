@@ -108,6 +108,17 @@ def test_resuming_with_another_number_of_worlds_keeps_the_networks(tmp_path):
     part = run(tmp_path, iterations=2)
     resumed = run(tmp_path, resume=open_run_path(part), iterations=3, num_envs=8)
     assert resumed.iterations == 3
+    rows = read_progress(open_run(open_run_path(resumed)).progress)
+    assert [int(row["env_steps"]) for row in rows] == [128, 256, 256 + 8 * 8]
+    assert resumed.env_steps == 320
+
+
+def test_a_checkpoint_that_does_not_tell_its_steps_tells_how_it_was_trained(tmp_path):
+    part = run(tmp_path, iterations=2)
+    content = load_checkpoint(Path(part.checkpoint))
+    assert content.pop("env_steps") == 256
+    save_checkpoint(Path(part.checkpoint), content)
+    assert run(tmp_path, resume=open_run_path(part), iterations=3, num_envs=8).env_steps == 320
 
 
 @pytest.mark.parametrize(
