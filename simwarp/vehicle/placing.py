@@ -21,7 +21,8 @@ def place_vehicle(
 
     The vehicle moves as one rigid whole: it is turned about the vertical and shifted. Its height (unless given), lean,
     turns of wheels, shafts and gear stay; velocities turn with it: a rolling vehicle rolls along its new heading.
-    Arrays on the simulation's device are not copied through the host. Sensors take a frame there.
+    Arrays on the simulation's device are not copied through the host. Sensors take a frame there; a path
+    tracker looks for its place anew.
 
     Args:
         simulation: in which the vehicle is.
@@ -54,6 +55,9 @@ def place_vehicle(
         device=model.device,
     )  # fmt: skip
     simulation.measure(mask)
+    for part in simulation.elements:
+        if getattr(part, "vehicle", None) is vehicle and hasattr(part, "restart"):
+            part.restart(mask)  # a tracker of paths, which looks around from where it was
 
 
 def _doubles(name: str, value: Any, shape: tuple[int, ...], model: Model) -> wp.array:

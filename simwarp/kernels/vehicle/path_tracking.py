@@ -197,3 +197,21 @@ def approach_target(
         if rate[channel] >= 0.0:
             change = wp.clamp(change, -rate[channel] * dt, rate[channel] * dt)
         vehicle_input[world, channel] = vehicle_input[world, channel] + change
+
+
+@wp.kernel
+def restart_trackers(
+    # inputs
+    mask: wp.array[wp.bool],
+    # outputs
+    memory: PathTrackerState,
+):
+    """Forgets the place on the path and what the controllers add up, in the worlds of a mask."""
+    world = wp.tid()
+    if not mask[world]:
+        return
+    memory.segment[world] = -1
+    memory.started[world] = 0
+    memory.steering_sum[world] = 0.0
+    memory.speed_sum[world] = 0.0
+    memory.throttle[world] = 0.0

@@ -19,7 +19,9 @@ from simwarp.kernels.vehicle.path_tracking import (
     SteeringLaw,
     approach_target,
     follow_path,
+    restart_trackers,
 )
+from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.vehicle.driving.paths import Path, path_tables
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
@@ -164,6 +166,20 @@ class PathTracker(Readable):
     def arc(self) -> wp.array:
         """(W,) float32, place of the steered point along the path, from its start [m]."""
         return self._state.arc
+
+    def restart(self, world_mask: Any = None) -> None:
+        """Looks for the nearest place on the whole path at the next step, and begins anew to add up errors.
+
+        `place_vehicle` does so; call it after the vehicle was put elsewhere by other means.
+
+        Args:
+            world_mask: (W,) bool; all worlds when None.
+        """
+        model = self.vehicle.model
+        mask = wp.ones(model.world_count, dtype=bool, device=model.device)
+        if world_mask is not None:
+            mask = mask_of_worlds(world_mask, model)
+        wp.launch(restart_trackers, model.world_count, inputs=[mask], outputs=[self._state], device=model.device)
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

@@ -24,6 +24,7 @@ from simwarp.vehicle.driving.path_tracking import (
     look_ahead_for,
 )
 from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
+from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import matrices
 from simwarp.vehicle.results.results import deviation
 from simwarp.vehicle.results.runs import Drive, set_up
@@ -378,3 +379,25 @@ def test_interactive_rates_are_checked():
     for wrong in (-1.0, float("nan"), (1.0, 2.0, -3.0, 4.0)):
         with pytest.raises(SpecError, match="rate"):
             InteractiveDriver(vehicle, rate=wrong)
+
+
+def test_a_vehicle_that_is_placed_elsewhere_is_on_the_nearest_part_of_its_path():
+    """On the way back of a hairpin, 100 m along the path from where it settled; world 0 stays at its beginning."""
+    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 40)
+    bend = np.stack([200.0 + 15.0 * np.cos(turn), 15.0 + 15.0 * np.sin(turn)], axis=1)
+    hairpin = Path(np.concatenate([[[0.0, 0.0], [200.0, 0.0]], bend[1:], [[0.0, 30.0]]]))
+    builder = ModelBuilder()
+    parts = add_vehicle(builder, HMMWV, at=pose((0.0, 0.0, HMMWV.start_height)))
+    vehicle = Vehicle(parts, builder.finalize(2, "cpu", per_world=per_world()))
+    tracker = PathTracker(vehicle, PathTrackingSpec(paths=(hairpin,), speed=5.0))
+    sim = Simulation(vehicle.model, 2e-3, elements=[tracker, vehicle])
+    sim.step(50)
+    sim.keep_as_initial()
+    sim.reset()
+    before = tracker.arc.numpy()[0]
+    place_vehicle(sim, vehicle, [(0.0, 0.0), (150.0, 30.0)], [0.0, np.pi], world_mask=[False, True])
+    sim.step()
+    assert abs(tracker.distance.numpy()).max() < 0.05
+    # 200 m there, half a circle of 15 m, 50 m back; steered is the point 5 m ahead
+    assert tracker.arc.numpy()[1] == pytest.approx(200.0 + 15.0 * np.pi + 50.0 + 5.0, abs=0.3)
+    assert tracker.arc.numpy()[0] == pytest.approx(before, abs=0.1)
