@@ -44,6 +44,7 @@ def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
     damper, damping = dof.damping * s.qd, dof.damping
     if dof.damper_table is not None:
         damper, damping = table_value_slope(dof.damper_table, s.qd)
+    damping, stiffness = max(damping, 0.0), max(stiffness, 0.0)  # a law that falls counts with its force alone
     gain = dof.armature + h * damping + h * h * stiffness
     start = dof.armature * s.qd + h * (s.force + dof.preload - spring - damper + damping * s.qd)
     drive = dof.drive

@@ -119,6 +119,9 @@ def dof_effort(
         resistance = map_resistance(topology.dof_table[dof, 3], wp.float64(q), wp.float64(qd), topology)
         damper_force = -resistance[0]
         d = resistance[1]
+    # Where a law falls, its force counts as it is at the step's start: a negative gain stands for a prescribed motion
+    k = wp.max(k, 0.0)
+    d = wp.max(d, 0.0)
     force += spring_force + damper_force + applied_effort(world, dof, control)
     implicit.gain = armature + dt * d + dt * dt * k
     implicit.effort = armature * qd + dt * (force + d * qd)

@@ -21,7 +21,7 @@ def measure_energy(
     energy: wp.array[wp.float64],
 ):
     """Kinetic energy of bodies, shafts and armatures, energy of the weights (zero at the origin), and that of linear
-    joint springs [J].
+    joint springs and preloads [J]. Springs by table are left out.
     """
     world = worlds.first + wp.tid()
     total = wp.float64(0.0)
@@ -47,5 +47,9 @@ def measure_energy(
         )
         armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
         stiffness = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
-        total += wp.float64(0.5 * (armature * rate * rate + stiffness * stretch * stretch))
+        if topology.dof_table[dof, 0] >= 0:
+            stiffness = 0.0
+        preload = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
+        stored = 0.5 * stiffness * stretch * stretch - preload * float(state.joint_x[world, dof])
+        total += wp.float64(0.5 * armature * rate * rate + stored)
     energy[world] = total
