@@ -151,14 +151,19 @@ def _check_servo(thing: str, spec: ActuatorSpec, model: Model) -> None:
             f"{thing}: a SERVO needs a PositionDrive on joint '{_joint_name(model, column)}'; "
             "give its coordinate drive=PositionDrive(stiffness=..., damping=...)"
         )
-    bounded = bool((model.drive_effort_limit.numpy()[:, column] < 1.0e30).all())
-    if spec.force_range is not None and not bounded:
+    upper, lower = (getattr(model, f"drive_effort_{end}").numpy()[0, column] for end in ("limit", "lower"))
+    lower = -upper if lower > 0.0 else lower  # one that is positive stands for the other side's
+    if spec.force_range is not None and not np.allclose(spec.force_range, (lower, upper), rtol=1e-6):
         raise ModelError(
-            f"{thing}: the force_range of a SERVO is that of its drive, which has none; "
-            "give the PositionDrive an effort_limit"
+            f"{thing}: the force_range of a SERVO is that of its drive, {_told(lower, upper)}, got {spec.force_range}; "
+            "give the PositionDrive this effort_limit"
         )
 
 
 def _joint_name(model: Model, column: int) -> str:
     joint = int(np.searchsorted(model.joint_dof_start, column, side="right")) - 1
     return model.joint_names[joint]
+
+
+def _told(lower: float, upper: float) -> str:
+    return "which has none" if lower <= -1.0e30 and upper >= 1.0e30 else f"({lower:g}, {upper:g})"

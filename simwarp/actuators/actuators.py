@@ -254,7 +254,8 @@ def _line_shape(specs: Sequence[ActuatorSpec], dt: float | None) -> tuple[int, i
             f"actuator '{name}': a delay needs the time of a sub-step, got None; pass Actuators(dt=...), "
             "the Simulation's dt / substeps"
         )
-    return len(delays), round(max(delays) / dt) + 1
+    # As the kernel rounds: half a sub-step counts as a whole one
+    return len(delays), math.floor(max(delays) / dt + 0.5) + 1
 
 
 def _bounds(pair: tuple[float, float] | None) -> tuple[float, float]:

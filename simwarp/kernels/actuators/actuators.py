@@ -11,6 +11,7 @@ from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.dynamics.efforts import effort_bounds
 from simwarp.kernels.dynamics.joints import rotation_vector
 
 wp.set_module_options({"enable_backward": False})
@@ -270,10 +271,9 @@ def servo_force(
         control.joint_target_q[world, dof] = (u - tables.length_offset[actuator]) / coefficient
     stiffness = model.drive_stiffness[world_row(world, model.drive_stiffness.shape[0]), dof]
     damping = model.drive_damping[world_row(world, model.drive_damping.shape[0]), dof]
-    limit = model.drive_effort_limit[world_row(world, model.drive_effort_limit.shape[0]), dof]
     effort = stiffness * (control.joint_target_q[world, dof] - state.joint_q[world, dof])
     effort += damping * (control.joint_target_qd[world, dof] - state.joint_qd[world, dof])
-    return within(effort, wp.vec2(-limit, limit)) / coefficient
+    return within(effort, effort_bounds(dof, world, model)) / coefficient
 
 
 @wp.func

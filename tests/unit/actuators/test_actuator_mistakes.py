@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,11 @@ def test_a_drive_can_follow_place_and_rate() -> None:
     assert Actuators(driven(), specs).names == ("a", "b")
     bounded = [ActuatorSpec(**{**SERVO, "force_range": (-1.0, 1.0)})]
     assert len(Actuators(driven(effort_limit=1.0), bounded)) == 1
+    for limit in (8.0, (-1.0, 8.0), (-1.0, math.inf)):
+        with pytest.raises(
+            ModelError, match=r"that of its drive, \(-\d.*\), got \(-1.0, 1.0\); give the PositionDrive"
+        ):
+            Actuators(driven(effort_limit=limit), bounded)
 
 
 def test_a_prescribed_coordinate_cannot_be_pulled() -> None:

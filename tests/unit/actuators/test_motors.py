@@ -154,3 +154,40 @@ def test_a_corner_beyond_the_free_speed_is_refused_with_the_model():
     motor = dc_motor("motor", HINGE, stall_torque=1.0, free_speed=2.0, corner_speed=2.0)
     with pytest.raises(sw.ModelError, match="corner_speed must be below the free speed"):
         Actuators(model, [motor])
+
+
+@pytest.mark.parametrize("limit", [(-1.0, 8.0), (-1.0, math.inf), (-math.inf, 2.0), 3.0])
+@pytest.mark.parametrize("target", [-1.0, 1.0])
+def test_a_servo_reports_what_its_drive_exerts(limit, target):
+    builder = sw.ModelBuilder(gravity=(0, 0, 0))
+    body = builder.add_body("a", mass=1.0, inertia=(0.1,) * 3)
+    drive = sw.PositionDrive(stiffness=100.0, effort_limit=limit)
+    builder.add_joint_prismatic("j", sw.WORLD, body, axis=(1, 0, 0), drive=drive)
+    model = builder.finalize(1, "cpu")
+    actuators = Actuators(model, [servo_actuator("s", 0)])
+    simulation = sw.Simulation(model, dt=1e-4, elements=[actuators])
+    actuators.ctrl[0, 0] = target
+    simulation.step()
+    applied = float(simulation.state.body_v.numpy()[0, 0, 0]) / 1e-4
+    # the drive is implicit: h² k / m = 1e-6 of it
+    assert float(actuators.force.numpy()[0, 0]) == pytest.approx(applied, rel=1e-4)
+
+
+def test_half_a_substep_of_delay_is_a_whole_one_whatever_other_actuators_have():
+    late = []
+    for other in (0.0, 0.02):
+        builder = sw.ModelBuilder(gravity=(0, 0, 0))
+        for name in "ab":
+            body = builder.add_body(name, mass=1.0, inertia=(0.1,) * 3)
+            builder.add_joint_prismatic(f"{name}_slide", sw.WORLD, body, axis=(1, 0, 0))
+        model = builder.finalize(1, "cpu")
+        specs = [torque_actuator("s", 0, delay=2.5 / 1024), torque_actuator("t", 1, delay=other)]
+        actuators = Actuators(model, specs, dt=1 / 1024)
+        simulation = sw.Simulation(model, dt=1 / 1024, elements=[actuators])
+        actuators.ctrl[0, 0] = 1.0
+        steps = 0
+        while float(actuators.force.numpy()[0, 0]) == 0.0:
+            simulation.step()
+            steps += 1
+        late.append(steps - 1)
+    assert late == [3, 3]
