@@ -25,7 +25,7 @@ from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
 from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
-from simwarp.sensors.interface import wanted_arrays
+from simwarp.sensors.interface import body_index, wanted_arrays
 from simwarp.sensors.soil_ground import ground_instance
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.state import State
@@ -248,7 +248,7 @@ class Visuals(Readable):
         """The endless plane z = 0 of its frame; returns the instance."""
         return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, appearance)
 
-    def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | None = None) -> Scene:
+    def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | str | None = None) -> Scene:
         """The scene of a model that the same builder made; see `Scene`.
 
         Raises:
@@ -335,6 +335,8 @@ def _checked_appearance(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
                 rule = "what visuals.texture returned" if key == "texture" else "an integer"
                 remedy = "write texture=visuals.texture(ImageTexture(image=...))" if key == "texture" else "pass one"
                 raise ModelError(f"visual '{name}': {key} must be {rule}, got {shown(value)}; {remedy}")
+            if not -(2**31) <= value < 2**31:
+                raise ModelError(f"visual '{name}': {key} must fit into 32 bits, got {value}; take a smaller one")
         else:
             number = finite_vector(f"visual '{name}'", key, (value,) if key == "reflectance" else value,
                                    1 if key == "reflectance" else 3)  # fmt: skip
@@ -380,7 +382,7 @@ class Scene(Readable):
     reflectance: wp.array
 
     def __init__(
-        self, visuals: Visuals, model: Model, per_world: Iterable[str] = (), origin_body: int | None = None
+        self, visuals: Visuals, model: Model, per_world: Iterable[str] = (), origin_body: int | str | None = None
     ) -> None:
         self.model, self.visuals = model, visuals
         instances = visuals.instances
@@ -402,7 +404,7 @@ class Scene(Readable):
             setattr(self, name, writable_from(np.repeat(values[None], copies, axis=0), dtype, model.device))
         self._placed = _placed(len(instances), model.world_count, model.device)
         first = 0 if model.body_count else WORLD
-        self.origin_body = first if origin_body is None else origin_body
+        self.origin_body = first if origin_body is None else body_index("scene", origin_body, model)
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
         self._view: Any = None
 

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import Meaning, NotNegative
@@ -206,9 +207,9 @@ def _joint_index(sensor: str, joint: str | int, model: Model) -> int:
             return model.joint(joint)
         except ModelError as error:
             raise ModelError(f"sensor '{sensor}': {error}") from None
-    if isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint < model.joint_count:
+    if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint < model.joint_count:
         raise ModelError(
             f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {shown(joint)}; "
             "take what add_joint_... returned"
         )
-    return joint
+    return int(joint)

@@ -44,7 +44,7 @@ class GeoOrigin(Configuration):
 
     latitude: Annotated[float, Ge(-90.0), Le(90.0), Meaning("degrees")] = 43.07
     longitude: Annotated[float, Ge(-180.0), Le(180.0), Meaning("degrees")] = -89.40
-    altitude: Annotated[float, Ge(-1.0e9), Le(1.0e9)] = 260.0
+    altitude: Annotated[float, Ge(-1.0e5), Le(1.0e9)] = 260.0
     heading: Annotated[float, Ge(-1.0e9), Le(1.0e9)] = 0.0
 
 

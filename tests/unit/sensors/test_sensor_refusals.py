@@ -16,6 +16,7 @@ from simwarp.sensors.cameras.lights import Lighting, Lights, Sun
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.encoders import Encoder
 from simwarp.sensors.motion.force_sensor import LoadCell
+from simwarp.sensors.motion.gps import GeoOrigin
 from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.presets import load_config, load_sensor
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
@@ -276,6 +277,16 @@ def test_the_remedy_is_that_of_the_mistake(tmp_path):
     )
     assert "got -1.0;" in message(lambda: built()[1].add_sphere(0, radius=cast(Any, np.float64(-1.0))))
     assert "got -1.0" in message(lambda: Schedule(rate=cast(Any, np.float64(-1.0))))
+
+
+def test_numbers_that_do_not_fit_are_told_where_they_are_given():
+    visuals = built()[1]
+    found = message(lambda: visuals.add_sphere(0, radius=0.1, label=2**40))
+    assert found.endswith(f"label must fit into 32 bits, got {2**40}; take a smaller one")
+    target = scene()
+    for body in (99, 10**8):
+        assert f"got {body}" in message(lambda body=body: target.visuals.finalize(target.model, origin_body=body))
+    assert "altitude" in message(lambda: GeoOrigin(altitude=-6378137.0))  # the middle of the earth has no latitude
 
 
 def test_files_of_chrono_are_told_apart(tmp_path):

@@ -270,7 +270,7 @@ def render(
                     outputs.rgb[slot, 3 * pixel + 1] = byte_of(value[1])
                     outputs.rgb[slot, 3 * pixel + 2] = byte_of(value[2])
                 if (camera.outputs & GREY) != 0:
-                    outputs.grey[slot, pixel] = byte_of(wp.dot(camera.grey, value))
+                    outputs.grey[slot, pixel] = byte_of(wp.clamp(wp.dot(camera.grey, value), 0.0, 1.0))
             else:
                 sums[view, pixel] = light
         if complete == 1 and (camera.outputs & GEOMETRY) != 0:

@@ -8,7 +8,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.rotation import matrix_of
-from simwarp.sensors.cameras.camera import CameraConfig, look_at
+from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
 from simwarp.sensors.cameras.lights import Lamp, Lighting, Sun
@@ -284,3 +284,20 @@ def test_rays_are_cast_only_where_a_frame_is_due():
     frames = moving_ball(0.0, rate=25.0, until=8)
     changes = [step for step in range(1, 9) if not np.array_equal(frames[step]["rgb"], frames[step - 1]["rgb"])]
     assert changes == [4, 8]
+
+
+@pytest.mark.parametrize("weights", [(1 / 3,) * 3, (0.5,) * 3, (1.0,) * 3, (-1.0, 0.0, 0.0)])
+def test_grey_that_is_too_bright_or_negative_is_cut(weights):
+    builder = sw.ModelBuilder()
+    builder.add_body("c", mass=1.0, inertia=(1.0,) * 3)
+    visuals = Visuals(builder)
+    visuals.add_box(sw.WORLD, half=(0.1, 5.0, 5.0), pose=sw.pose((3.0, 0.0, 0.0)), color=(1.0, 1.0, 1.0))
+    model = builder.finalize(1, "cpu")
+    config = CameraConfig(width=4, height=4, outputs=("grey", "rgb"), grey_weights=weights)
+    light = Lighting(suns=(Sun(direction=(-1.0, 0.0, 0.0)),), ambient=(0.0, 0.0, 0.0), shadows=False)
+    camera = Camera(visuals.finalize(model), Mount(), config, lights=light)
+    sw.Simulation(model, 0.01, sensors=[camera])
+    rgb, grey = (camera.outputs[name].numpy()[0, 2, 2].astype(float).flatten() for name in ("rgb", "grey"))
+    assert 60.0 < rgb.min() < rgb.max() < 255.0
+    # three rounded levels, each with its weight
+    assert grey[0] == pytest.approx(np.clip(np.dot(weights, rgb), 0.0, 255.0), abs=2.0)
