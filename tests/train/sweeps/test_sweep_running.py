@@ -307,6 +307,7 @@ def test_a_field_that_is_younger_than_the_run_is_no_difference(tmp_path):
     del content["train_config"]["critic_warmup"], content["train_config"]["ppo"]["clip"]
     path.write_text(json.dumps(content))
     make_run(tmp_path, critic_warmup=3).prepare("fast")
+    assert json.loads(path.read_text()) == content
 
 
 def test_names_hold_what_is_varied_and_folders_what_is_held(tmp_path):
