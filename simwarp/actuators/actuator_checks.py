@@ -153,7 +153,8 @@ def _check_servo(thing: str, spec: ActuatorSpec, model: Model) -> None:
         )
     upper, lower = (getattr(model, f"drive_effort_{end}").numpy()[0, column] for end in ("limit", "lower"))
     lower = -upper if lower > 0.0 else lower  # one that is positive stands for the other side's
-    if spec.force_range is not None and not np.allclose(spec.force_range, (lower, upper), rtol=1e-6):
+    asked = None if spec.force_range is None else np.clip(spec.force_range, -1.0e30, 1.0e30)
+    if asked is not None and not np.allclose(asked, np.clip((lower, upper), -1.0e30, 1.0e30), rtol=1e-6):
         raise ModelError(
             f"{thing}: the force_range of a SERVO is that of its drive, {_told(lower, upper)}, got {spec.force_range}; "
             "give the PositionDrive this effort_limit"

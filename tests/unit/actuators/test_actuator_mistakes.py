@@ -80,6 +80,8 @@ def test_a_drive_can_follow_place_and_rate() -> None:
     assert Actuators(driven(), specs).names == ("a", "b")
     bounded = [ActuatorSpec(**{**SERVO, "force_range": (-1.0, 1.0)})]
     assert len(Actuators(driven(effort_limit=1.0), bounded)) == 1
+    one_sided = [ActuatorSpec(**{**SERVO, "force_range": (-1.0, math.inf)})]
+    assert len(Actuators(driven(effort_limit=(-1.0, math.inf)), one_sided)) == 1
     for limit in (8.0, (-1.0, 8.0), (-1.0, math.inf)):
         with pytest.raises(
             ModelError, match=r"that of its drive, \(-\d.*\), got \(-1.0, 1.0\); give the PositionDrive"
