@@ -221,6 +221,38 @@ def make(
     Raises:
         InputError: there is no such task or device, or the configuration or a field is not of this task.
     """
+    cls, chosen = _played(name, config, overrides)
+    task = cls.__new__(cls)
+    if elements is not None:
+        task.further_elements = elements  # before it builds; tasks may have constructors of their own
+    cls.__init__(task, chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
+    task.capture = capture
+    return task
+
+
+def agents_in_world(name: str, config: TaskConfig | None = None) -> int:
+    """Return how many agents a world of a task has, before any is built.
+
+    Args:
+        name: a registered task, or ``path/to/file.py:TaskClass``.
+        config: configuration; by default the task's own.
+
+    Raises:
+        InputError: as :func:`make`.
+    """
+    cls, chosen = _played(name, config, {})
+    task = cls.__new__(cls)
+    task.config = chosen  # where their number is a choice, a property reads it
+    try:
+        return max(1, int(task.agents))
+    except AttributeError:
+        return 1  # known only to a task that is built
+
+
+def _played(
+    name: str, config: TaskConfig | None, overrides: Mapping[str, Any]
+) -> tuple[type[Task[Any]], TaskConfig]:  # fmt: skip
+    """Return the class that plays a configuration of a task, and the configuration."""
     cls = task_class(name)
     chosen = cls.config_type() if config is None else config
     if not isinstance(chosen, cls.config_type):
@@ -230,9 +262,4 @@ def make(
     if player is not None:
         module, _, kind = player.partition(":")
         cls = getattr(importlib.import_module(module), kind)
-    task = cls.__new__(cls)
-    if elements is not None:
-        task.further_elements = elements  # before it builds; tasks may have constructors of their own
-    cls.__init__(task, chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
-    task.capture = capture
-    return task
+    return cls, chosen

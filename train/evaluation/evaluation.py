@@ -14,6 +14,7 @@ import warp as wp
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import ReadableFields
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
+from simwarp.tasks.framework.registry import agents_in_world
 from simwarp.tasks.framework.rows import Rows
 
 from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
@@ -264,7 +265,7 @@ def evaluate_policies(
         episodes: of each policy.
         seed: of the worlds.
         device: canonical device name.
-        num_envs: worlds stepped together; by default one per episode, at most 4096.
+        num_envs: worlds stepped together; by default as many as the episodes fill, at most 4096.
         baselines: True if the other two are evaluated at all.
         capture: capture control steps into a CUDA graph, where there is a CUDA device.
         watch: given a name, returns who looks on.
@@ -273,7 +274,9 @@ def evaluate_policies(
         Name (``policy``, ``zero`` or ``random``) and evaluation, as soon as it is known.
     """
     _check_episodes(episodes)
-    worlds = min(episodes, _MAX_WORLDS if num_envs is None else num_envs)
+    # A world has the episodes of all of its agents; any more worlds would be built and never counted
+    needed = -(-episodes // agents_in_world(task_name, config))
+    worlds = min(needed, _MAX_WORLDS if num_envs is None else num_envs)
     task = make(task_name, worlds, device=device, seed=seed, config=config, capture=capture)
     policies = {"policy": make_policy(task)}
     if baselines:

@@ -198,7 +198,7 @@ class _Watch(EvaluationCallback):
 
     def begin(self, task: Task[Any]) -> None:
         self._reasons = task.end_reasons
-        self._longest = task.config.max_episode_steps * -(-self._episodes // task.num_worlds)
+        self._longest = task.config.max_episode_steps * -(-self._episodes // (task.num_worlds * task.agents))
         if self._recorder is not None:
             self._recorder.begin(task)
 
@@ -228,7 +228,7 @@ class GridSettings:
         episodes: of each policy.
         seed: of the worlds: the same at all points, so that they differ in nothing else.
         device: canonical device name.
-        num_envs: worlds stepped together; None: one per episode, at most 4096.
+        num_envs: worlds stepped together; None: as many as the episodes fill, at most 4096.
         baselines: True if doing nothing and chance are evaluated too.
         capture: control steps are captured into a CUDA graph, where there is a CUDA device.
         paths_driven: True if the paths of the policy's first episodes are noted.

@@ -31,7 +31,7 @@ class EvalOptions(CommonOptions):
     """Checkpoint file or run folder, or `shipped`, the name of a shipped one, `zero`, `random`; by default the newest
     run, else the shipped."""
     num_envs: int | None = None
-    """Worlds stepped together; by default one per episode, at most 4096."""
+    """Worlds stepped together; by default as many as the episodes fill, at most 4096."""
     seed: int = 1_000_003
     """Seed of the worlds, other than that of training."""
     device: str = "auto"

@@ -1,8 +1,10 @@
 """Evaluation and pictures: exact counts without bias, known intervals, files that are what they say."""
 
+import dataclasses
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -10,9 +12,15 @@ from PIL import Image
 from rich.console import Console
 
 from simwarp.core.files import FileError
-from simwarp.tasks import InputError, make, replace_fields, task_class
+from simwarp.tasks import InputError, Task, make, replace_fields, task_class
+from simwarp.tasks.framework import registry
 from simwarp.train.config import default_config
-from simwarp.train.evaluation.evaluation import evaluate, evaluate_with_baselines, wilson_interval
+from simwarp.train.evaluation.evaluation import (
+    evaluate,
+    evaluate_policies,
+    evaluate_with_baselines,
+    wilson_interval,
+)
 from simwarp.train.evaluation.filming import Film
 from simwarp.train.evaluation.play import check_video_path, record, write_picture, write_video
 from simwarp.train.networks import policies
@@ -59,6 +67,79 @@ def test_exactly_the_first_episodes_of_each_world_count(episodes):
     assert result.min_episode_length == 1
     assert result.end_reasons == {"failed": episodes}
     assert result.success_rate == 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class TeamConfig(SampleConfig):
+    max_episode_steps: int = 100
+    members: int = 3
+
+
+class Team(Task):
+    """Agent a of world k is done after 1 + k + 10 a steps, every time; their number is a choice, as a convoy's is."""
+
+    name = "team"
+    config_type = TeamConfig
+    action_size, physics = 1, False
+
+    @property
+    def agents(self) -> int:  # type: ignore[override]
+        return self.config.members
+
+    def apply(self, action):
+        pass
+
+    def observations(self):
+        return {"policy": torch.zeros(self.num_worlds, self.agents, 1)}
+
+    def rewards(self):
+        return {"one": torch.ones(self.num_worlds, self.agents)}
+
+    def terminations(self):
+        last = 1 + torch.arange(self.num_worlds)[:, None] + 10 * torch.arange(self.agents)
+        return {"failed": self.episode_steps[:, None] >= last}
+
+    def reset(self, world_mask):
+        pass
+
+
+class Played(Team):
+    """Team as another class plays it, which alone knows how many agents there are."""
+
+    agents = 1
+    config_type = TeamConfig
+
+    @classmethod
+    def played_by(cls, config):
+        return f"{__name__}:Team"
+
+
+@pytest.fixture
+def team(monkeypatch):
+    monkeypatch.setattr(registry, "_tasks", {**registry._tasks, "team": Team, "played": Played})
+
+
+@pytest.mark.parametrize("name", ["team", "played"])
+@pytest.mark.parametrize(("episodes", "num_envs", "worlds"), [(10, None, 4), (3, None, 1), (1, None, 1), (10, 2, 2)])
+def test_several_agents_are_evaluated_in_as_many_worlds_as_their_episodes_fill(team, name, episodes, num_envs, worlds):
+    built: list[Any] = []
+
+    def idle(task):
+        built.append(task)
+        return zero_policy(task)
+
+    ((_, result),) = evaluate_policies(
+        name, idle, config=TeamConfig(), episodes=episodes, seed=0, num_envs=num_envs, baselines=False
+    )
+    assert [task.num_worlds for task in built] == [worlds]
+    # Row by row, agents of a world beside each other: the first episode of each, then the second
+    lengths = [1 + row // 3 + 10 * (row % 3) for row in (number % (3 * worlds) for number in range(episodes))]
+    assert (result.episodes, result.end_reasons) == (episodes, {"failed": episodes})
+    assert result.mean_episode_length == pytest.approx(sum(lengths) / episodes)
+    assert result.min_episode_length == min(lengths)
+    if num_envs is None:  # worlds that do not count change nothing
+        more = make(name, episodes, config=TeamConfig())
+        assert evaluate(more, zero_policy(more), episodes, 0) == result
 
 
 def test_the_trained_policy_beats_both_baselines(trained):

@@ -11,16 +11,17 @@ import torch
 from PIL import Image
 from rich.console import Console
 
-from simwarp.tasks import Drawing, Line, make, task_class
+from simwarp.tasks import Drawing, Line, TaskConfig, make, task_class
 from simwarp.train.evaluation import grid_plot, path_maps
 from simwarp.train.evaluation.driven_paths import PathRecorder
-from simwarp.train.evaluation.evaluation import Evaluation, evaluate, evaluate_policies
+from simwarp.train.evaluation.evaluation import EpisodeRecords, Evaluation, evaluate, evaluate_policies
 from simwarp.train.evaluation.grid import (
     EvaluationStoppedError,
     GridDisplay,
     GridPoint,
     GridSettings,
     PointResult,
+    _Watch,
     axes_of,
     evaluate_grid,
 )
@@ -28,6 +29,7 @@ from simwarp.train.networks.policies import zero_policy
 from simwarp.train.runs import progress
 from simwarp.train.runs.stopping import StopRequest
 from tests.tasks.framework.samples import counter
+from tests.tasks.framework.test_agents import Staggered
 
 
 def right(task):
@@ -167,6 +169,22 @@ def test_the_display_says_which_point_of_how_many_and_what_came_out(capsys, monk
     assert [line.split("  ")[0] for line in done] == ["point 1/2", "point 2/2"]
     assert "success 0.0% (0.0% - 39.0%)" in done[0]
     assert "out_of_bounds 6" in done[0]
+
+
+def test_progress_counts_the_episodes_of_all_agents_of_a_world():
+    """Two worlds of two agents have four episodes at once: the longest is over after its 100 steps, not after 200."""
+    shares = []
+
+    class Display(GridDisplay):
+        def running(self, label, policy, ended, share):
+            shares.append(share)
+
+    display = Display(Console(quiet=True), 1, 1, 4)
+    watch = _Watch(points_of("fast", bound=[2.0])[0], "policy", 4, display, StopRequest(), None)
+    task = Staggered(TaskConfig(max_episode_steps=100), 2)
+    watch.begin(task)
+    watch.step(25, EpisodeRecords(task, 4))
+    assert shares == [0.25]
 
 
 def test_an_estimate_needs_something_to_start_from_and_no_line_comes_twice(capsys, monkeypatch):
