@@ -2,7 +2,8 @@
 
 Poses of bodies are those of their centres of mass, and what is fixed to a body is placed from there. A centre of mass
 that moves by d therefore takes d off the places of the body's shapes and joints; its inertia stays, about the new
-centre.
+centre. Joint coordinates then place the bodies where they were. A body that no joint places, alone or the root of a
+tree without a free joint, has its centre itself in the state: that one moves by d, as a point of the rigid body.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import torch
 
 from ..framework.errors import InputError
+from ..framework.rotations import in_world_axes
 from .uncertainty import Mode, Range, When
 
 CENTRES: Final = ("body_com_x", "body_com_y", "body_com_z")
@@ -73,6 +75,12 @@ class MassCentres:
                 view = to_torch(getattr(model, name))
                 body = torch.from_numpy(on[on >= 0].astype(np.int64)).to(device)
                 self._parts.append((view, columns, body, view[:, columns].clone()))
+        link_body, link_joint = topology.link_body.numpy(), topology.link_joint.numpy()
+        roots = link_body[(link_body >= 0) & (link_joint < 0)].astype(np.int64)
+        self._unplaced = torch.from_numpy(roots).to(device)
+        """Bodies whose place in the world is no joint's: `set_joint_state` leaves them where they are."""
+        state = simulation.state
+        self._motion = [to_torch(array) for array in (state.body_x, state.body_rot, state.body_v, state.body_omega)]
 
     def chosen(self, spec: Range, named: torch.Tensor) -> torch.Tensor:
         """Return which bodies a range moves the centres of, (B,) bool: those that are named and have mass.
@@ -87,14 +95,25 @@ class MassCentres:
         return named & massive
 
     def compose(self, mask: torch.Tensor) -> None:
-        """Move the centres of the worlds of the mask ((W,) bool) to the present shifts.
+        """Move the centres of the worlds of the mask ((W,) bool), which were just reset, to the present shifts.
 
-        Joint coordinates stay as they are: bodies stay where they were, and their centres are elsewhere.
+        Bodies stay where they were, and move as they did; their centres are elsewhere. Joint coordinates stay, too.
         """
         none = torch.zeros_like(next(iter(self.views.values())))
         shift = torch.stack([self.views.get(name, none) for name in CENTRES], dim=-1).double()
         for view, columns, body, built in self._parts:
             moved = built - shift[:, body]
             view[:, columns] = torch.where(mask.view(-1, 1, 1), moved, view[:, columns])
+        if len(self._unplaced):
+            self._move_unplaced(shift, mask.view(-1, 1, 1))
         state = self._simulation.state
         self._simulation.set_joint_state(mask, state.joint_q, state.joint_qd)
+
+    def _move_unplaced(self, shift: torch.Tensor, where: torch.Tensor) -> None:
+        """Move centres that the state holds: x + R d, and v + omega x R d, the velocity of that point of the body."""
+        bodies = self._unplaced
+        x, rotation, velocity, spin = (array[:, bodies] for array in self._motion)
+        arm = in_world_axes(rotation, shift[:, bodies])
+        turning = torch.linalg.cross(spin.double(), arm).to(velocity.dtype)
+        self._motion[0][:, bodies] = torch.where(where, x + arm, x)
+        self._motion[2][:, bodies] = torch.where(where, velocity + turning, velocity)

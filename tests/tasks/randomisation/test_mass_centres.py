@@ -8,6 +8,7 @@ import torch
 
 from simwarp import WORLD, pose, to_torch
 from simwarp.tasks import InputError, Mode, Range, Task, TaskConfig, make
+from simwarp.tasks.framework.rotations import in_world_axes
 
 SHIFT = (0.04, -0.02, 0.03)
 CORNER = (0.2, 0.15, 0.1)
@@ -20,6 +21,8 @@ class Things(Task):
     summary = "for tests"
     action_size = 1
     built = (0.0, 0.0, 0.0)
+    joined = True
+    """Whether the box has a free joint of its own, whose coordinates place it."""
 
     def build(self, builder):
         d = np.array(self.built)
@@ -29,7 +32,8 @@ class Things(Task):
             "box", mass=2.0, inertia=(0.02, 0.03, 0.04), pose=pose(tuple((0.0, 0.0, 0.6) + turn @ d), turned),
             omega=(1.0, 2.0, 0.5), velocity=tuple(np.cross((1.0, 2.0, 0.5), turn @ d)),
         )  # fmt: skip
-        builder.add_joint_free("box_place", box, anchor=(0.0, 0.0, 0.6))
+        if self.joined:
+            builder.add_joint_free("box_place", box, anchor=(0.0, 0.0, 0.6))
         builder.add_shape_box(box, half=CORNER, pose=pose(tuple(-d)), name="box")
         upper = builder.add_body(
             "upper", mass=1.0, inertia=(0.02, 0.02, 0.01), pose=pose(tuple(np.array((2.0, 0.0, 1.5)) + d))
@@ -63,12 +67,23 @@ class Shifted(Things):
     built = SHIFT
 
 
+class Loose(Things):
+    name = "things-without-a-free-joint"
+    joined = False
+
+
+class LooseShifted(Loose):
+    name = "things-without-a-free-joint-built-with-shifts"
+    built = SHIFT
+
+
 def everywhere(mode=Mode.SET, **options):
     return {f"body_com_{axis}": Range(d, d, mode=mode, **options) for axis, d in zip("xyz", SHIFT, strict=True)}
 
 
-def test_a_drawn_shift_is_that_of_a_model_built_with_it():
-    drawn, built = Things(TaskConfig(randomise=everywhere()), 2), Shifted(TaskConfig(), 2)
+@pytest.mark.parametrize(("things", "shifted"), [(Things, Shifted), (Loose, LooseShifted)])
+def test_a_drawn_shift_is_that_of_a_model_built_with_it(things, shifted):
+    drawn, built = things(TaskConfig(randomise=everywhere()), 2), shifted(TaskConfig(), 2)
     for task in (drawn, built):
         task.restart(3)
     # Coordinates of the same joints: places of the bodies' shapes, not of their centres. The box lands after 0.3 s; the
@@ -78,10 +93,52 @@ def test_a_drawn_shift_is_that_of_a_model_built_with_it():
             task.step(torch.zeros(2, 1))
         assert torch.allclose(drawn.views.joint_q, built.views.joint_q, atol=1e-5)
     assert torch.allclose(drawn.views.body_q, built.views.body_q, atol=1e-5)
-    plain = Things(TaskConfig(), 2)
+    plain = things(TaskConfig(), 2)
     for _ in range(35):
         plain.step(torch.zeros(2, 1))
     assert (plain.views.joint_q - built.views.joint_q).abs().max() > 0.05
+
+
+def shape_places(task):
+    """(W, S, 3) float64 origins of the shapes of bodies, world axes [m], and (W, S, 3) their velocities [m/s]."""
+    model, state = task.simulation.model, task.simulation.state
+    body = to_torch(model.topology.shape_body).long()
+    own = (body >= 0).nonzero().squeeze(1)
+    on = body[own]
+    arm = in_world_axes(to_torch(state.body_rot)[:, on], to_torch(model.shape_x)[:, own])
+    spin = to_torch(state.body_omega)[:, on].double()
+    return to_torch(state.body_x)[:, on] + arm, to_torch(state.body_v)[:, on] + torch.linalg.cross(spin, arm)
+
+
+def test_bodies_without_joints_stay_where_they_were_as_rigid_bodies_do():
+    """The box tumbles at its start: its shape keeps place and velocity, its centre is d further and turns with it."""
+    plain = Loose(TaskConfig(), 4)
+    task = Loose(TaskConfig(randomise=everywhere()), 4)
+    place, velocity = shape_places(plain)
+    there, its_velocity = shape_places(task)
+    assert torch.allclose(there, place, rtol=0.0, atol=1e-12)
+    assert torch.allclose(its_velocity, velocity, rtol=0.0, atol=1e-6)
+    box = task.simulation.model.body("box")
+    moved = to_torch(task.simulation.state.body_x)[:, box] - to_torch(plain.simulation.state.body_x)[:, box]
+    turned = in_world_axes(to_torch(plain.simulation.state.body_rot)[:, box], torch.tensor(SHIFT).double().expand(4, 3))
+    assert torch.allclose(moved, turned, rtol=0.0, atol=1e-8)  # a range is of float32
+
+
+def test_a_new_episode_moves_the_bodies_without_joints_of_its_world_alone():
+    task = Loose(TaskConfig(randomise={"body_com_x": Range(-0.05, 0.05, mode="add", only="box")}), 4)
+    for _ in range(5):
+        task.step(torch.zeros(4, 1))
+    state = task.simulation.state
+    before = {name: getattr(state, name).numpy().copy() for name in ("body_x", "body_q", "body_v", "body_omega")}
+    shapes = shape_places(Loose(TaskConfig(), 4))[0]
+    task.begin_episodes(torch.tensor([False, True, False, False]))
+    for name, values in before.items():
+        now = getattr(state, name).numpy()
+        assert np.array_equal(now[[0, 2, 3]], values[[0, 2, 3]]), name
+        assert not np.array_equal(now[1], values[1]), name
+    for _ in range(2):  # shifts of episodes do not add up
+        assert torch.allclose(shape_places(task)[0][1], shapes[1], rtol=0.0, atol=1e-12)
+        task.begin_episodes(torch.tensor([False, True, False, False]))
 
 
 def test_what_is_named_moves_in_the_worlds_that_begin_and_nothing_else():
@@ -143,11 +200,12 @@ def test_vehicles_have_places_of_their_own():
         make("hallway", 2, obs="state", randomise={"body_com_x": Range(0, 0.1, mode="set")})
 
 
-def test_a_checkpoint_brings_the_shifts_back():
-    task = Things(TaskConfig(randomise={"body_com_x": Range(-0.05, 0.05, mode="add")}), 3)
+@pytest.mark.parametrize("things", [Things, Loose])
+def test_a_checkpoint_brings_the_shifts_back(things):
+    task = things(TaskConfig(randomise={"body_com_x": Range(-0.05, 0.05, mode="add")}), 3)
     saved = task.state_dict()
     anchors = to_torch(task.simulation.model.joint_anchor1).clone()
-    other = Things(TaskConfig(randomise={"body_com_x": Range(-0.05, 0.05, mode="add")}), 3, seed=9)
+    other = things(TaskConfig(randomise={"body_com_x": Range(-0.05, 0.05, mode="add")}), 3, seed=9)
     assert not torch.equal(to_torch(other.simulation.model.joint_anchor1), anchors)
     other.load_state_dict(saved)
     assert torch.equal(to_torch(other.simulation.model.joint_anchor1), anchors)
