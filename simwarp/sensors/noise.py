@@ -201,6 +201,7 @@ class NoiseChain:
         if len(numbers) not in (1, self.channels):
             raise ModelError(
                 f"{self.thing}: "
-                f"{name} of {type(stage).__name__} must be one number or {self.channels}, got {shown(value)}"
+                f"{name} of {type(stage).__name__} must be one number or {self.channels}, got {shown(value)}; "
+                "give one for all channels, or one per channel"
             )
         return numbers

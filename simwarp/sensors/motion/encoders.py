@@ -140,7 +140,7 @@ class Encoder(VectorSensor):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
-        return {**super().memory, **{f"shaft {name}": getattr(self._encoder, name) for name in MEMORY}}
+        return {**super().memory, **{f"coordinate {name}": getattr(self._encoder, name) for name in MEMORY}}
 
     def _steps(self, model: Model) -> Any:
         """Travel per count."""
@@ -356,5 +356,8 @@ def _per_coordinate(sensor: str, field: str, values: Any, count: int) -> Any:
     """(count,) of one number, or one per coordinate."""
     given = np.atleast_1d(numbers(values))
     if len(given) not in (1, count):
-        raise ModelError(f"sensor '{sensor}': {field} must be one number or {count}, got {len(given)}")
+        raise ModelError(
+            f"sensor '{sensor}': {field} must be one number or {count}, got {len(given)}; give one for all, or one per "
+            "coordinate"
+        )
     return np.broadcast_to(given, count)

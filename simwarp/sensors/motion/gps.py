@@ -55,9 +55,13 @@ class GpsConfig(Configuration):
     Attributes:
         schedule: times of the measurements; a frame holds the latest sample of its window.
         origin: geodetic position of the world.
-        earth: "wgs84", or "sphere" of 6371 km, on which metres north and east are turned into angles one by one.
-        noise: of the position east, north and up [m], per axis or for all.
-        velocity_noise: of the velocity east, north and up [m/s].
+        earth: "wgs84", or "sphere" of 6371 km, on which metres north and east are turned into angles one by one; it
+            serves up to 89 degrees of latitude, since meridians meet at the poles.
+        noise: of the position east, north and up at the place [m], per axis or for all.
+        velocity_noise: of the velocity east, north and up at the place [m/s].
+
+    Raises:
+        ModelError: a sphere whose origin is at a pole.
     """
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=10.0))
@@ -65,6 +69,18 @@ class GpsConfig(Configuration):
     earth: Literal["wgs84", "sphere"] = "wgs84"
     noise: tuple[Noise, ...] = ()
     velocity_noise: tuple[Noise, ...] = ()
+
+    def check(self) -> None:
+        """Checks that metres to the east are a longitude.
+
+        Raises:
+            ModelError: they are not, near a pole of the sphere.
+        """
+        if self.earth == "sphere" and abs(self.origin.latitude) > 89.0:
+            raise ModelError(
+                "GpsConfig: earth 'sphere' needs an origin whose latitude is within 89 degrees, "
+                f"got {shown(self.origin.latitude)}; use 'wgs84'"
+            )
 
 
 def geo_frame(origin: GeoOrigin, spherical: bool = False) -> GeoFrame:

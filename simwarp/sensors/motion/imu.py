@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Output: TypeAlias = Literal["accelerometer", "gyroscope"]
 OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()]
 PARTS: Final = get_args(Output)
+MOTION: Final = {"velocity": wp.vec3d, "omega": wp.vec3d, "rotation": wp.quatd}
+"""What is remembered of the body."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -82,7 +84,8 @@ class Imu(VectorSensor):
         self._inertial = cast(Any, InertialArrays())
         for part in PARTS:
             setattr(self._inertial, part, 3 * outputs.index(part) if part in outputs else -1)
-        self._inertial.velocity = wp.zeros(model.world_count, dtype=wp.vec3d, device=model.device)
+        for field, dtype in MOTION.items():
+            setattr(self._inertial, field, wp.zeros(model.world_count, dtype=dtype, device=model.device))
         self._inertial.sums = self._sums
 
     @property
@@ -98,7 +101,7 @@ class Imu(VectorSensor):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
-        return {**super().memory, "point velocity": self._inertial.velocity}
+        return {**super().memory, **{f"body {name}": getattr(self._inertial, name) for name in MOTION}}
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames

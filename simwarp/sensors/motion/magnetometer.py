@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import warp as wp
 
+from simwarp.core.constraints import Ge, Le, Meaning, NotNegative
 from simwarp.kernels.sensors.motion.magnetometer import sample_magnetometer
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
@@ -36,9 +37,9 @@ class MagnetometerConfig(Configuration):
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=100.0))
     origin: GeoOrigin = dataclasses.field(default_factory=GeoOrigin)
     noise: tuple[Noise, ...] = ()
-    strength: float = 3.05e-5
-    pole_latitude: float = 80.65
-    pole_longitude: float = -72.68
+    strength: NotNegative = 3.05e-5
+    pole_latitude: Annotated[float, Ge(-90.0), Le(90.0), Meaning("degrees")] = 80.65
+    pole_longitude: Annotated[float, Ge(-180.0), Le(180.0), Meaning("degrees")] = -72.68
 
 
 class Magnetometer(VectorSensor):

@@ -46,7 +46,7 @@ def noise_arrays(sensor: str, noise: Any, model: Model, per_world: set[str]) -> 
         if len(numbers) not in (1, model.world_count):
             raise ModelError(
                 f"{sensor}: {field.name} must be one number or one for each of {model.world_count} worlds, "
-                f"got {len(numbers)}"
+                f"got {len(numbers)}; give one for all, or one per world"
             )
         copies = model.world_count if field.name in per_world and len(numbers) == 1 else 1
         arrays[field.name] = writable_from(np.tile(numbers, copies), wp.float32, model.device)

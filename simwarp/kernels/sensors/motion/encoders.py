@@ -25,7 +25,8 @@ class EncoderArrays:
     dof: wp.array[int]  # (n,) columns of joint_x
     ratio: wp.array2d[wp.float64]  # (1 or W, n) travel of the encoder's shaft per coordinate
     step: wp.array2d[wp.float64]  # (1 or W, n) of the shaft per count, 0: not counted [rad or m]
-    origin: wp.array2d[wp.float64]  # (W, n) shaft at the beginning of the episode [rad or m]
+    # Coordinates [rad or m], not the shaft's: the ratio may be written in the middle of an episode.
+    origin: wp.array2d[wp.float64]  # (W, n) at the beginning of the episode
     last: wp.array2d[wp.float64]  # (W, n) after the last sub-step
     start: wp.array2d[wp.float64]  # (W, n) at the beginning of the window
 
@@ -70,12 +71,13 @@ def sample_encoder(
         dof = encoder.dof[index]
         ratio = encoder.ratio[copy, index]
         step = encoder.step[copy, index]
-        shaft = ratio * state.joint_x[world, dof]
+        place = state.joint_x[world, dof]
+        shaft = ratio * place
         if tick.mode[world] == BEGIN:
-            encoder.origin[world, index] = shaft
+            encoder.origin[world, index] = place
         if tick.first[world] == 1:
             encoder.start[world, index] = encoder.last[world, index]
-        encoder.last[world, index] = shaft
+        encoder.last[world, index] = place
         if tick.complete[world] == 1:
             true = shaft
             value = shaft
@@ -84,7 +86,7 @@ def sample_encoder(
                 value = true
                 if clock.window > 0 and tick.mode[world] == STEP:
                     time = wp.float64(clock.window) * dt
-                    begin = encoder.start[world, index]
+                    begin = ratio * encoder.start[world, index]
                     true = (shaft - begin) / time
                     value = (on_a_step(shaft, step) - on_a_step(begin, step)) / time
                 value = noisy(world, index, value, elapsed, tick, noise)
@@ -93,7 +95,7 @@ def sample_encoder(
                 if encoder.reading == POSITION:
                     value = on_a_step(value, step)
                 else:
-                    begin = encoder.origin[world, index]
+                    begin = ratio * encoder.origin[world, index]
                     true = (shaft - begin) / step
                     value = counted(value, step) - counted(begin, step)
             truth[row, index] = float(true)

@@ -2,8 +2,6 @@
 
 import warp as wp
 
-from simwarp.kernels.core.spatial import column
-
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 MAJOR = wp.constant(wp.float64(6378137.0))  # WGS84 (NGA.STND.0036, 2014) [m]
@@ -82,10 +80,8 @@ def geographic(enu: wp.vec3d, frame: GeoFrame) -> wp.vec3d:
 
 
 @wp.func
-def local_velocity(v: wp.vec3d, place: wp.vec3d, frame: GeoFrame) -> wp.vec3d:
-    """A velocity in east, north, up at the origin turned to those of a place (latitude, longitude) [rad]."""
+def axes_at(place: wp.vec3d, frame: GeoFrame) -> wp.mat33d:
+    """From east, north, up at the origin to those of a place (latitude, longitude) [rad]."""
     if frame.spherical == 1:
-        return v
-    here = enu_axes(place[0], place[1])
-    w = frame.axes * v
-    return wp.vec3d(wp.dot(column(here, 0), w), wp.dot(column(here, 1), w), wp.dot(column(here, 2), w))
+        return wp.identity(n=3, dtype=wp.float64)
+    return wp.transpose(enu_axes(place[0], place[1])) * frame.axes

@@ -5,7 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import SampleEvents
-from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, geographic, local_velocity
+from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, axes_at, geographic
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
 
@@ -45,7 +45,7 @@ def sample_gps(
     # outputs
     rings: GpsRings,
 ):
-    """The latest sample of a frame's window; position noise acts east, north and up."""
+    """The latest sample of a frame's window; position noise acts east, north and up at the place."""
     world = worlds.first + wp.tid()
     if tick.complete[world] == 0:
         return
@@ -53,11 +53,14 @@ def sample_gps(
     position = mount_position(world, mount, state)
     enu = frame.local * position
     place = geographic(enu, frame)
-    v = local_velocity(frame.local * mount_velocity(world, mount, state), place, frame)
+    here = axes_at(place, frame)
+    v = here * (frame.local * mount_velocity(world, mount, state))
     elapsed = noise_elapsed(world, tick, state, position_noise)
-    measured = wp.vec3d()
+    along = here * enu
+    error = wp.vec3d()
     for axis in range(3):
-        measured[axis] = noisy(world, axis, enu[axis], elapsed, tick, position_noise)
+        error[axis] = noisy(world, axis, along[axis], elapsed, tick, position_noise) - along[axis]
+    measured = enu + wp.transpose(here) * error  # without noise exactly the place
     reported = in_degrees(geographic(measured, frame))
     true = in_degrees(place)
     metres = wp.transpose(frame.local) * measured

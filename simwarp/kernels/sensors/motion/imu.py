@@ -20,8 +20,17 @@ class InertialArrays:
 
     accelerometer: int  # first channel of the specific force, -1: none
     gyroscope: int  # of the angular velocity
-    velocity: wp.array[wp.vec3d]  # of the point in the middle of the last sub-step, world [m/s]
+    # The body in the middle of the last sub-step, world axes; the point's own velocity would jump with its mount.
+    velocity: wp.array[wp.vec3d]  # of the centre of mass [m/s]
+    omega: wp.array[wp.vec3d]  # [rad/s]
+    rotation: wp.array[wp.quatd]
     sums: wp.array2d[wp.float64]  # over the window
+
+
+@wp.func
+def turning_velocity(omega: wp.vec3d, rotation: wp.quatd, point: wp.vec3d) -> wp.vec3d:
+    """Velocity of a point of a body about its centre of mass, world axes [m/s]."""
+    return wp.cross(omega, wp.quat_rotate(rotation, point))
 
 
 @wp.kernel
@@ -44,9 +53,9 @@ def sample_inertial(
 ):
     """After a sub-step. A step's velocities hold in its middle; their change acts at the end of the step before.
 
-    The point's velocity in the middle of a sub-step is v + omega x (R p), R the orientation there. Two of them differ
-    by the acceleration at the end of the first, in whose axes it is given. So a steady turn shows omega^2 r along the
-    radius alone, up to (omega dt)^2 / 24 of it.
+    The point's velocity in the middle of a sub-step is v + omega x (R p), R the orientation there. Two of them, both of
+    the point p as it is mounted now, differ by the acceleration at the end of the first, in whose axes it is given. So
+    a steady turn shows omega^2 r along the radius alone, up to (omega dt)^2 / 24 of it.
     """
     world = worlds.first + wp.tid()
     if tick.mode[world] == IDLE:
@@ -56,17 +65,20 @@ def sample_inertial(
     omega = body_rate(world, mount.body, state)
     velocity = body_velocity(world, mount.body, state)
     before = rotation
+    middle = wp.quatd(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
     if mount.body >= 0:
         q = state.body_rot[world, mount.body]
         middle = turned(q, to_float(omega * (wp.float64(-0.5) * dt)))
-        velocity += wp.cross(omega, wp.quat_rotate(middle, point))
         before = turned(q, to_float(omega * -dt)) * rotation
         if tick.mode[world] == BEGIN:
             before = q * rotation
     acceleration = wp.vec3d()
     if tick.mode[world] != BEGIN:
-        acceleration = (velocity - inertial.velocity[world]) / dt
+        last = inertial.velocity[world] + turning_velocity(inertial.omega[world], inertial.rotation[world], point)
+        acceleration = (velocity + turning_velocity(omega, middle, point) - last) / dt
     inertial.velocity[world] = velocity
+    inertial.omega[world] = omega
+    inertial.rotation[world] = middle
     if tick.collecting[world] == 0:
         return
     if inertial.accelerometer >= 0:

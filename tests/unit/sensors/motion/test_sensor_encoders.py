@@ -360,6 +360,33 @@ def test_every_world_may_have_its_own_numbers():
     assert speedo.data.numpy()[:, 0] == pytest.approx([1.0, 2.0, -3.0], abs=1e-5)
 
 
+def test_a_ratio_written_in_the_middle_of_an_episode_acts_on_the_whole_of_it():
+    """Another gear at once, as if it had been there from the beginning: no travel comes from the change alone."""
+    model, omega = mechanism(3), 10.0
+    schedule = Schedule(rate=100.0, window=0.01)
+    encoders = [
+        Encoder(model, "hinge", EncoderConfig(schedule=schedule, reading="speed"), name="speed", randomised=True),
+        Encoder(
+            model, "hinge", EncoderConfig(schedule=EVERY, reading="counts", step=0.01), name="counts", randomised=True,
+        ),
+    ]  # fmt: skip
+    sim = sw.Simulation(model, DT, sensors=encoders)
+    rows = np.zeros((3, model.dof_count))
+    rows[:, 0] = omega
+    sim.set_joint_state(None, np.tile(np.eye(1, model.dof_count) * 0.5, (3, 1)), rows)
+    for _ in range(25):
+        sim.step()
+    for encoder in encoders:
+        encoder.ratio[1] = 3.0
+        encoder.ratio[2] = -1.0
+    for _ in range(5):
+        sim.step()
+    speed, counts = (encoder.data.numpy()[:, 0] for encoder in encoders)
+    assert speed == pytest.approx([omega, 3.0 * omega, -omega], abs=1e-4)
+    # 0.3 rad of travel; floor(x + 1/2) of values on a count may fall to either side
+    assert counts == pytest.approx([30, 90, -30], abs=1)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -374,7 +401,7 @@ def test_every_world_may_have_its_own_numbers():
         ),
         (
             lambda m: Encoder(m, "slide", EncoderConfig(step=(0.1, 0.2))),
-            "sensor 'encoder': step must be one number or 1, got 2",
+            "sensor 'encoder': step must be one number or 1, got 2; give one for all",
         ),
         (
             lambda m: Encoder(m, "slide", EncoderConfig(noise=(NormalNoise(std=(0.1, 0.2)),))),

@@ -137,6 +137,20 @@ def test_noise_acts_in_metres():
     assert metres_apart(gps.truth.numpy(), library(config.origin, points)).max() < 1e-6
 
 
+@pytest.mark.parametrize("heading", [0.0, 0.7])
+def test_noise_acts_along_the_axes_of_the_place(heading):
+    """400 km to the east, up is 3.6 degrees off: noise upwards alone may not move the receiver along the ground."""
+    origin = GeoOrigin(latitude=48.1, longitude=11.6, altitude=519.0, heading=heading)
+    config = GpsConfig(origin=origin, noise=(NormalNoise(std=0.0, mean=(0.0, 0.0, 100.0)),))
+    points = np.array([[0.0, 0.0, 0.0], [4.0e5, 1.0e5, 30.0]])
+    _, gps = fixed(points, Gps, config)
+    change = gps.data.numpy() - gps.truth.numpy()
+    # degrees to 1e-12: a tenth of a micrometre; along the origin's up it would be 6 m, 6e-5 degrees
+    assert np.abs(change[:, :2]).max() < 1e-11
+    assert change[:, 2] == pytest.approx([100.0, 100.0], abs=1e-6)
+    assert np.linalg.norm(gps.position.numpy() - points, axis=1) == pytest.approx([100.0, 100.0], abs=0.05)
+
+
 def test_a_frame_is_the_latest_sample_of_its_window_and_late():
     model = ball(1, gravity=(0.0, 0.0, 0.0))
     gps = Gps(model, Mount("ball"), GpsConfig(schedule=Schedule(rate=10.0, window=0.05, lag=0.1)))
@@ -196,7 +210,16 @@ def test_the_field_points_north_and_into_the_ground():
         (lambda m: GeoOrigin(latitude=91.0), r"GeoOrigin: latitude must be in \[-90, 90\], got 91\.0; give degrees"),
         (lambda m: GeoOrigin(longitude=math.nan), "GeoOrigin: longitude must be a finite number"),
         (lambda m: GpsConfig(earth="flat"), "GpsConfig: earth must be one of 'wgs84', 'sphere', got 'flat'"),  # type: ignore[arg-type]
-        (lambda m: MagnetometerConfig(strength=math.inf), "MagnetometerConfig: strength must be a finite number"),
+        (lambda m: MagnetometerConfig(strength=math.inf), "MagnetometerConfig: strength must be .*finite"),
+        (lambda m: MagnetometerConfig(strength=-1e-5), "MagnetometerConfig: strength must be zero or positive, got -1"),
+        (
+            lambda m: MagnetometerConfig(pole_latitude=100.0),
+            r"MagnetometerConfig: pole_latitude must be in \[-90, 90\], got 100\.0; give degrees",
+        ),
+        (
+            lambda m: GpsConfig(earth="sphere", origin=GeoOrigin(latitude=-90.0)),
+            r"GpsConfig: earth 'sphere' needs an origin whose latitude is within 89 degrees, got -90\.0; use 'wgs84'",
+        ),
     ],
 )
 def test_mistakes_are_one_clear_error(make, message):

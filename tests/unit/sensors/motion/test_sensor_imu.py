@@ -1,5 +1,7 @@
 """Inertial units: at rest, in free fall, on a turntable, tumbling; means over the window, worlds of their own."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -234,6 +236,23 @@ def test_every_world_may_have_its_own_place_and_noise():
     assert imu.data.numpy()[:, 0] == pytest.approx([-2.5, -5.0, -10.0], rel=1e-5)
     assert imu.data.numpy()[:, 5] == pytest.approx([5.0, 6.0, 7.0], abs=1e-6)
     assert imu.truth.numpy()[:, 5] == pytest.approx([5.0] * 3, abs=1e-6)
+
+
+def test_a_unit_that_is_mounted_elsewhere_reads_what_is_there():
+    """Moving the mount between steps is no motion: not even the first frame may show a speed that was never there."""
+    builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    builder.add_body("table", mass=2.0, inertia=(1.0, 1.0, 1.0), omega=(0.0, 0.0, 5.0))
+    model = builder.finalize(3, "cpu")
+    imu = Imu(model, Mount(0, sw.pose((0.1, 0.0, 0.0))), EVERY, randomised=True)
+    sim = sw.Simulation(model, DT, sensors=[imu])
+    for _ in range(4):
+        sim.step()
+    imu.mount.position[1] = np.array([0.0, 0.4, 0.0])
+    imu.mount.rotation[2] = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
+    sim.step()
+    # 25 r towards the axis, to (omega dt)²/24; a jump of 0.4 m would be read as 5 x 0.4 / 0.001 = 2000 m/s²
+    expected = [[-2.5, 0.0, 0.0], [0.0, -10.0, 0.0], [0.0, 2.5, 0.0]]
+    assert imu.data.numpy()[:, :3] == pytest.approx(np.array(expected), abs=2e-5)
 
 
 @pytest.mark.parametrize(
