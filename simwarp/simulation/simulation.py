@@ -25,6 +25,7 @@ from simwarp.kernels.dynamics.world import (
     copy_rows,
     copy_worlds,
     flag_worlds,
+    forget_contacts_of_worlds,
     make_scratch,
     measure_worlds,
 )
@@ -149,6 +150,9 @@ class Simulation(Readable, Readings, FixedAttributes):
         )  # fmt: skip
         self._measuring.launch()
         self._resetting = self._record_reset()
+        self._forgetting = self.shares.record(
+            forget_contacts_of_worlds, inputs=[self._all_worlds], outputs=[self.contacts.arrays]
+        )
         self.physics_commands = self._record_step(all_solvers, newton=sizes.factor_rows > 0)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = self._record_sensors()
@@ -229,7 +233,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         are closed by Newton's method from there, and rates become consistent with them.
 
         Coordinates of joints that close loops only help to count turns. Floating bodies without a FREE joint stay.
-        Worlds whose loops do not close get `WorldStatus.NOT_ASSEMBLED`.
+        Worlds whose loops do not close get `WorldStatus.NOT_ASSEMBLED`. These worlds forget their contacts: forces of
+        contacts are zero until the next step, which starts without their impulses.
 
         Args:
             world_mask: (W,) bool; all worlds when None.
@@ -249,17 +254,17 @@ class Simulation(Readable, Readings, FixedAttributes):
         for command, first in self._setting:
             command.use(first, position)
             command.use(first + 1, rate)
-        self._run_in(mask, [command for command, _ in self._setting])
+        self._run_in(mask, [*(command for command, _ in self._setting), self._forgetting])
         self._begin_sensors(mask)
 
     def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
         """Publishes `body_q`, joint coordinates and a vehicle's outputs after a user wrote `body_x`, `body_rot` or
-        velocities.
+        velocities. Contacts are forgotten as in `set_joint_state`.
 
         `sensors`: as in `reset`.
         """
         mask = self._mask(world_mask)
-        self._run_in(mask, [self._measuring])
+        self._run_in(mask, [self._measuring, self._forgetting])
         if sensors:
             self._begin_sensors(mask)
 

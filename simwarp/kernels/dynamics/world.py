@@ -306,6 +306,32 @@ def flag_worlds(
             world_status[world] = world_status[world] | NON_FINITE
 
 
+@wp.func
+def forget_contacts(world: int, contacts: ContactArrays):
+    """No contacts and no forces of contacts; without a slot in use, the next step has no impulses to start from."""
+    contacts.contact_count[world] = 0
+    contacts.contact_overflow[world] = 0
+    contacts.penetration[world] = 0.0
+    for shape in range(contacts.shape_contact_force.shape[1]):
+        contacts.shape_contact_force[world, shape] = wp.vec3()
+    for body in range(contacts.body_contact_force.shape[1]):
+        contacts.body_contact_force[world, body] = wp.vec3()
+
+
+@wp.kernel(enable_backward=False)
+def forget_contacts_of_worlds(
+    # inputs
+    worlds: WorldRange,
+    mask: wp.array[wp.bool],
+    # outputs
+    contacts: ContactArrays,
+):
+    """What worlds of the mask touched before somebody set their state."""
+    world = worlds.first + wp.tid()
+    if mask[world]:
+        forget_contacts(world, contacts)
+
+
 @wp.kernel(enable_backward=False)
 def copy_worlds(
     # inputs
@@ -335,12 +361,6 @@ def copy_worlds(
         target.joint_qd[world, dof] = source.joint_qd[world, dof]
     for row in range(source.box_impulse.shape[1]):
         target.box_impulse[world, row] = source.box_impulse[world, row]
-    contacts.contact_count[world] = 0
-    contacts.contact_overflow[world] = 0
-    contacts.penetration[world] = 0.0
-    for shape in range(contacts.shape_contact_force.shape[1]):
-        contacts.shape_contact_force[world, shape] = wp.vec3()
-    for body in range(contacts.body_contact_force.shape[1]):
-        contacts.body_contact_force[world, body] = wp.vec3()
+    forget_contacts(world, contacts)
     target.world_time[world] = source.world_time[world]
     target.world_status[world] = source.world_status[world]

@@ -413,3 +413,69 @@ def test_rates_may_be_those_of_the_state_itself():
     for own in (simulation.state.joint_qd, sw.to_torch(simulation.state.joint_qd)):
         simulation.set_joint_state(None, simulation.state.joint_q, own)
         assert np.abs(simulation.state.joint_qd.numpy() - given).max() < FINE
+
+
+# ---- contacts -------------------------------------------------------------------------------------------------------
+
+
+def touching(worlds: int = 3) -> sw.Simulation:
+    """Bricks that slide on the ground, pressed into a corner with a wall."""
+    builder = ModelBuilder()
+    builder.add_shape_plane(material=sw.Material(friction=0.6))
+    brick = builder.add_solid("brick", "box", (0.2, 0.15, 0.1), mass=2.0, pose=pose((0.0, 0.0, 0.1)))
+    builder.add_joint_free("place", brick)
+    builder.add_shape_box(WORLD, half=(0.1, 1.0, 1.0), pose=pose((0.301, 0.0, 1.0)))
+    sim = sw.Simulation(builder.finalize(worlds, "cpu"), 2e-3, threads=1)
+    sim.control.body_force[:, 0] = (5.0, 1.0, 0.0)
+    return sim
+
+
+def set_coordinates(sim: sw.Simulation, mask: object) -> None:
+    q = np.array([0.0, 0.0, 0.0999, 0.0, 0.0, 0.02], np.float32)
+    sim.set_joint_state(mask, q, np.array([0.1, 0.3, 0.0, 0.0, 0.0, 0.5], np.float32))
+
+
+def write_poses(sim: sw.Simulation, mask: list[bool] | None) -> None:
+    chosen = np.array([True] * 3 if mask is None else mask)
+    for name, values in (
+        ("body_x", (0.0, 0.0, 0.0999)), ("body_rot", (0.0, 0.0, np.sin(0.01), np.cos(0.01))),
+        ("body_v", (0.1, 0.3, 0.0)), ("body_omega", (0.0, 0.0, 0.5)),
+    ):  # fmt: skip
+        array = getattr(sim.state, name)
+        written = array.numpy().copy()
+        written[chosen, 0] = values
+        array.assign(written)
+    sim.measure(mask)
+
+
+SETTERS = [set_coordinates, write_poses]
+OF_CONTACTS = ("contact_count", "contact_overflow", "penetration", "shape_contact_force", "body_contact_force")
+
+
+@pytest.mark.parametrize("setter", SETTERS)
+def test_worlds_that_are_set_forget_their_contacts_and_no_others_do(setter):
+    sim = touching()
+    sim.step(20)
+    before = {name: getattr(sim.contacts, name).numpy().copy() for name in sim.contacts.NAMES}
+    assert (before["contact_count"] > 0).all()
+    assert (before["body_contact_force"][:, 0, 2] > 10.0).all()
+    setter(sim, [False, True, False])
+    for name in OF_CONTACTS:
+        assert not getattr(sim.contacts, name).numpy()[1].any(), name
+    for name, values in before.items():
+        np.testing.assert_array_equal(getattr(sim.contacts, name).numpy()[[0, 2]], values[[0, 2]], err_msg=name)
+
+
+@pytest.mark.parametrize("setter", SETTERS)
+def test_what_was_before_leaves_nothing_in_a_world_that_is_set(setter):
+    """The next steps of a world that was set are those of one that was set at its start, bit by bit."""
+    used, fresh = touching(), touching()
+    used.step(20)
+    for sim in (used, fresh):
+        setter(sim, None)
+        sim.step(3)
+    assert (fresh.contacts.contact_count.numpy() > 0).all()
+    for name in ("body_x", "body_rot", "body_v", "body_omega"):
+        np.testing.assert_array_equal(getattr(used.state, name).numpy(), getattr(fresh.state, name).numpy())
+    for name in OF_CONTACTS:
+        np.testing.assert_array_equal(getattr(used.contacts, name).numpy(), getattr(fresh.contacts, name).numpy())
