@@ -51,7 +51,7 @@ class DumpAbout(Settings):
         episode_steps: control step of the episode in which it broke, the first is 1.
         replay_steps: control steps to be repeated.
         from_reset: from the beginning of the episode; else from the snapshot within it.
-        level: the curriculum's.
+        level: the curriculum's as the episode began; in the steps to be repeated it is that of the array ``level``.
         iteration: of the training.
         device: device of the run.
         task_file: file and class of a task that is not installed.
@@ -196,13 +196,15 @@ class Guard:
             torch.zeros(worlds, dtype=torch.int64, device=device) for _ in range(3)
         )
         self._broken_at = torch.full((worlds,), -1, dtype=torch.int64, device=device)
-        self._level = torch.ones(worlds, device=device)
+        self._drawn_level = torch.ones(worlds, device=device)
+        self._level = torch.ones(self._steps, worlds, device=device)
         self.recording = filled(
             Recording,
             count=self._counted,
             broken_at=self._broken_at,
             episode=self._episode,
             steps=self._episode_steps,
+            drawn_level=self._drawn_level,
             level=self._level,
             request=self._requests,
             joint_q=self._joint_q,
@@ -278,13 +280,14 @@ class Guard:
             episode_steps=steps,
             replay_steps=steps if from_reset else since,
             from_reset=from_reset,
-            level=float(self._level[world]),
+            level=float(self._drawn_level[world]),
             iteration=task.iteration,
             device=str(task.device),
             task_file=task.task_file,
         )
         arrays = {
             "meta": np.array(json.dumps(dataclasses.asdict(about))),
+            "level": self._level[rows, world].cpu().numpy(),
             "actions": self._requests[rows, world].cpu().numpy(),
             "joint_q": self._joint_q[rows, world].cpu().numpy(),
             "joint_qd": self._joint_qd[rows, world].cpu().numpy(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from .registry import make, task_class_of
 from .saved_state import check_like
 from .simulation_access import pack_snapshot, unpack_snapshot
 from .task import Task
+
+_LEVEL: Final = "level"
+"""Array that older dumps do not have."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +71,7 @@ class Rerun:
         about: facts of the dump.
         actions: (steps, A) recorded.
         joint_q, joint_qd: (steps, dofs) recorded.
+        level: (steps,) of the curriculum, recorded; that of the episode where an older dump does not tell.
 
     Raises:
         FileError: there is no such file, or it is damaged.
@@ -83,6 +87,7 @@ class Rerun:
         count = self.about.replay_steps
         columns = (self._arrays[name][-count:] for name in ("actions", "joint_q", "joint_qd"))
         self.actions, self.joint_q, self.joint_qd = columns
+        self.level = self._arrays[_LEVEL][-count:] if _LEVEL in self._arrays else np.full(count, self.about.level)
         self._begin()
 
     def restart(self) -> None:
@@ -92,6 +97,8 @@ class Rerun:
 
     def advance(self, step: int) -> bool:
         """Take a recorded step; True if the physics has broken down."""
+        # What is drawn in every step opens with the level, which may move within an episode
+        self.task.level.fill_(float(self.level[step]))
         self.task.advance(torch.as_tensor(self.actions[step : step + 1], device=self.task.device))
         return bool(self.task.views.broken()[0])
 
@@ -175,11 +182,13 @@ def _check_columns(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str
     """
     views = task.views
     likes = {"actions": task.action.view(1, -1), "joint_q": views.joint_q, "joint_qd": views.joint_qd}
+    if _LEVEL in arrays:
+        likes[_LEVEL] = task.level
     for name, like in likes.items():
         rows = len(arrays[name]) if name in arrays and arrays[name].ndim else 0
         if rows < about.replay_steps:
             raise InputError(f"{where} has {rows} rows of '{name}', {about.replay_steps} are to be repeated")
-        check_like(like.expand(rows, -1), _tensor(arrays[name]), f"{where}: {name}")
+        check_like(like.expand(rows, *like.shape[1:]), _tensor(arrays[name]), f"{where}: {name}")
 
 
 def _restore(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import torch
 
@@ -17,6 +17,9 @@ from .named_contacts import Touching
 from .simulation_access import pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics
 
+NEW_STATE: Final = frozenset({"drawn_level"})
+"""Entries of a task's state that older checkpoints do not have."""
+
 
 class SavedTask(Touching):
     """Saving and loading of a task; see :class:`~simwarp.tasks.Task` for the attributes."""
@@ -27,6 +30,7 @@ class SavedTask(Touching):
     random: WorldRandom
     action: torch.Tensor
     level: torch.Tensor
+    drawn_level: torch.Tensor
     episode_index: torch.Tensor
     episode_steps: torch.Tensor
     episode_clock: torch.Tensor
@@ -62,13 +66,12 @@ class SavedTask(Touching):
             "action": self.action.clone(),
             "running_terms": self._statistics.running.clone(),
             "level": self.level.clone(),
+            "drawn_level": self.drawn_level.clone(),
             "climbing": self._climbing,
             "sensing": self._sensors.state() | self._path.state() | self._contacts_state(),
             "extra": {key: value.clone() for key, value in self.extra_state().items()},
             **self._agents.state(),
         }
-        if self._randomiser is not None and self._randomiser.grows and self._randomiser.drawn_level is not None:
-            state["drawn_level"] = self._randomiser.drawn_level.clone()
         if self.simulation is not None:
             with self._acting():
                 state["simulation"] = pack_snapshot(self.simulation.snapshot())
@@ -93,14 +96,13 @@ class SavedTask(Touching):
             if "level" not in state:
                 raise InputError("saved state of the task was made by an older version of simwarp: start a new run")
             self.level.copy_(state["level"])
+            self.drawn_level.copy_(state.get("drawn_level", state["level"]))  # older states do not tell
             self._climb(bool(state["climbing"]))
             self._sensors.load(state["sensing"])
             self._path.load(state["sensing"])
             self._agents.load(state)
             if self._randomiser is not None:
-                drawn = state.get("drawn_level")
-                level = self.level if drawn is None else torch.as_tensor(drawn).to(self.level)
-                self._randomiser.begin_episodes(self.random, self._every_world, level)
+                self._randomiser.begin_episodes(self.random, self._every_world, self.drawn_level)
             if self.simulation is not None:
                 self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
             self._load_contacts(state["sensing"])

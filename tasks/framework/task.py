@@ -438,14 +438,15 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
         self.level = torch.ones(worlds, device=device)
         """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
+        self.drawn_level = torch.ones(worlds, device=device)
+        """(W,) float32: the level as the running episodes began, by which they draw; `level` may have moved since."""
         self._climbing = False
-        self._path = ActionPath(
-            self._actions, self.config, self.name, in_physics=self.physics, agents=self.agents
-        )  # fmt: skip
+        self._path = ActionPath(self._actions, self.config, self.name, in_physics=self.physics, agents=self.agents)
         self._agents.bind(self._path.asked)
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
         self._clocks = filled(
-            Clocks, episode=self.episode_index, steps=self.episode_steps, limit=self.episode_clock
+            Clocks, episode=self.episode_index, steps=self.episode_steps, limit=self.episode_clock,
+            drawn_level=self.drawn_level,
         )  # fmt: skip
 
     def _climb(self, climbing: bool) -> None:
@@ -468,7 +469,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         recording = Recording() if self.guard is None else self.guard.recording
         counted = [self._status, self.level, self._path.request, *joints, self._clocks, recording]
         self._count = launch_over(self, count_step, *counted)
-        self._begin = launch_over(self, begin_episodes, self._every_world, self._clocks, self._actions)
+        self._begin = launch_over(self, begin_episodes, self._every_world, self.level, self._clocks, self._actions)
 
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
@@ -593,7 +594,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         if self.simulation is not None:
             self.simulation.reset(mask, sensors=False)
         if self._randomiser is not None:
-            self._randomiser.begin_episodes(self.random, mask, self.level)
+            self._randomiser.begin_episodes(self.random, mask, self.drawn_level)
         self.reset(mask)
         if self.simulation is not None:
             self.simulation.begin_sensors(None if every else mask)

@@ -158,10 +158,6 @@ class Randomiser:
         simulation: of a model whose named parameters have a copy per world (:func:`drawn_parameters`).
         owner: whose simulation it is: the errors name it.
 
-    Attributes:
-        grows: a range opens with the level.
-        drawn_level: (W,) float32, that the running episodes were drawn with; None before the first.
-
     Raises:
         InputError: a range cannot act on the model.
     """
@@ -169,8 +165,6 @@ class Randomiser:
     def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
         from simwarp.model.active_entries import active_entries
 
-        self.grows = any(spec.grows for spec in ranges.values())
-        self.drawn_level: torch.Tensor | None = None
         model = simulation.model
         moving, shifting = of_actuators(ranges), of_centres(ranges)
         of_model = {name: spec for name, spec in ranges.items() if name not in {*moving, *shifting}}
@@ -200,13 +194,10 @@ class Randomiser:
         Args:
             random: of the worlds.
             mask: (W,) bool.
-            level: (W,) float32, of the curriculum; kept in `drawn_level`, because it may move within an episode.
+            level: (W,) float32, of the curriculum as these episodes begin.
         """
-        if self.drawn_level is None:
-            self.drawn_level = level.clone()
-        self.drawn_level.copy_(torch.where(mask, level, self.drawn_level))
         for item in self._parameters:
-            item.draw(random, mask, self.drawn_level)
+            item.draw(random, mask, level)
         for inertia in self._inertias:
             inertia.follow(mask)
         if self._numbers is not None:

@@ -25,6 +25,7 @@ from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_t
 from simwarp.tasks.framework.plain import typed
 from simwarp.tasks.framework.registry import origin_of
 from simwarp.tasks.framework.saved_state import check_like
+from simwarp.tasks.framework.saved_task import NEW_STATE
 
 from ..config import TrainConfig, train_config_from_plain
 from ..runs.checkpoint import check_members
@@ -376,7 +377,8 @@ class Learner(ABC):
         check_members(saved, {"episode_index": torch.Tensor}, f"{where}: worlds")
         if saved["episode_index"].dim() == 1 and len(saved["episode_index"]) != self.task.num_worlds:
             return False
-        check_like(self.task.state_dict(), saved, f"{where}: worlds")
+        like = {name: value for name, value in self.task.state_dict().items() if name in saved or name not in NEW_STATE}
+        check_like(like, saved, f"{where}: worlds")
         memories = own.get("memories", [[] for _ in models])
         check_memories(models, memories, self.env.num_envs, f"{where}: memories")
         self.task.load_state_dict(saved)

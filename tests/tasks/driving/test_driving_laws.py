@@ -129,7 +129,7 @@ def test_what_the_guard_keeps_repeats_a_drive(stop, soil, tmp_path):
     for action in random_actions(task, stop):
         task.step(action)
     guard = task.guard
-    guard._level.copy_(task.level)  # as it does when a world breaks down
+    guard._drawn_level.copy_(task.level)  # as it does when a world breaks down
     guard.dump = guard._cut_out(1, stop - 1, int(task.episode_index[1]), int(task.episode_steps[1]))
     report = replay(guard.write(tmp_path / "kept.npz"))
     assert report.from_reset == (stop == 2)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from simwarp.core.files import FileError
-from simwarp.tasks import InputError, Range, make
+from simwarp.tasks import Curriculum, Driver, InputError, Range, make
 from simwarp.tasks.framework.replay import replay
 
 
@@ -54,6 +54,41 @@ def test_a_break_is_kept_and_repeated(tmp_path, step, limit, from_reset):
         assert {"actions", "joint_q", "joint_qd", "start/state/body_x", "start/control/joint_force"} <= set(file.files)
         assert 0.8 * 0.1 <= file["model/body_mass"][0] <= 1.2 * 0.1
         assert len(file["actions"]) == min(step + 1, 20)
+
+
+@pytest.mark.parametrize("when", ["episode", "step"])
+@pytest.mark.parametrize(("step", "resumed"), [(8, False), (8, True), (45, False), (45, True)])
+@pytest.mark.sweep
+def test_a_break_is_repeated_where_the_level_rose_since_the_episode_began(tmp_path, when, step, resumed):
+    """What an episode draws at its beginning is of the level then, what it draws in a step of the level there."""
+
+    def made():
+        return make("pendulum", 4, seed=5, guard_steps=20, max_angle=1e6, max_position=1e6, decimation=2,
+                    randomise={"body_mass": Range(0.2, 3.0, grows=True, when=when)},
+                    curriculum=Curriculum(Driver.ITERATION, first=0, last=20))  # fmt: skip
+
+    task = made()
+    task.on_iteration(4)
+    task.restart()
+    generator = torch.Generator().manual_seed(0)
+    for index in range(step + 1):
+        if index and index % 4 == 0:
+            task.on_iteration(4 + index // 4)
+        if resumed and index == step - 6:
+            saved, task = task.state_dict(), made()
+            task.load_state_dict(saved)
+        action = torch.rand(4, 1, generator=generator) * 0.2 - 0.1
+        if index == step:
+            action[2] = torch.nan
+        task.step(action)
+    guard_of(task).path = tmp_path / "broken.npz"
+    task.drain_statistics()
+    report = replay(guard_of(task).path)
+    assert report.reproduced
+    assert report.from_reset is (step == 8 and not resumed)
+    assert report.largest_difference == 0.0
+    with np.load(guard_of(task).path) as file:
+        assert json.loads(str(file["meta"]))["level"] == pytest.approx(0.2)
 
 
 def test_only_the_first_break_is_kept_and_a_sound_run_writes_nothing(tmp_path):

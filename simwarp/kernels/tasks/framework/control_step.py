@@ -17,6 +17,7 @@ class Clocks:
     episode: wp.array[wp.int64]  # (W,)
     steps: wp.array[wp.int64]  # (W,) since the last reset
     limit: wp.array[wp.int64]  # (W,) what the step limit looks at
+    drawn_level: wp.array[float]  # (W,) of the curriculum as the episode began: what it draws hangs on it
 
 
 @wp.struct
@@ -27,7 +28,8 @@ class Recording:
     broken_at: wp.array[wp.int64]  # (W,) the count of the first break, -1 without one
     episode: wp.array[wp.int64]  # (W,) of the first break
     steps: wp.array[wp.int64]  # (W,)
-    level: wp.array[float]  # (W,)
+    drawn_level: wp.array[float]  # (W,)
+    level: wp.array2d[float]  # (rows, W), in a ring: it may move within an episode
     request: wp.array3d[float]  # (rows, W, A), in a ring
     joint_q: wp.array3d[float]  # (rows, W, dofs)
     joint_qd: wp.array3d[float]
@@ -142,6 +144,7 @@ def count_step(
     if recording.broken_at[world] >= wp.int64(0):
         return
     row = int(count % wp.int64(rows))
+    recording.level[row, world] = level[world]
     for i in range(request.shape[1]):
         recording.request[row, world, i] = request[world, i]
     for i in range(joint_q.shape[1]):
@@ -151,7 +154,7 @@ def count_step(
         recording.broken_at[world] = count
         recording.episode[world] = clocks.episode[world]
         recording.steps[world] = clocks.steps[world]
-        recording.level[world] = level[world]
+        recording.drawn_level[world] = clocks.drawn_level[world]
 
 
 @wp.func
@@ -310,13 +313,14 @@ def wake_agents(mask: wp.array[wp.bool], done: wp.array2d[wp.bool]):
 
 
 @wp.kernel
-def begin_episodes(mask: wp.array[wp.bool], clocks: Clocks, action: wp.array2d[float]):
-    """Count an episode, and forget the action, in the worlds of the mask."""
+def begin_episodes(mask: wp.array[wp.bool], level: wp.array[float], clocks: Clocks, action: wp.array2d[float]):
+    """Count an episode, note its level, and forget the action, in the worlds of the mask."""
     world = wp.tid()
     if mask[world]:
         clocks.episode[world] = clocks.episode[world] + wp.int64(1)
         clocks.steps[world] = wp.int64(0)
         clocks.limit[world] = wp.int64(0)
+        clocks.drawn_level[world] = level[world]
         for i in range(action.shape[1]):
             action[world, i] = 0.0
 
