@@ -123,7 +123,7 @@ class RunLog:
 
     Args:
         folder: the run folder.
-        first: report of the first iteration; its values are the columns.
+        first: report of the first iteration; its values are the first columns.
         kind: logger beside the table.
         description: task and configurations.
 

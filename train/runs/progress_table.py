@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
+
+from simwarp.core.files import output_error
 
 from .run_files import append_whole, write_run_file
 
@@ -24,14 +26,15 @@ _ITERATION = "iteration"
 
 
 class ProgressTable:
-    """``progress.csv``, appended to and flushed at once.
+    """``progress.csv``, appended to and flushed at once; made anew, all at once, where a column comes later.
 
     Args:
         path: the file.
-        columns: names of the columns.
+        columns: names of the columns that are known; behind them come those of the lines that are kept.
         keep_below: of an existing file, keep the lines up to this iteration.
 
     Attributes:
+        columns: names of all columns.
         lost: lines of the existing file that could not be read, and are no longer there.
 
     Raises:
@@ -40,24 +43,41 @@ class ProgressTable:
 
     def __init__(self, path: Path, columns: list[str], keep_below: int = 0) -> None:
         self.path = path
-        self.columns = columns
         rows, self.lost = _read(path)
         kept = [row for row in rows if int(row[_ITERATION]) <= keep_below]
-        header = {name: name for name in columns}
-        write_run_file(path, self._lines([header, *kept]))
+        self.columns = list(dict.fromkeys([*columns, *(kept[0] if kept else ())]))
+        write_run_file(path, _table(self.columns, kept))
 
     def append(self, row: Mapping[str, float | int]) -> None:
-        """Add one line.
+        """Add one line; lines before are empty in columns that come with it.
 
         Raises:
-            OutputError: the disk did not take it.
+            OutputError: the disk did not take it; the lines before are unharmed.
         """
-        append_whole(self.path, self._lines([row]))
+        new = sorted(row.keys() - set(self.columns))
+        if not new:
+            append_whole(self.path, _lines(self.columns, [row]))
+            return
+        columns = [*self.columns, *new]
+        write_run_file(self.path, _table(columns, [*self._present(), row]))
+        self.columns = columns
 
-    def _lines(self, rows: Iterable[Mapping[str, Any]]) -> bytes:
-        buffer = io.StringIO()
-        csv.DictWriter(buffer, self.columns, extrasaction="ignore", restval="").writerows(rows)
-        return buffer.getvalue().encode()
+    def _present(self) -> list[dict[str, str]]:
+        """Return the lines so far. Where they cannot be read now, they must not be written over."""
+        try:
+            return _parsed(self.path.read_bytes())[0] if self.path.exists() else []
+        except OSError as error:
+            raise output_error(self.path, error) from error
+
+
+def _lines(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> bytes:
+    buffer = io.StringIO()
+    csv.DictWriter(buffer, columns, restval="").writerows(rows)
+    return buffer.getvalue().encode()
+
+
+def _table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> bytes:
+    return _lines(columns, [{name: name for name in columns}, *rows])
 
 
 def read_progress(path: Path) -> list[dict[str, str]]:
@@ -69,11 +89,11 @@ def success_share(row: Mapping[str, str], good: Iterable[str]) -> float:
     """Return the share of the episodes of an iteration that ended as a success; NaN where none ended or none can tell.
 
     Args:
-        row: of the table. Those of older runs have no such column; their ends tell.
+        row: of the table. Older lines have nothing in this column; their ends tell.
         good: reasons of an end that are successes; none of a task that has another measure.
     """
-    if SUCCESS in row:
-        return float(row[SUCCESS] or "nan")
+    if row.get(SUCCESS):
+        return float(row[SUCCESS])
     reasons = tuple(good)
     ended = float(row.get("episodes") or 0.0)
     if not ended or not reasons:
@@ -84,9 +104,14 @@ def success_share(row: Mapping[str, str], good: Iterable[str]) -> float:
 def _read(path: Path) -> tuple[list[dict[str, str]], int]:
     """Return the lines that are whole, and how many are not: a killed process leaves half of one, a disk does worse."""
     try:
-        text = path.read_bytes().decode("utf-8", errors="replace") if path.is_file() else ""
+        return _parsed(path.read_bytes() if path.is_file() else b"")
     except OSError:
         return [], 1
+
+
+def _parsed(data: bytes) -> tuple[list[dict[str, str]], int]:
+    """Return the lines of a table that are whole, and how many are not."""
+    text = data.decode("utf-8", errors="replace")
     header, *lines = text.splitlines() or [""]
     # Without its end, a line may have lost digits of its last number
     ended = lines if text.endswith("\n") else lines[:-1]

@@ -1,5 +1,6 @@
 """Where a run's scalars go."""
 
+import math
 import sys
 import types
 from pathlib import Path
@@ -9,9 +10,11 @@ import torch
 from rich.console import Console
 
 from simwarp import cli
+from simwarp.core.files import OutputError
 from simwarp.tasks import Curriculum, Driver, InputError, Task, replace_fields, task_class
-from simwarp.train.config import LoggerKind, default_config
-from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.config import LoggerKind, Symmetry, default_config
+from simwarp.train.runs import progress_table
+from simwarp.train.runs.progress_table import ProgressTable, read_progress, success_share
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.training import train
 
@@ -80,3 +83,63 @@ def test_a_curriculum_tells_its_level_and_a_task_what_it_likes(tmp_path, monkeyp
     assert [float(row["task/level"]) for row in rows] == [0.0, 0.25, 0.5]
     assert {float(row["task/worlds"]) for row in rows} == {3.5}
     assert (Path(result.run) / "learning_curve.png").stat().st_size > 0
+
+
+def mirrored(root, resume=None, **changes):
+    """Train with a critic that learns alone for two iterations: the loss of symmetry is known from the third on."""
+    settings = {
+        "num_envs": 8, "iterations": 4, "steps_per_iteration": 8, "device": "cpu", "logger": LoggerKind.CSV,
+        "critic_warmup": 2, "ppo.symmetry": Symmetry.LOSS,
+    }  # fmt: skip
+    config = replace_fields(default_config(task_class("fast")), settings | changes)
+    result = train("fast", config, task_class("fast").config_type(), root=root, resume=resume, console=QUIET)
+    return RunFolder(Path(result.run))
+
+
+@pytest.mark.parametrize("part", [None, 1, 2, 3])
+def test_a_column_that_comes_later_is_in_the_table(tmp_path, part):
+    folder = mirrored(tmp_path, iterations=4 if part is None else part)
+    if part is not None:
+        mirrored(tmp_path, resume=folder.path)
+    rows = read_progress(folder.progress)
+    assert [int(row["iteration"]) for row in rows] == [1, 2, 3, 4]
+    assert [row["loss/symmetry"] != "" for row in rows] == [False, False, True, True]
+    assert all(float(row["loss/symmetry"]) >= 0.0 for row in rows[2:])
+    assert all(row["loss/value"] for row in rows)
+
+
+def test_a_resumed_run_keeps_the_columns_that_it_no_longer_has(tmp_path):
+    folder = mirrored(tmp_path, iterations=3)
+    mirrored(tmp_path, resume=folder.path, **{"ppo.symmetry": Symmetry.NONE})
+    assert [row["loss/symmetry"] != "" for row in read_progress(folder.progress)] == [False, False, True, False]
+
+
+def test_a_table_that_cannot_be_made_wider_stays_as_it_is(tmp_path, monkeypatch):
+    """As after a kill on the way: what was there is there, whole; and the next line brings the column."""
+    path = tmp_path / "progress.csv"
+    table = ProgressTable(path, ["iteration", "a"])
+    table.append({"iteration": 1, "a": 0.5})
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OutputError("the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(progress_table, "write_run_file", full)
+        with pytest.raises(OutputError):
+            table.append({"iteration": 2, "a": 0.25, "c, d": 1})
+    assert path.read_bytes() == before
+    table.append({"iteration": 2, "a": 0.25, "c, d": 1, "b": 2})
+    table.append({"iteration": 3, "c, d": 3})
+    assert read_progress(path) == [
+        {"iteration": "1", "a": "0.5", "b": "", "c, d": ""},
+        {"iteration": "2", "a": "0.25", "b": "2", "c, d": "1"},
+        {"iteration": "3", "a": "", "b": "", "c, d": "3"},
+    ]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["progress.csv"]
+
+
+def test_lines_before_the_column_of_successes_tell_them_by_their_ends():
+    row = {"success": "", "episodes": "4", "end/goal": "3"}
+    assert success_share(row, ["goal"]) == 0.75
+    assert math.isnan(success_share({**row, "success": "nan"}, ["goal"]))
