@@ -25,6 +25,7 @@ from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
+from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
 from simwarp.model.shapes import contact_limit, shape_pairs
@@ -185,6 +186,8 @@ class Model(ParameterFields):
             )  # fmt: skip
             setattr(model, name, array)
             setattr(model.parameters, name, array)
+        titles = coordinate_titles(model.joint_names, model.joint_dof_start)
+        keep_in_order(model.joint_limit_lower, model.joint_limit_upper, titles)
         model._fix()
         return model
 

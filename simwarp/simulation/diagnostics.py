@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,11 +31,12 @@ class Diagnostics(ReportFields):
 
 
 def explain_worlds(
-    state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float, elements: Sequence[Any] = ()
-) -> list[str]:
-    """See `Simulation.problems`."""
+    state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float, *,
+    elements: Sequence[Any] = (), parameters: Mapping[int, str],
+) -> list[str]:  # fmt: skip
+    """See `Simulation.problems`; `parameters`: a line by world about values that were written."""
     lines = []
-    told = [part.world_problems() for part in elements if hasattr(part, "world_problems")]
+    told = [parameters, *(part.world_problems() for part in elements if hasattr(part, "world_problems"))]
     own = np.zeros(state.world_status.shape, dtype=bool)
     own[[world for each in told for world in each]] = True
     status = state.world_status.numpy()

@@ -32,6 +32,7 @@ from simwarp.kernels.dynamics.world import (
 from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.identity import run_parts
 from simwarp.model.layouts import run_layouts
+from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.simulation.collision_recording import CollisionArrays, parts_layouts, record_collision
 from simwarp.simulation.contacts import Contacts
@@ -150,9 +151,6 @@ class Simulation(Readable, Readings, FixedAttributes):
         )  # fmt: skip
         self._measuring.launch()
         self._resetting = self._record_reset()
-        self._forgetting = self.shares.record(
-            forget_contacts_of_worlds, inputs=[self._all_worlds], outputs=[self.contacts.arrays]
-        )
         self.physics_commands = self._record_step(all_solvers, newton=sizes.factor_rows > 0)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = self._record_sensors()
@@ -275,7 +273,12 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def problems(self) -> list[str]:
         """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
-        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance, self.elements)
+        model = self.model
+        titles = coordinate_titles(model.joint_names, model.joint_dof_start)
+        return explain_worlds(
+            self.state, self.contacts, self.diagnostics, self.solver.tolerance, elements=self.elements,
+            parameters=crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count),
+        )  # fmt: skip
 
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
@@ -421,6 +424,9 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
         """Launches that set worlds to coordinates and rates, each with the index of these inputs."""
         self._no_rates = wp.zeros_like(self.state.joint_qd)
+        self._forgetting = self.shares.record(
+            forget_contacts_of_worlds, inputs=[self._all_worlds], outputs=[self.contacts.arrays]
+        )
         assemble = self.shares.record(
             assemble_worlds,
             inputs=[

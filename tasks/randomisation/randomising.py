@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 
 from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
 from .actuator_ranges import ARRAYS, ActuatorNumbers, of_actuators
+from .limit_ranges import LIMITS, DrawnLimits, check_limit_ranges
 from .mass_centres import ARRAYS_OF_CENTRES, CENTRES, MassCentres, of_centres
 from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
@@ -150,6 +152,24 @@ def _check_acts(parameter: _Parameter, effect: ActiveEntries, model: Any, owner:
             )
 
 
+def _check_limits(parameters: Sequence[_Parameter], model: Any, owner: str) -> None:
+    """Refuse ranges of stops that could cross.
+
+    Raises:
+        InputError: a lower stop could be above its upper one.
+    """
+    drawn = {item.name: item for item in parameters if item.name in LIMITS}
+    if not drawn:
+        return
+    limits = {}
+    for name in LIMITS:
+        built = getattr(model, name).numpy()[0].astype(np.float64)
+        item = drawn.get(name)
+        chosen = np.broadcast_to(item.chosen.cpu().numpy()[0] if item else False, built.shape)
+        limits[name] = DrawnLimits(spec=item.spec if item else None, built=built, chosen=chosen)
+    check_limit_ranges({name: item.spec for name, item in drawn.items()}, limits, model, owner)
+
+
 class Randomiser:
     """Draws the parameters that a configuration names.
 
@@ -187,6 +207,7 @@ class Randomiser:
             contact_model = simulation.solver.contact_model
             effect = active_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
             _check_acts(item, effect, model, owner)
+        _check_limits(self._parameters, model, owner)
 
     def begin_episodes(self, random: WorldRandom, mask: torch.Tensor, level: torch.Tensor) -> None:
         """Draw everything in the worlds of the mask ((W,) bool).
