@@ -136,47 +136,55 @@ def run(arguments: list[str]) -> int:
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
-    return tell_result(console, name, result, options.runs, "train")
+    runs = None if options.resume is not None else options.runs
+    return tell_result(console, name, result, runs, "train", film=options.film)
 
 
-def tell_result(console: Console, name: str, result: TrainResult, runs: Path, command: str) -> int:
+def tell_result(
+    console: Console, name: str, result: TrainResult, runs: Path | None, command: str, *, film: int | None = None
+) -> int:
     """Print what became of a run, and what comes next; return the exit code.
 
     Args:
         console: for people.
         name: the task.
         result: of the run.
-        runs: folder of all runs.
+        runs: folder of all runs, of which it is the newest; None where others may be newer.
         command: that goes on with it.
+        film: iterations from film to film: the run does not remember them.
     """
+
+    def say(words: str) -> None:
+        console.print(words, highlight=False, markup=False, soft_wrap=True)
+
     state = "interrupted and saved" if result.interrupted else "done"
-    console.print(
-        f"{state} after {result.iterations} iterations, {result.env_steps:,} env steps, {result.wall_s:.0f} s",
-        highlight=False,
-    )
-    console.print(f"run folder      {result.run}", highlight=False, soft_wrap=True)
-    console.print(f"learning curve  {result.picture}", highlight=False, soft_wrap=True)
+    say(f"{state} after {result.iterations} iterations, {result.env_steps:,} env steps, {result.wall_s:.0f} s")
+    say(f"run folder      {result.run}")
+    say(f"learning curve  {result.picture}")
     if result.film is not None:
-        console.print(f"last film       {result.film}", highlight=False, soft_wrap=True)
+        say(f"last film       {result.film}")
     if result.interrupted:
-        again = f"go on with      simwarp {command} {in_shell(name)} --resume {result.run}"
-        console.print(again, highlight=False, soft_wrap=True)
-        _tell_next(console, name, runs)
+        films = "" if film is None else f" --film {film}"
+        say(f"go on with      simwarp {command} {in_shell(name)} --resume {shlex.quote(result.run)}{films}")
+        say(_next_words(name, result, runs))
         return INTERRUPTED
     if result.broken_iterations:
+        broken = shlex.quote(f"{result.run}/broken.npz")
         print(
             f"simwarp: the physics of all worlds broke down in {result.broken_iterations} iterations: from them"
-            f" nothing was learnt; `simwarp replay {result.run}/broken.npz` repeats the first break",
+            f" nothing was learnt; `simwarp replay {broken}` repeats the first break",
             file=sys.stderr,
         )
         return FELL_SHORT
-    _tell_next(console, name, runs)
+    say(_next_words(name, result, runs))
     return DONE
 
 
-def _tell_next(console: Console, name: str, runs: Path) -> None:
-    """Name what shows and judges the policy."""
-    where = "" if runs == TrainOptions.runs else f" --runs {shlex.quote(str(runs))}"
-    task = in_shell(name)
-    words = f"next            simwarp play {task}{where}  or  simwarp eval {task}{where}"
-    console.print(words, highlight=False, soft_wrap=True)
+def _next_words(name: str, result: TrainResult, runs: Path | None) -> str:
+    """Name what shows and judges the policy: by the task, which means its newest run, or by the run."""
+    if runs is None:
+        # A word without a folder may be the name of a task
+        policy = shlex.quote(result.run if "/" in result.run else f"./{result.run}")
+    else:
+        policy = in_shell(name) + ("" if runs == TrainOptions.runs else f" --runs {shlex.quote(str(runs))}")
+    return f"next            simwarp play {policy}  or  simwarp eval {policy}"

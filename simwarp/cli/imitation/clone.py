@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,9 @@ def run(arguments: list[str]) -> int:
     )
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)
     console.print(
-        f"next   simwarp train {in_shell(name)} --warm-start {target} --critic-warmup 10",
+        f"next   simwarp train {in_shell(name)} --warm-start {shlex.quote(str(target))} --critic-warmup 10",
         highlight=False,
+        markup=False,
         soft_wrap=True,
     )
     options.emit(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,8 @@ def read_options(word: str, arguments: list[str]) -> Any:
         saved, where = open_run(Path(resume)).load_config(), str(Path(resume) / CONFIG)
         found = distillation_config(saved, where)
         if found is None:
-            raise UsageError(f"run {resume} has no teacher: go on with `simwarp train {word} --resume {resume}`")
+            remedy = f"simwarp train {shlex.quote(word)} --resume {shlex.quote(resume)}"
+            raise UsageError(f"run {resume} has no teacher: go on with `{remedy}`")
         if saved["task"] == cls.name:
             lessons = found
             config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
@@ -112,7 +114,7 @@ def run(arguments: list[str]) -> int:
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
-    return tell_result(console, name, result, options.runs, "distill")
+    return tell_result(console, name, result, options.runs if resumed is None else None, "distill")
 
 
 def _teacher_of(name: str, options: Any) -> tuple[Path, str]:
