@@ -177,7 +177,10 @@ class Actuators(Readable, FixedAttributes):
             source = self._given
         if tuple(source.shape) != shape or source.dtype != wp.float32:
             kind = f"{source.dtype.__name__}{tuple(source.shape)}"
-            raise ModelError(f"set_from_action: action must be float32{shape} (worlds, actuators), got {kind}; reshape")
+            remedy = "reshape" if source.dtype == wp.float32 else "convert it to float32"
+            raise ModelError(
+                f"set_from_action: action must be float32{shape} (worlds, actuators), got {kind}; {remedy}"
+            )
         if self._mapping is None:
             return
         memory = (source.ptr, source.strides)

@@ -118,9 +118,10 @@ class InverseKinematics(Readable):
         if start is None:
             start = self.simulation.state.joint_q
         if not isinstance(start, wp.array) or start.shape != self.q.shape or start.dtype != wp.float32:
+            given = f"{start.dtype.__name__} {start.shape}" if isinstance(start, wp.array) else shown(start)
             raise ModelError(
                 f"InverseKinematics: start must be a Warp array of float32 of shape {self.q.shape} (worlds, dofs), got "
-                f"{shown(start)}; leave it out to begin at the present coordinates"
+                f"{given}; leave it out to begin at the present coordinates"
             )
         self._command.use(1, start)
         self.simulation.shares.run([self._command])

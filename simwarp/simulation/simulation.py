@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar, Final, NoReturn, cast
+from typing import Any, ClassVar, Final, NoReturn
 
-import numpy as np
-import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
-from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
+from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, shown
 from simwarp.core.warp_start import told_compiling
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
@@ -37,6 +34,7 @@ from simwarp.model.model import FEWER, Model
 from simwarp.simulation.collision_recording import CollisionArrays, parts_layouts, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
+from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.protocols import ForceElement, Sensor
 from simwarp.simulation.readings import Readings
 from simwarp.simulation.requirements import collision_sizes, element_effects, scratch_slots_of, step_layouts, step_sizes
@@ -208,7 +206,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             sensors: take their first frames, and publish a vehicle's outputs, now; where more is set before a world is
                 ready, leave it to `begin_sensors`.
         """
-        mask = self._mask(world_mask)
+        mask = self._mask("reset", world_mask)
         self._run_in(mask, self._resetting)
         if sensors:
             self._begin_sensors(mask)
@@ -217,7 +215,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         """Starts the sensors' clocks in the worlds of the mask anew, with a frame and a vehicle's outputs of the
         present state.
         """
-        self._begin_sensors(self._mask(world_mask))
+        self._begin_sensors(self._mask("begin_sensors", world_mask))
 
     def keep_as_initial(self) -> None:
         """From now on a reset brings back the present state, at time 0: of a vehicle that has settled, say."""
@@ -243,10 +241,9 @@ class Simulation(Readable, Readings, FixedAttributes):
             ModelError: shapes do not fit, or a value of the mask's worlds is not finite. Values on a GPU are not read
                 back: there such worlds get `WorldStatus.NON_FINITE`, and are frozen until they are set again.
         """
-        shape = (self.model.world_count, self.model.dof_count)
-        mask = self._mask(world_mask)
-        position = self.state.joint_q if q is None else self._values("q", q, shape, mask)
-        rate = self._no_rates if qd is None else self._values("qd", qd, shape, mask)
+        mask = self._mask("set_joint_state", world_mask)
+        position = self.state.joint_q if q is None else self._values("q", q, mask)
+        rate = self._no_rates if qd is None else self._values("qd", qd, mask)
         if rate.ptr == self.state.joint_qd.ptr and rate.size:  # written while it is read
             rate = wp.clone(rate)
         for command, first in self._setting:
@@ -261,7 +258,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
         `sensors`: as in `reset`.
         """
-        mask = self._mask(world_mask)
+        mask = self._mask("measure", world_mask)
         self._run_in(mask, [self._measuring, self._forgetting])
         if sensors:
             self._begin_sensors(mask)
@@ -471,49 +468,13 @@ class Simulation(Readable, Readings, FixedAttributes):
         groups = (self.state, self.control, self.contacts)
         return [*(getattr(part, name) for part in groups for name in part.NAMES), *self.memory]
 
-    def _mask(self, world_mask: Any) -> wp.array:
-        """The mask as a Warp array of bool on the model's device."""
-        return self._all_worlds if world_mask is None else mask_of_worlds(world_mask, self.model)
+    def _mask(self, call: str, world_mask: Any) -> wp.array:
+        """The mask as a Warp array of bool on the model's device; `call` is what errors name."""
+        return self._all_worlds if world_mask is None else mask_of_worlds(call, world_mask, self.model)
 
-    def _values(self, name: str, values: Any, shape: tuple[int, int], mask: wp.array) -> wp.array:
-        """Coordinates or rates as a Warp array of float32 on the model's device; host values may broadcast."""
-        thing = f"set_joint_state: {name} must"
-        if isinstance(values, wp.array) and values.dtype == wp.float32 and values.is_contiguous:
-            array = values
-        elif hasattr(values, "data_ptr"):
-            array = cast(wp.array, wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32))
-        else:
-            given = numbers(values.numpy() if isinstance(values, wp.array) else values)
-            if given.ndim == 0 and not np.isfinite(given):
-                raise ModelError(f"{thing} be finite numbers of shape {shape} (worlds, dofs), got {shown(values)}")
-            try:
-                data = np.broadcast_to(given, shape)
-            except ValueError:
-                raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {given.shape}") from None
-            with np.errstate(over="ignore"):  # told below
-                single = np.ascontiguousarray(data, dtype=np.float32)
-            self._check_finite(name, single, mask)
-            return wp.array(single, dtype=wp.float32, device=self.model.device)
-        if tuple(array.shape) != shape:
-            raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {array.shape}")
-        if on_host(array):
-            self._check_finite(name, np.asarray(array), mask)  # not numpy(): nothing waits for a device here
-        return array
-
-    def _check_finite(self, name: str, values: npt.NDArray[np.float32], mask: wp.array) -> None:
-        """Raises where a world of the mask would get NaN or infinity; a mask on a GPU is not read back."""
-        bad = ~np.isfinite(values).all(axis=1)
-        if mask is not self._all_worlds:
-            if not on_host(mask):
-                return
-            bad &= np.asarray(mask)
-        if bad.any():
-            world = int(np.argmax(bad))
-            value = next(value for value in values[world].tolist() if not math.isfinite(value))
-            raise ModelError(
-                f"set_joint_state: {name} must be finite (float32), got {value!r} for world {world}; leave such worlds "
-                "out of the mask"
-            )
+    def _values(self, name: str, values: Any, mask: wp.array) -> wp.array:
+        """Coordinates or rates as a Warp array on the model's device."""
+        return joint_values(name, values, self.model, None if mask is self._all_worlds else mask)
 
 
 def _span(array: wp.array, unit: str) -> str:

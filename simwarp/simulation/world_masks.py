@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import numpy as np
 import warp as wp
@@ -10,35 +10,52 @@ import warp as wp
 from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
 
+REMEDY: Final = "give one bool for each world"
 
-def mask_of_worlds(world_mask: Any, model: Model) -> wp.array:
+
+def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "world_mask") -> wp.array:
     """A (W,) mask as a Warp array of bool on the model's device; a Warp array or tensor keeps its memory.
 
     Args:
+        call: what the user called: errors begin with it.
         world_mask: a Warp array, a torch tensor or anything NumPy reads.
         model: of the worlds.
+        name: of the argument.
 
     Raises:
         ModelError: it is not of bool, or has another shape.
     """
     shape = (model.world_count,)
-    kind = str(getattr(world_mask, "dtype", "")).lower()
+    thing = f"{call}: {name} must"
     if isinstance(world_mask, wp.array):
         if world_mask.dtype != wp.bool:
-            raise ModelError(f"world_mask must be of bool, got a Warp array of {world_mask.dtype.__name__}")
+            given = f"a Warp array of {world_mask.dtype.__name__} {world_mask.shape}"
+            raise ModelError(f"{thing} be of bool, got {given}; make it with dtype=wp.bool")
         mask = world_mask
     elif hasattr(world_mask, "data_ptr"):
-        if "bool" not in kind:
-            raise ModelError(f"world_mask must be of bool, got a tensor of {kind}; compare it first")
+        kind = kind_of_tensor(world_mask)
+        if kind != "bool":
+            given = f"a tensor of {kind} {tuple(world_mask.shape)}"
+            raise ModelError(f"{thing} be of bool, got {given}; compare it, as in `mask > 0`")
         mask = cast(wp.array, wp.from_torch(world_mask.contiguous(), dtype=wp.bool))
     else:
         try:
             values = np.asarray(world_mask)
         except ValueError:
-            raise ModelError(f"world_mask must have shape {shape} (worlds), got {shown(world_mask)}") from None
+            raise ModelError(f"{thing} have shape {shape} (worlds), got {shown(world_mask)}; {REMEDY}") from None
         if values.dtype != np.bool_:
-            raise ModelError(f"world_mask must be of bool, got {values.dtype}; it is no list of indices")
+            are_numbers = values.dtype.kind in "iuf"
+            given = f"{values.dtype.name} {values.shape}" if are_numbers else shown(world_mask)
+            advice = f"{REMEDY}, not indices of worlds" if are_numbers else REMEDY
+            raise ModelError(f"{thing} be of bool, got {given}; {advice}")
+        if values.shape != shape:  # here: Warp makes an axis for a single value
+            raise ModelError(f"{thing} have shape {shape} (worlds), got {values.shape}; {REMEDY}")
         mask = wp.array(values, dtype=wp.bool, device=model.device)
     if tuple(mask.shape) != shape:
-        raise ModelError(f"world_mask must have shape {shape} (worlds), got {tuple(mask.shape)}")
+        raise ModelError(f"{thing} have shape {shape} (worlds), got {tuple(mask.shape)}; {REMEDY}")
     return mask
+
+
+def kind_of_tensor(tensor: Any) -> str:
+    """The name of a tensor's dtype without its module; torch itself is not needed."""
+    return str(tensor.dtype).rpartition(".")[2].lower()

@@ -292,7 +292,7 @@ class Soil(Readable):
     def _launch_in(self, name: str, index: int, world_mask: Any) -> None:
         if not self._imprinting:
             raise ModelError(f"soil: {name} must follow sw.Simulation(..., elements=[soil]), got none; make it first")
-        mask = self._all_worlds if world_mask is None else mask_of_worlds(world_mask, self.model)
+        mask = self._all_worlds if world_mask is None else mask_of_worlds(f"soil: {name}", world_mask, self.model)
         self._imprinting[index].use(0, mask)
         self._imprinting[index].launch()
 

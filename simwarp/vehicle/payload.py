@@ -21,6 +21,7 @@ from simwarp.core.rotation import rotate
 from simwarp.core.types import ModelError, Vec3, finite_vector, pose, shown
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
@@ -104,18 +105,22 @@ def set_payload(
     shared = [name for name, array in arrays.items() if array.shape[0] != count]
     if shared:
         raise ModelError(f"set_payload: every world needs its own {', '.join(shared)}; name them in per_world")
-    mask = np.full(count, True) if worlds is None else _per_world("worlds", worlds, (count,), bool)
+    mask = np.full(count, True)
+    if worlds is not None:
+        mask = mask_of_worlds("set_payload", worlds, simulation.model, name="worlds").numpy()
     values = {name: array.numpy().copy() for name, array in arrays.items()}
     if mass is not None:
         kilograms = _per_world("mass", mass, (count,))
         if not (np.isfinite(kilograms) & (kilograms > 0.0)).all():
-            raise ModelError(f"set_payload: mass must be positive [kg], got {mass!r}")
+            raise ModelError(f"set_payload: mass must be positive [kg], got {shown(mass)}; leave it out to keep it")
         values["body_mass"][mask, payload.body] = kilograms[mask]
         values["body_inertia_b"][mask, payload.body] = box_inertia(kilograms[mask], payload.size)
     if position is not None:
         place = _per_world("position", position, (count, 3))
         if not np.isfinite(place).all():
-            raise ModelError(f"set_payload: position must be finite [m], got {position!r}")
+            raise ModelError(
+                f"set_payload: position must be finite [m], got {shown(position)}; leave it out to keep it"
+            )
         values["joint_anchor0"][mask, payload.joint] = payload.reference + place[mask]
     for name, array in arrays.items():
         array.assign(values[name])
@@ -123,14 +128,14 @@ def set_payload(
     simulation.measure(mask)
 
 
-def _per_world(name: str, value: Any, shape: tuple[int, ...], kind: type = float) -> npt.NDArray[Any]:
+def _per_world(name: str, value: Any, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """One value for all worlds, or one for each."""
     try:
-        return np.broadcast_to(np.asarray(value, dtype=kind), shape)
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
     except (TypeError, ValueError):
         one = "three numbers" if len(shape) > 1 else "one"
         rule = f"{one}, or {one} for each of {shape[0]} worlds"
-        raise ModelError(f"set_payload: {name} must be {rule}, got {shown(value)}") from None
+        raise ModelError(f"set_payload: {name} must be {rule}, got {shown(value)}; match the worlds") from None
 
 
 def _put_in_place(

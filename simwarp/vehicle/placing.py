@@ -38,7 +38,7 @@ def place_vehicle(
     """
     model = simulation.model
     if vehicle.model is not model:
-        raise ModelError("place_vehicle: the vehicle is of another model than the simulation")
+        raise ModelError("place_vehicle: the vehicle is of another model than the simulation; pass one of its elements")
     worlds = model.world_count
     position, heading = (
         wp.to_torch(value, requires_grad=False) if isinstance(value, wp.array) else value
@@ -47,7 +47,7 @@ def place_vehicle(
     columns = 2 if np.shape(position)[-1:] == (2,) else 3
     place = _doubles("position", position, (worlds, columns), model)
     angle = _doubles("heading", heading, (worlds,), model)
-    mask = simulation._mask(world_mask)
+    mask = simulation._mask("place_vehicle", world_mask)
     reference = wp.vec3d(*vehicle.parts.reference)
     wp.launch(
         move_vehicles, worlds,
@@ -62,16 +62,16 @@ def place_vehicle(
 
 def _doubles(name: str, value: Any, shape: tuple[int, ...], model: Model) -> wp.array:
     """Numbers for every world on the model's device; those of a tensor are not copied through the host."""
-    thing = f"place_vehicle: {name} must"
+    thing, remedy = f"place_vehicle: {name} must", "give one for all worlds, or one for each"
     if hasattr(value, "data_ptr"):
         if tuple(value.shape) not in (shape, shape[1:]):
-            raise ModelError(f"{thing} have shape {shape}, got {tuple(value.shape)}")
+            raise ModelError(f"{thing} have shape {shape}, got {tuple(value.shape)}; {remedy}")
         return cast(wp.array, wp.from_torch(value.detach().double().expand(shape).contiguous(), dtype=wp.float64))
     given = numbers(value)
     if not np.isfinite(given).all():
-        raise ModelError(f"{thing} be finite numbers of shape {shape}, got {shown(value)}")
+        raise ModelError(f"{thing} be finite numbers of shape {shape}, got {shown(value)}; {remedy}")
     try:
         rows = np.ascontiguousarray(np.broadcast_to(given, shape))
     except ValueError:
-        raise ModelError(f"{thing} have shape {shape}, got {given.shape}") from None
+        raise ModelError(f"{thing} have shape {shape}, got {given.shape}; {remedy}") from None
     return wp.array(rows, dtype=wp.float64, device=model.device)

@@ -103,11 +103,12 @@ def test_wrong_loads_are_named():
         set_payload(shared.sim, shared.load, mass=10.0)
     good = Loaded(shipped("gator"), 2)
     for wrong, message in (
-        ({"mass": -1.0}, "positive"), ({"position": (0.0, np.nan, 0.0)}, "finite"),
-        ({"mass": [1, 2, 3]}, r"set_payload: mass must be one, or one for each of 2 worlds, got \[1, 2, 3\]"),
+        ({"mass": -1.0}, "positive.*; leave it out"), ({"position": (0.0, np.nan, 0.0)}, "finite.*; leave it out"),
+        ({"mass": [1, 2, 3]}, r"set_payload: mass must be one, or one for each of 2 worlds, got \[1, 2, 3\]; match"),
         ({"position": (1.0, 2.0)}, "position must be three numbers, or three numbers for each of 2 worlds"),
         ({"position": [(1.0, 2.0, 3.0)] * 3}, "position must be"), ({"mass": "heavy"}, "mass must be one"),
-        ({"mass": 2.0, "worlds": [True, False, True]}, "worlds must be one, or one for each"),
+        ({"mass": 2.0, "worlds": [True, False, True]}, r"set_payload: worlds must have shape \(2,\).*got \(3,\); give"),
+        ({"mass": 2.0, "worlds": [0, 1]}, "set_payload: worlds must be of bool, got int64.*not indices of worlds"),
     ):  # fmt: skip
         with pytest.raises(ModelError, match=message):
             set_payload(good.sim, good.load, **wrong)

@@ -96,14 +96,18 @@ def test_tensors_and_warp_arrays_do_as_well(kind):
 def test_what_cannot_be_meant_is_refused():
     rolling, other = Rolling(), Rolling()
     cases: list[tuple[Any, Any, str]] = [
-        ((1.0, np.nan), 0.0, "finite"),
-        (np.zeros((2, 3)), 0.0, "shape"),
-        (torch.zeros(2, 3), 0.0, "shape"),
-        ((0.0, 0.0), [1.0, 2.0], "shape"),
-        ((0.0, 0.0), float("inf"), "finite"),
+        ((1.0, np.nan), 0.0, "position must be finite"),
+        (np.zeros((2, 3)), 0.0, "position must have shape"),
+        (torch.zeros(2, 3), 0.0, "position must have shape"),
+        ((0.0, 0.0), [1.0, 2.0], "heading must have shape"),
+        ((0.0, 0.0), float("inf"), "heading must be finite"),
     ]
     for position, heading, message in cases:
-        with pytest.raises(ModelError, match=message):
+        with pytest.raises(ModelError, match=f"place_vehicle: {message}.*; give one for all worlds, or one for each"):
             place_vehicle(rolling.sim, rolling.vehicle, position, heading)
+    with pytest.raises(
+        ModelError, match=r"place_vehicle: world_mask must have shape \(3,\) .*, got \(2,\); give one bool"
+    ):
+        place_vehicle(rolling.sim, rolling.vehicle, (0.0, 0.0), world_mask=[True, False])
     with pytest.raises(ModelError, match="another model"):
         place_vehicle(rolling.sim, other.vehicle, (0.0, 0.0))

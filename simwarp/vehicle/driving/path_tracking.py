@@ -178,7 +178,7 @@ class PathTracker(Readable):
         model = self.vehicle.model
         mask = wp.ones(model.world_count, dtype=bool, device=model.device)
         if world_mask is not None:
-            mask = mask_of_worlds(world_mask, model)
+            mask = mask_of_worlds("restart", world_mask, model)
         wp.launch(restart_trackers, model.world_count, inputs=[mask], outputs=[self._state], device=model.device)
 
     @property

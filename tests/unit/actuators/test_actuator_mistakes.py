@@ -122,6 +122,8 @@ def test_wrong_numbers_for_the_arrays_are_told() -> None:
         Actuators(model, specs, dt=1e-3, per_world=["gian"])
     with pytest.raises(ModelError, match=r"action must be float32\(2, 2\)"):
         actuators.set_from_action(torch.zeros(2, 3))
+    with pytest.raises(ModelError, match=r"float32\(2, 2\) \(worlds, actuators\), got float64\(2, 2\); convert it"):
+        actuators.set_from_action(torch.zeros(2, 2, dtype=torch.float64))
     with pytest.raises(ModelError, match="no actuator 'B'; there are a, b"):
         actuators.column("B")
     assert actuators.column("b") == 1

@@ -287,8 +287,11 @@ def test_coordinates_that_are_no_numbers(sim, value):
 
 @pytest.mark.parametrize("mask", ["abc", 1, [[True], [True, False]], object(), {}, [None] * WORLDS])
 def test_masks_that_are_none(sim, mask):
-    for call in (lambda: sim.reset(mask), lambda: sim.measure(mask), lambda: sim.set_joint_state(mask, None, None)):
-        assert refusal(call).startswith("world_mask must ")
+    for name, call in (
+        ("reset", lambda: sim.reset(mask)), ("measure", lambda: sim.measure(mask)),
+        ("set_joint_state", lambda: sim.set_joint_state(mask, None, None)),
+    ):  # fmt: skip
+        assert refusal(call).startswith(f"{name}: world_mask must ")
 
 
 def test_on_a_gpu_such_worlds_are_frozen_instead():

@@ -179,7 +179,7 @@ def test_bad_input_is_one_line():
     with pytest.raises(sw.ModelError, match=r"soil: imprint must follow sw\.Simulation"):
         soil.imprint()
     sw.Simulation(model, 1e-3, elements=[soil], threads=1)
-    with pytest.raises(sw.ModelError, match=r"world_mask must have shape \(2,\)"):
+    with pytest.raises(sw.ModelError, match=r"soil: imprint: world_mask must have shape \(2,\)"):
         soil.imprint([True])
-    with pytest.raises(sw.ModelError, match="world_mask must be of bool"):
+    with pytest.raises(sw.ModelError, match="soil: keep_forces: world_mask must be of bool"):
         soil.keep_forces([0, 1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.core.types import pose
+from simwarp.core.types import ModelError, pose
 from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
@@ -401,3 +401,5 @@ def test_a_vehicle_that_is_placed_elsewhere_is_on_the_nearest_part_of_its_path()
     # 200 m there, half a circle of 15 m, 50 m back; steered is the point 5 m ahead
     assert tracker.arc.numpy()[1] == pytest.approx(200.0 + 15.0 * np.pi + 50.0 + 5.0, abs=0.3)
     assert tracker.arc.numpy()[0] == pytest.approx(before, abs=0.1)
+    with pytest.raises(ModelError, match=r"restart: world_mask must have shape \(2,\) .*got \(3,\); give one bool"):
+        tracker.restart([True] * 3)
