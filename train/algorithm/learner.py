@@ -51,6 +51,10 @@ class TrainingError(RuntimeError):
     """Learning broke down; the message says where and what to try."""
 
 
+class OtherNetworksError(InputError):
+    """A checkpoint's networks are not those of the configuration."""
+
+
 @dataclasses.dataclass(frozen=True)
 class IterationReport:
     """Report of one training iteration.
@@ -342,7 +346,8 @@ class Learner(ABC):
             where: the errors begin with it.
 
         Raises:
-            InputError: it is damaged, or its networks do not fit this task and configuration.
+            InputError: it is damaged, or its worlds do not fit this task and configuration.
+            OtherNetworksError: its networks do not.
         """
         check_members(content, {f"{name}_state_dict": dict for name in self.networks} | dict(_SAVED), where)
         self._load_networks(content, where)
@@ -366,7 +371,7 @@ class Learner(ABC):
             check_optimizer(self.algorithm.optimizer, content["optimizer_state_dict"], "optimizer_state_dict")
             self.algorithm.load(content, None, strict=True)
         except (RuntimeError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
+            raise OtherNetworksError(
                 f"{where} of task '{self.task.name}' has other networks than this configuration: resume with the same"
                 f" --network options and observations ({error})"
             ) from error

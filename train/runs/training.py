@@ -22,6 +22,7 @@ from simwarp.tasks.framework.registry import origin_of
 from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
 from ..algorithm.distributed import Processes, connect, processes
+from .changed_options import told_changes
 from .lessons import planned_lesson, saved_lesson
 from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay
@@ -133,7 +134,7 @@ def train(
         task = _worlds(task_name, config, task_config, group, device, console)
         trainer = Trainer(task, config, group) if lesson is None else Distiller(task, config, lesson, group)
         held.callback(trainer.close)
-        if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
+        if saved is not None and not _load(trainer, *saved):
             console.print("the checkpoint is of other worlds or processes: the worlds start afresh", soft_wrap=True)
         if start is not None:
             trainer.warm_start(start)
@@ -145,6 +146,18 @@ def train(
             return _run(trainer, folder, lock, console, description, films)
         except OutputError as error:
             raise OutputError(f"{error}; {_kept(folder)}") from error
+
+
+def _load(trainer: Learner, path: Path, content: dict[str, Any]) -> bool:
+    """Go on from a checkpoint; False where its worlds are others in number.
+
+    Raises:
+        InputError: it does not fit; options that have changed since are named.
+    """
+    try:
+        return trainer.load(content, f"checkpoint {path}")
+    except InputError as error:
+        raise told_changes(error, path, content, trainer.config, trainer.task.config) from error
 
 
 def run_description(
