@@ -22,7 +22,6 @@ from simwarp.kernels.dynamics.world import (
     copy_rows,
     copy_worlds,
     flag_worlds,
-    forget_contacts_of_worlds,
     make_scratch,
     measure_worlds,
 )
@@ -145,7 +144,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self.state = initial_arrays(model)
         self._measuring = self.shares.record(
             measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
-            outputs=[self.state.arrays],
+            outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
         self._measuring.launch()
         self._resetting = self._record_reset()
@@ -249,7 +248,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         for command, first in self._setting:
             command.use(first, position)
             command.use(first + 1, rate)
-        self._run_in(mask, [*(command for command, _ in self._setting), self._forgetting])
+        self._run_in(mask, [command for command, _ in self._setting])
         self._begin_sensors(mask)
 
     def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
@@ -259,7 +258,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         `sensors`: as in `reset`.
         """
         mask = self._mask("measure", world_mask)
-        self._run_in(mask, [self._measuring, self._forgetting])
+        self._run_in(mask, [self._measuring])
         if sensors:
             self._begin_sensors(mask)
 
@@ -421,16 +420,13 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
         """Launches that set worlds to coordinates and rates, each with the index of these inputs."""
         self._no_rates = wp.zeros_like(self.state.joint_qd)
-        self._forgetting = self.shares.record(
-            forget_contacts_of_worlds, inputs=[self._all_worlds], outputs=[self.contacts.arrays]
-        )
         assemble = self.shares.record(
             assemble_worlds,
             inputs=[
                 self._all_worlds, self._config, self.model.topology, self.model.parameters, self.control.arrays,
                 self.state.joint_q, self._no_rates, self._scratch,
             ],
-            outputs=[self.state.arrays],
+            outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
         if not self.model.device.is_cuda:
             return [(assemble, 5)]

@@ -227,6 +227,18 @@ def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
     return step_worlds
 
 
+@wp.func
+def forget_contacts(world: int, contacts: ContactArrays):
+    """No contacts and no forces of contacts; without a slot in use, the next step has no impulses to start from."""
+    contacts.contact_count[world] = 0
+    contacts.contact_overflow[world] = 0
+    contacts.penetration[world] = 0.0
+    for shape in range(contacts.shape_contact_force.shape[1]):
+        contacts.shape_contact_force[world, shape] = wp.vec3()
+    for body in range(contacts.body_contact_force.shape[1]):
+        contacts.body_contact_force[world, body] = wp.vec3()
+
+
 @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
 def assemble_worlds(
     # inputs
@@ -241,12 +253,15 @@ def assemble_worlds(
     scratch: Scratch,
     # in and out
     state: StateArrays,
+    # outputs
+    contacts: ContactArrays,
 ):
-    """Sets the worlds of the mask to coordinates and rates (`assemble_world`)."""
+    """Sets the worlds of the mask to coordinates and rates (`assemble_world`), where nothing has touched yet."""
     world = worlds.first + wp.tid()
     if mask[world]:
         work = pack(scratch, scratch_slot_of(world, worlds))
         assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
+        forget_contacts(world, contacts)
 
 
 @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
@@ -259,11 +274,17 @@ def measure_worlds(
     scratch: Scratch,
     # in and out
     state: StateArrays,
+    # outputs
+    contacts: ContactArrays,
 ):
-    """Publishes what follows from the poses and velocities of record, in the worlds of the mask (`measure_world`)."""
+    """Publishes what follows from the poses and velocities of record, in the worlds of the mask (`measure_world`).
+
+    Somebody wrote them: contacts of the state before are forgotten.
+    """
     world = worlds.first + wp.tid()
     if mask[world]:
         measure_world(world, topology, parameters, state, pack(scratch, scratch_slot_of(world, worlds)))
+        forget_contacts(world, contacts)
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
@@ -304,32 +325,6 @@ def flag_worlds(
     for dof in range(joint_q.shape[1]):
         if not (wp.isfinite(joint_q[world, dof]) and wp.isfinite(joint_qd[world, dof])):
             world_status[world] = world_status[world] | NON_FINITE
-
-
-@wp.func
-def forget_contacts(world: int, contacts: ContactArrays):
-    """No contacts and no forces of contacts; without a slot in use, the next step has no impulses to start from."""
-    contacts.contact_count[world] = 0
-    contacts.contact_overflow[world] = 0
-    contacts.penetration[world] = 0.0
-    for shape in range(contacts.shape_contact_force.shape[1]):
-        contacts.shape_contact_force[world, shape] = wp.vec3()
-    for body in range(contacts.body_contact_force.shape[1]):
-        contacts.body_contact_force[world, body] = wp.vec3()
-
-
-@wp.kernel(enable_backward=False)
-def forget_contacts_of_worlds(
-    # inputs
-    worlds: WorldRange,
-    mask: wp.array[wp.bool],
-    # outputs
-    contacts: ContactArrays,
-):
-    """What worlds of the mask touched before somebody set their state."""
-    world = worlds.first + wp.tid()
-    if mask[world]:
-        forget_contacts(world, contacts)
 
 
 @wp.kernel(enable_backward=False)
