@@ -32,7 +32,7 @@ from simwarp.tasks import InputError, make, task_class  # noqa: E402
 from simwarp.train.config import task_config_from_plain  # noqa: E402
 from simwarp.train.evaluation.evaluation import evaluate  # noqa: E402
 from simwarp.train.networks.policies import find_policy  # noqa: E402
-from simwarp.train.runs.progress_table import read_progress  # noqa: E402
+from simwarp.train.runs.progress_table import read_progress, seconds_trained  # noqa: E402
 from simwarp.train.runs.run_files import write_json  # noqa: E402
 from simwarp.train.runs.run_folder import git_revision, open_run  # noqa: E402
 
@@ -67,7 +67,7 @@ def result_of(folder: Path, known: dict[str, Any], episodes: int) -> tuple[str, 
     task: Any = make(name, episodes, device="cpu", seed=SEED, config=task_config_from_plain(task_class(name), plain))
     evaluation = evaluate(task, source.policy(task), episodes, SEED)
     return key, seed, {
-        **evaluation.as_json(), "policy": digest, "env_steps": steps, "train_s": round(float(rows[-1]["wall_s"]), 1),
+        **evaluation.as_json(), "policy": digest, "env_steps": steps, "train_s": round(seconds_trained(rows), 1),
         "num_envs": train["num_envs"], "revision": git_revision().get("revision"),
         "machine": describe(wp.get_device("cpu")),
     }  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from simwarp.tasks import InputError
 
 from ..config import LoggerKind
-from .progress_table import FIRST_COLUMNS, ProgressTable
+from .progress_table import FIRST_COLUMNS, WALL, ProgressTable
 from .run_files import append_whole
 from .run_folder import RunFolder
 from ..algorithm.learner import IterationReport
@@ -147,7 +147,7 @@ class RunLog:
             self._sink = WeightsAndBiases(folder.path, description)
 
     def add(self, report: IterationReport, wall: float) -> None:
-        """Record one iteration, ``wall`` seconds after the start.
+        """Record one iteration, ``wall`` seconds after the start or the resume.
 
         Raises:
             OutputError: the disk did not take it.
@@ -155,7 +155,7 @@ class RunLog:
         row: dict[str, float | int] = {
             "iteration": report.iteration,
             "env_steps": report.env_steps,
-            "wall_s": round(wall, 3),
+            WALL: round(self._table.wall + wall, 3),
             "mean_reward": report.mean_reward,
             "mean_episode_length": report.mean_episode_length,
             "env_steps_per_s": round(report.env_steps_per_s, 1),

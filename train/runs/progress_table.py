@@ -17,7 +17,9 @@ LOGGED: Final = "task/"
 """Beginning of the names of what a task tells at each iteration (``Task.on_iteration``)."""
 SUCCESS: Final = "success"
 """Share of the episodes of an iteration that ended as a success."""
-FIRST_COLUMNS: Final = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
+WALL: Final = "wall_s"
+"""Time of training by the clock, that before a resume included [s]."""
+FIRST_COLUMNS: Final = ("iteration", "env_steps", WALL, "mean_reward", "mean_episode_length", "env_steps_per_s")
 COLUMNS: Final = (*FIRST_COLUMNS, "episodes", SUCCESS, "learning_rate", "action_std")
 """Columns of all tasks."""
 FAMILIES: Final = ("reward/", "end/", "loss/", LOGGED)
@@ -36,6 +38,7 @@ class ProgressTable:
     Attributes:
         columns: names of all columns.
         lost: lines of the existing file that could not be read, and are no longer there.
+        wall: time of training up to the last line that was kept [s].
 
     Raises:
         OutputError: the disk did not take it.
@@ -45,6 +48,7 @@ class ProgressTable:
         self.path = path
         rows, self.lost = _read(path)
         kept = [row for row in rows if int(row[_ITERATION]) <= keep_below]
+        self.wall = seconds_trained(kept)
         self.columns = list(dict.fromkeys([*columns, *(kept[0] if kept else ())]))
         write_run_file(path, _table(self.columns, kept))
 
@@ -99,6 +103,16 @@ def success_share(row: Mapping[str, str], good: Iterable[str]) -> float:
     if not ended or not reasons:
         return math.nan
     return sum(float(row.get(f"end/{reason}") or 0.0) for reason in reasons) / ended
+
+
+def seconds_trained(rows: Iterable[Mapping[str, str]]) -> float:
+    """Return how long the iterations of a table took by the clock [s]; in older ones each resume counts from 0."""
+    total = last = 0.0
+    for row in rows:
+        wall = float(row.get(WALL) or last)
+        total += wall if wall < last else wall - last
+        last = wall
+    return total
 
 
 def _read(path: Path) -> tuple[list[dict[str, str]], int]:

@@ -14,7 +14,7 @@ from simwarp.core.files import OutputError
 from simwarp.tasks import Curriculum, Driver, InputError, Task, replace_fields, task_class
 from simwarp.train.config import LoggerKind, Symmetry, default_config
 from simwarp.train.runs import progress_table
-from simwarp.train.runs.progress_table import ProgressTable, read_progress, success_share
+from simwarp.train.runs.progress_table import ProgressTable, read_progress, seconds_trained, success_share
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.training import train
 
@@ -112,6 +112,22 @@ def test_a_resumed_run_keeps_the_columns_that_it_no_longer_has(tmp_path):
     folder = mirrored(tmp_path, iterations=3)
     mirrored(tmp_path, resume=folder.path, **{"ppo.symmetry": Symmetry.NONE})
     assert [row["loss/symmetry"] != "" for row in read_progress(folder.progress)] == [False, False, True, False]
+
+
+def test_the_time_of_a_resumed_run_goes_on(tmp_path):
+    folder = mirrored(tmp_path, iterations=2)
+    last = read_progress(folder.progress)[1]["wall_s"]
+    folder.progress.write_text(folder.progress.read_text().replace(f",{last},", ",5000.0,"))  # an hour or so
+    mirrored(tmp_path, resume=folder.path)
+    walls = [float(row["wall_s"]) for row in read_progress(folder.progress)]
+    assert walls[1] == 5000.0
+    assert 5000.0 < walls[2] < walls[3]
+    assert seconds_trained(read_progress(folder.progress)) == pytest.approx(walls[3], abs=1e-9)  # sums of float64
+
+
+def test_the_time_of_a_table_whose_resumes_began_at_nothing_is_that_of_all():
+    rows = [{"iteration": str(k), "wall_s": wall} for k, wall in enumerate(("1.5", "2.5", "0.5", "", "1.0"), start=1)]
+    assert seconds_trained(rows) == 3.5
 
 
 def test_a_table_that_cannot_be_made_wider_stays_as_it_is(tmp_path, monkeypatch):
