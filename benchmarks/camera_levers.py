@@ -62,16 +62,20 @@ class Lever:
     taught: bool = False
 
 
+DRAWN = ("--network.init-mean",)
+"""The mean action at the start is that of the layers as they are drawn: no number is given."""
 BFLOAT16 = ("--network.precision", "bfloat16")
 SMALL = ("--task.camera-width", "64", "--task.camera-height", "36")
 LEVERS: Mapping[str, Lever] = {
-    "ppo": Lever("PPO"),
-    "ppo-bfloat16": Lever("PPO, convolutions in bfloat16", BFLOAT16),
-    "ppo-batch": Lever("PPO, twice the worlds, 2 epochs", ("--num-envs", "512", "--ppo.epochs", "2")),
-    "ppo-small": Lever("PPO, images of 64 x 36", SMALL),
-    "ppo-both": Lever("PPO, images of 64 x 36, in bfloat16", SMALL + BFLOAT16),
-    "ppo-rate": Lever("PPO, half the frame rate", ("--task.camera-rate", "HALF")),
-    "ppo-repeat": Lever("PPO, every action twice as long", ("--task.decimation", "TWICE")),
+    "ppo": Lever("PPO", DRAWN),
+    "ppo-bfloat16": Lever("PPO, convolutions in bfloat16", DRAWN + BFLOAT16),
+    "ppo-batch": Lever("PPO, twice the worlds, 2 epochs", (*DRAWN, "--num-envs", "512", "--ppo.epochs", "2")),
+    "ppo-small": Lever("PPO, images of 64 x 36", DRAWN + SMALL),
+    "ppo-both": Lever("PPO, images of 64 x 36, in bfloat16", DRAWN + SMALL + BFLOAT16),
+    "ppo-rate": Lever("PPO, half the frame rate", (*DRAWN, "--task.camera-rate", "HALF")),
+    "ppo-repeat": Lever("PPO, every action twice as long", (*DRAWN, "--task.decimation", "TWICE")),
+    "start": Lever("PPO that begins by driving (default)"),
+    "start-both": Lever("PPO that begins by driving, images of 64 x 36, in bfloat16", SMALL + BFLOAT16),
     "distill": Lever("a teacher's student", taught=True),
     "distill-bfloat16": Lever("student, in bfloat16", BFLOAT16, taught=True),
     "distill-shift": Lever(

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.core.threads import MOST_THREADS
-from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require
+from simwarp.tasks import InputError, Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.plain import Settings
 from simwarp.tasks.framework.registry import task_class_of
@@ -126,6 +126,9 @@ class NetworkConfig(Settings):
     """Normalise observations by their running mean and deviation."""
     init_std: Positive = 1.0
     """Standard deviation of the actions at the start."""
+    init_mean: tuple[float, ...] = ()
+    """Mean action at the start, whatever is observed: one number for all, or one for each. The weights of the actor's
+    last layer then begin at a hundredth. Empty: what the layers as drawn give, which the seed decides."""
     tanh_output: bool = False
     """Bound the mean action to (-1, 1) by a tanh."""
     cell: Cell = Cell.GRU
@@ -244,7 +247,9 @@ def default_config(task: type[Task[Any]], config: TaskConfig | None = None) -> T
     return replace_fields(TrainConfig(), {**task.training, **task.training_by_obs.get(obs or "", {})})
 
 
-STUDENT: Mapping[str, Any] = {"iterations": 30, "steps_per_iteration": 16, "network.init_std": 0.2}
+STUDENT: Mapping[str, Any] = {
+    "iterations": 30, "steps_per_iteration": 16, "network.init_std": 0.2, "network.init_mean": (),
+}  # fmt: skip
 """Defaults of a student's training, beside those that its task asks for. Its actions deviate a little, so that it
 learns to come back to its teacher's way."""
 
@@ -313,6 +318,26 @@ def _algorithm_config(ppo: PPOConfig) -> dict[str, Any]:
     return algorithm
 
 
+def _mean_actions(network: NetworkConfig, action_size: int) -> list[float]:
+    """Return the mean action at the start, one number for each; none where the layers decide.
+
+    Raises:
+        InputError: there are other than one or one for each, or a tanh never reaches one.
+    """
+    mean = network.init_mean
+    if len(mean) not in (0, 1, action_size):
+        raise InputError(
+            f"--network.init-mean must be one number or {action_size}, one for each action, got {len(mean)}: "
+            f"{' '.join(map(str, mean))}; give one for all, or leave it out"
+        )
+    if network.tanh_output and any(abs(value) >= 1.0 for value in mean):
+        raise InputError(
+            f"--network.init-mean must be between -1 and 1 with --network.tanh-output, got {' '.join(map(str, mean))}; "
+            "take numbers within, or --network.no-tanh-output"
+        )
+    return list(mean) * (action_size if len(mean) == 1 else 1)
+
+
 def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) -> dict[str, Any]:
     """Return the dictionary rsl-rl wants; a fresh one each time, since rsl-rl changes it.
 
@@ -320,6 +345,9 @@ def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) 
         config: the configuration.
         groups: observation groups that the actor sees, and the critic unless it is privileged.
         action_size: number of action components.
+
+    Raises:
+        InputError: the mean action at the start does not fit the actions.
     """
     network = config.network
     privileged = network.critic is CriticSees.PRIVILEGED
@@ -331,6 +359,7 @@ def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) 
         "actor": {
             **_model_config(network, network.kind, action_size),
             "tanh_output": network.tanh_output,
+            "init_mean": _mean_actions(network, action_size),
             "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": network.init_std},
         },
         "critic": _model_config(network, NetworkKind.MLP if privileged else network.kind, action_size),

@@ -16,7 +16,7 @@ from simwarp.kernels.tasks.driving.barrier_track import find_corners_outside, pa
 
 from ..framework.launching import TensorFunction, launch_over
 from ..framework.registry import register
-from .base import BY_CAMERA, DrivingConfig, corners
+from .base import PEDALS_BY_CAMERA, DrivingConfig, corners
 from .lapping import LappingConfig, LappingTask, Start
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     }
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (64, 64)},
-        "camera": {**BY_CAMERA, "iterations": 200},
+        "camera": {**PEDALS_BY_CAMERA, "iterations": 200},
     }
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 60}
     # Grip and delays that it never met upset it: docs/results.md, "Driving: light, fog, delays, other vehicles"

@@ -77,8 +77,11 @@ BY_CAMERA: Mapping[str, Any] = {
     "network.kind": "early-fusion",
     "network.critic": "privileged",
     "network.hidden": (128, 64),
+    "network.init_mean": (0.0,),
 }
 """Training by camera: the critic, which only training needs, sees the exact state."""
+PEDALS_BY_CAMERA: Mapping[str, Any] = {**BY_CAMERA, "network.init_mean": (0.0, 0.3)}
+"""The same where pedals are worked, with some throttle to begin with: who stands still sees nothing to learn from."""
 
 
 Pixels: TypeAlias = Annotated[int, Ge(36)]

@@ -44,7 +44,7 @@ from ..framework.config import require
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
+from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 from .routes import Routes
@@ -145,6 +145,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.002,
     }
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        **DrivingTask.training_by_obs, "camera": PEDALS_BY_CAMERA,
+    }  # fmt: skip
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     # In one set of conditions it learns to drive at the limit of one model: docs/results.md, "The full model"
     trained_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}

@@ -34,7 +34,7 @@ from ..framework.config import require
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
+from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .hills import Hills
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
@@ -129,7 +129,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     # Over hills the goal is 90 steps away: a discount of 0.99 pays for hurry
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {**DrivingTask.training_by_obs["state"], "iterations": 600, "ppo.gamma": 0.997},
-        "camera": DrivingTask.training_by_obs["camera"],
+        "camera": PEDALS_BY_CAMERA,
     }
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 120}
     trained_in: ClassVar[Mapping[str, Any]] = {"obstacles": 50, "hills": 1.0, "varied": True}

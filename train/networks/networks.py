@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -23,6 +23,8 @@ from ..config import NetworkKind, Precision
 _NATURE = ((32, 8, 4), (64, 4, 2), (64, 3, 1))
 """Channels, kernel and stride of the three convolutions (Mnih et al. 2015)."""
 _UNITS_PER_SIGNAL = 10
+_FIRST_WEIGHTS = 0.01
+"""Of those drawn: the actor's last layer, where its mean action is given."""
 _SMALLEST_IMAGE = 36
 _ACTIVATIONS: Mapping[str, type[nn.Module]] = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh}
 
@@ -45,8 +47,20 @@ def nature_size(height: int, width: int) -> int:
     return _NATURE[-1][0] * height * width
 
 
-def _tanh_at_the_end(mlp: nn.Sequential, wanted: bool) -> None:
-    if wanted:
+def _finish(mlp: nn.Sequential, tanh_output: bool, init_mean: Sequence[float] | None) -> None:
+    """Let an actor begin with a mean action, and bound its results.
+
+    With a last layer as drawn a policy begins with a bias that hangs on the seed: a vehicle whose brake it holds gets
+    nowhere, and learns nothing. Small last weights: Andrychowicz et al. 2021, What matters for on-policy deep
+    actor-critic methods, section 3.2.
+    """
+    if init_mean:
+        last = next(layer for layer in reversed(list(mlp.modules())) if isinstance(layer, nn.Linear))
+        mean = torch.tensor(init_mean, dtype=last.bias.dtype)
+        with torch.no_grad():
+            last.weight.mul_(_FIRST_WEIGHTS)
+            last.bias.copy_(torch.atanh(mean) if tanh_output else mean)
+    if tanh_output:
         mlp.add_module(str(len(mlp)), nn.Tanh())
 
 
@@ -57,6 +71,7 @@ class Perceptron(MLPModel):
         obs, obs_groups, obs_set, output_dim: arguments that rsl-rl hands to every model.
         hidden_dims: units of the hidden layers; None takes :func:`thesis_sizes`.
         tanh_output: bound the mean action to (-1, 1).
+        init_mean: mean action at the start; None or empty: that of the layers as drawn.
         options: activation, obs_normalization and distribution_cfg of rsl-rl.
     """
 
@@ -68,20 +83,23 @@ class Perceptron(MLPModel):
         output_dim: int,
         hidden_dims: list[int] | None = None,
         tanh_output: bool = False,
+        init_mean: Sequence[float] | None = None,
         **options: Any,
     ) -> None:
         if hidden_dims is None:
             hidden_dims = thesis_sizes(sum(obs[group].shape[-1] for group in obs_groups[obs_set]), output_dim)
         super().__init__(obs, obs_groups, obs_set, output_dim, hidden_dims=hidden_dims, **options)
-        _tanh_at_the_end(self.mlp, tanh_output)
+        _finish(self.mlp, tanh_output, init_mean)
 
 
 class Recurrent(RNNModel):
     """rsl-rl's GRU or LSTM before a perceptron."""
 
-    def __init__(self, *arguments: Any, tanh_output: bool = False, **options: Any) -> None:
+    def __init__(
+        self, *arguments: Any, tanh_output: bool = False, init_mean: Sequence[float] | None = None, **options: Any
+    ) -> None:
         super().__init__(*arguments, **options)
-        _tanh_at_the_end(self.mlp, tanh_output)
+        _finish(self.mlp, tanh_output, init_mean)
 
 
 class NatureEncoder(nn.Module):
@@ -153,6 +171,7 @@ class ImageModel(MLPModel):
         action_size: number of actions; the sizing rules count in it, the critic's too.
         activation: name of the non-linearity of the linear layers; convolutions have ReLU.
         tanh_output: bound the mean action to (-1, 1).
+        init_mean: mean action at the start; None or empty: that of the layers as drawn.
         precision: value of a :class:`~simwarp.train.config.Precision`, of the convolutions in training mode.
         options: obs_normalization and distribution_cfg of rsl-rl.
     """
@@ -168,6 +187,7 @@ class ImageModel(MLPModel):
         action_size: int = 1,
         activation: str = "relu",
         tanh_output: bool = False,
+        init_mean: Sequence[float] | None = None,
         obs_normalization: bool = False,
         precision: str = Precision.FLOAT32.value,
         **options: Any,
@@ -189,7 +209,7 @@ class ImageModel(MLPModel):
         features = sum(nature_size(shape[0], shape[1]) for shape in self._image_shapes.values())
         outputs = output_dim if self.distribution is None else self.distribution.input_dim
         self.mlp = self.make_layers(features, action_size, outputs, _ACTIVATIONS[activation])
-        _tanh_at_the_end(self.mlp, tanh_output)
+        _finish(self.mlp, tanh_output, init_mean)
 
     def _get_obs_dim(self, obs: Any, obs_groups: dict[str, list[str]], obs_set: str) -> tuple[list[str], int]:
         groups = obs_groups[obs_set]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from rich.console import Console
@@ -79,6 +80,44 @@ def test_the_thesis_mlp_has_its_layers_and_the_tanh_bounds_the_mean():
     far = trainer.env.get_observations().apply(lambda group: 1e6 * torch.ones_like(group))
     assert float(trainer.algorithm.actor(far).detach().abs().max()) <= 1.0
     assert not any(isinstance(layer, torch.nn.Tanh) for layer in trainer.algorithm.critic.modules())
+
+
+@pytest.mark.parametrize("kind", list(NetworkKind), ids=[kind.value for kind in NetworkKind])
+@pytest.mark.parametrize(("tanh", "mean"), [(False, (0.1, -0.6)), (True, (0.1, -0.6)), (False, (0.3,))])
+def test_a_mean_action_at_the_start_is_that_of_any_seed_and_observation(camera_task, kind, tanh, mean):
+    config = camera_config(kind) if kind in IMAGES else None
+    name = camera_task if kind in IMAGES else "fast"
+    for seed in (0, 1):
+        changes = {"network.init_mean": mean, "network.tanh_output": tanh, "seed": seed}
+        trainer = Trainer(make(name, 8, config=config), small(kind, **changes))
+        observations = trainer.env.get_observations()
+        with torch.no_grad():
+            found = trainer.algorithm.actor(observations).numpy()
+            values = trainer.algorithm.critic(observations)
+        # A hundredth of the weights: of 10 to 64 numbers near 1 with weights up to 0.3, and of images of 0 or 255
+        assert found == pytest.approx(np.broadcast_to(mean, (8, 2)), abs=0.03)
+        assert values.abs().max() > 1e-3  # the critic's own layers are as they were drawn
+    trainer.iterate()
+    with torch.no_grad():
+        assert not np.array_equal(trainer.algorithm.actor(observations).numpy(), found)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"network.init_mean": (0.1, 0.2, 0.3)},
+            r"--network.init-mean must be one number or 2, one for each action, got 3: 0\.1 0\.2 0\.3; give one",
+        ),
+        (
+            {"network.init_mean": (0.0, -1.0), "network.tanh_output": True},
+            r"--network.init-mean must be between -1 and 1 with --network.tanh-output, got 0\.0 -1\.0; take numbers",
+        ),
+    ],
+)
+def test_a_mean_action_that_does_not_fit_is_one_clear_error(changes, message):
+    with pytest.raises(InputError, match=message):
+        Trainer(make("fast", 8), small(NetworkKind.MLP, **changes))
 
 
 @pytest.mark.parametrize("kind", IMAGES, ids=[kind.value for kind in IMAGES])
