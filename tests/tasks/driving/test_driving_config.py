@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make
+from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make, task_class
 from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadConfig, OffRoadTask
 from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
+from simwarp.train.config import default_config, student_config
 from tests.tasks.adapters import test_gym_conformance as rules
 from tests.tasks.driving.driving_checks import NAMES, SMALL, driving, held, obstacle_corners, random_actions
 
@@ -279,3 +280,14 @@ def test_a_setup_without_its_parents_is_named():
 
     with pytest.raises(TaskError, match=r"task 'Forgetful': its setup\(\) must call super\(\).setup\(\) first"):
         Forgetful(OffRoadConfig(), 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_by_camera_a_policy_begins_by_driving(name):
+    """Who holds the brake learns nothing: the reward is for the way. A student has a teacher, and begins as drawn."""
+    task = task_class(name)
+    mean = default_config(task).network.init_mean
+    assert mean[0] == 0.0  # straight ahead
+    assert len(mean) == (1 if name == "hallway" else 2)  # it works its pedals itself
+    assert all(pedal > 0.0 for pedal in mean[1:])
+    assert student_config(task).network.init_mean == ()
