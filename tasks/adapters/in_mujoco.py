@@ -134,18 +134,22 @@ class MujocoSimulation:
     def _give_back(self) -> None:
         """Publish MuJoCo's state in the task's simulation."""
         arrays, (bodies, shapes) = self._state, self._forces
-        bodies[...], shapes[...] = 0.0, 0.0
         for index, world in enumerate(self.worlds):
             state = world.state()
             arrays["body_x"][index], arrays["body_rot"][index] = state.x, state.rotation
             arrays["body_v"][index], arrays["body_omega"][index] = state.v, state.omega
-            world.add_contact_forces(bodies[index], shapes[index])
             if not world.is_sound:
                 arrays["world_status"][index] |= int(WorldStatus.NON_FINITE)
         arrays["body_omega_last"][...] = arrays["body_omega"]
         arrays["body_v_low"][...], arrays["body_omega_low"][...] = 0.0, 0.0
         arrays["world_time"] += self._part
-        self._inner.measure(None, sensors=bool(self._inner.sensors))
+        self._inner.measure(None, sensors=False)
+        # Behind it, which forgets contacts, and before sensors, which may read their forces
+        bodies[...], shapes[...] = 0.0, 0.0
+        for index, world in enumerate(self.worlds):
+            world.add_contact_forces(bodies[index], shapes[index])
+        if self._inner.sensors:
+            self._inner.begin_sensors()
         self._kept = {name: arrays[name].copy() for name in _WATCHED}
 
 

@@ -58,10 +58,12 @@ def test_iterations_in_which_the_teacher_led_do_not_count(tmp_path):
 
 def test_levers_that_hang_on_the_task():
     usual = task_class("hallway").config_type()
-    assert options_of(case("ppo-repeat", "hallway")) == ["--task.decimation", str(2 * usual.decimation)]
-    [_, rate] = options_of(case("ppo-rate", "hallway"))
+    drawn = "--network.init-mean"  # without a number, as it is given before another option
+    assert options_of(case("ppo-repeat", "hallway")) == [drawn, "--task.decimation", str(2 * usual.decimation)]
+    [*_, rate] = options_of(case("ppo-rate", "hallway"))
     assert float(rate) == pytest.approx(0.5 / usual.control_dt)
-    assert options_of(case("ppo")) == []
+    assert options_of(case("ppo")) == [drawn]
+    assert options_of(case("start")) == []
     assert options_of(case("distill-both")) == options_of(case("distill-small")) + options_of(case("distill-bfloat16"))
 
 
