@@ -13,11 +13,11 @@ from typing import Any, Protocol
 
 from simwarp.tasks import InputError
 
+from ..algorithm.learner import IterationReport
 from ..config import LoggerKind
 from .progress_table import FIRST_COLUMNS, WALL, ProgressTable
 from .run_files import append_whole
 from .run_folder import RunFolder
-from ..algorithm.learner import IterationReport
 
 
 class ScalarWriter(Protocol):

@@ -21,8 +21,8 @@ from simwarp.core.files import DRAFT_PREFIX, FileError, check_output, output_err
 from simwarp.core.types import shown
 from simwarp.tasks import InputError
 
-from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from ..config import check_configs
+from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from .run_files import write_json, write_run_file
 
 CONFIG = "config.json"

@@ -9,9 +9,7 @@ import threading
 from collections.abc import Iterator
 from typing import Final
 
-HEARD: Final = [
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-]
+HEARD: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @dataclasses.dataclass

@@ -12,16 +12,19 @@ from typing import Any, Protocol
 import torch
 from rich.console import Console
 
+from simwarp.core.files import OutputError, output_error
 from simwarp.core.readable import ReadableFields
 from simwarp.core.threads import default_threads
-from simwarp.core.files import OutputError, output_error
 from simwarp.core.types import ModelError, shown
 from simwarp.tasks import InputError, Task, TaskConfig, config_to_plain, make, task_class
 from simwarp.tasks.framework.registry import origin_of
 
+from ..algorithm.distiller import Distiller, Lesson
+from ..algorithm.distributed import Processes, connect, processes
+from ..algorithm.learner import IterationReport, Learner, TrainingError
+from ..algorithm.trainer import Trainer
 from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
-from ..algorithm.distributed import Processes, connect, processes
 from .changed_options import told_changes
 from .lessons import planned_lesson, saved_lesson
 from .loggers import RunLog, check_logger
@@ -30,9 +33,6 @@ from .run_files import write_json
 from .run_folder import CONFIG, RUNS, WARM_START, RunFolder, check_root, create_run, open_run, provenance, read_policy
 from .run_lock import RunLock, writing
 from .stopping import StopRequest, stop_on_signals
-from ..algorithm.distiller import Distiller, Lesson
-from ..algorithm.learner import IterationReport, Learner, TrainingError
-from ..algorithm.trainer import Trainer
 
 
 @dataclasses.dataclass(frozen=True)

@@ -36,8 +36,10 @@ SENSED: dict[str, Any] = {"sensing": {"policy": Sensing(delay=(1, 2))}}
         (
             {"curriculum": Curriculum(up=0.5)},
             {"dt": 0.02, **LATE},
-            "--task.dt was 0.01, is 0.02; --task.action-delay was (0, 0), is (0, 2); --task.curriculum.up was 0.5, is"
-            " 0.05",
+            (
+                "--task.dt was 0.01, is 0.02; --task.action-delay was (0, 0), is (0, 2); "
+                "--task.curriculum.up was 0.5, is 0.05"
+            ),
         ),
     ],
 )
@@ -84,11 +86,12 @@ def test_the_command_says_it_in_one_line_and_its_remedies_work(tmp_path, monkeyp
     late = ["--task.action-delay", "0", "2", "--iterations", "3"]
     assert cli.main(["train", "--resume", str(folder.path), *late]) == 2
     err = [line for line in capfd.readouterr().err.splitlines() if not line.startswith("Warp")]
-    assert err == [
-        f"simwarp: checkpoint {folder.latest_checkpoint()} is of other networks or worlds: --task.action-delay was (0, 0),"
-        " is (0, 2); go on without what has changed, or begin a new run from its policy: --warm-start"
-        f" {folder.latest_checkpoint()}"
-    ]
+    newest = folder.latest_checkpoint()
+    told = (
+        f"simwarp: checkpoint {newest} is of other networks or worlds: --task.action-delay was (0, 0), is (0, 2); "
+        f"go on without what has changed, or begin a new run from its policy: --warm-start {newest}"
+    )
+    assert err == [told]
     begin = ["train", "fast", "--warm-start", str(folder.latest_checkpoint()), "--num-envs", "8", "--device", "cpu"]
     assert cli.main([*begin, *late]) == 0
     assert cli.main(["train", "--resume", str(folder.path), "--iterations", "3"]) == 0

@@ -22,7 +22,7 @@ from simwarp.train.config import LoggerKind
 from simwarp.train.evaluation.mp4 import write_mp4
 from simwarp.train.evaluation.play import check_video_path
 from simwarp.train.runs import training
-from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, inference_only
+from simwarp.train.runs.checkpoint import inference_only, load_checkpoint, save_checkpoint
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_files import append_whole
 from simwarp.train.runs.run_folder import RunFolder
