@@ -2,8 +2,7 @@
 
 A task author writes ``build``, ``apply``, ``observations``, ``rewards``, ``terminations`` and ``reset``; all but
 ``build`` work in torch on the device, for all worlds at once. None of them may read a tensor on the host
-(``.item()``, ``.any()`` in an ``if``, indexing by a boolean mask): that would make the device wait in every step.
-Choose with ``torch.where`` instead.
+(``.item()``, ``.any()`` in an ``if``, a boolean mask as an index), for which the device would wait: ``torch.where``.
 """
 
 from __future__ import annotations
