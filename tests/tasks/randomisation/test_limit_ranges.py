@@ -3,42 +3,25 @@
 import itertools
 
 import pytest
-import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.core.types import WORLD
-from simwarp.tasks import InputError, Range, Task, TaskConfig
+from simwarp.tasks import InputError, Range, TaskConfig
+from tests.tasks.randomisation.idle_task import IdleTask
 
 LOWER, UPPER = "joint_limit_lower", "joint_limit_upper"
 
 
-class Arm(Task):
+class Arm(IdleTask):
     """Two hinges with stops at -1 and 1."""
 
     name = "arm"
-    summary = "for tests"
-    action_size = 1
 
     def build(self, builder):
         for name in ("upper", "fore"):
             builder.add_body(name, mass=1.0, inertia=(1.0, 1.0, 1.0))
         builder.add_joint_revolute("shoulder", WORLD, 0, axis=(0, 1, 0), limit=(-1, 1))
         builder.add_joint_revolute("elbow", 0, 1, axis=(0, 1, 0), limit=(-1, 1))
-
-    def apply(self, action):
-        pass
-
-    def reset(self, world_mask):
-        pass
-
-    def observations(self):
-        return {"policy": self.views.joint_q}
-
-    def rewards(self):
-        return {"none": torch.zeros(self.num_worlds)}
-
-    def terminations(self):
-        return {}
 
 
 def arm(ranges, worlds=64):

@@ -7,19 +7,18 @@ import pytest
 import torch
 
 from simwarp import WORLD, pose, to_torch
-from simwarp.tasks import InputError, Mode, Range, Task, TaskConfig, make
+from simwarp.tasks import InputError, Mode, Range, TaskConfig, make
 from simwarp.tasks.framework.rotations import in_world_axes
+from tests.tasks.randomisation.idle_task import IdleTask
 
 SHIFT = (0.04, -0.02, 0.03)
 CORNER = (0.2, 0.15, 0.1)
 
 
-class Things(Task):
+class Things(IdleTask):
     """A box that falls and tumbles, and a double pendulum, with centres of mass that are built at `SHIFT` or drawn."""
 
     name = "things-with-centres"
-    summary = "for tests"
-    action_size = 1
     built = (0.0, 0.0, 0.0)
     joined = True
     """Whether the box has a free joint of its own, whose coordinates place it."""
@@ -45,21 +44,6 @@ class Things(Task):
         builder.add_joint_revolute("elbow", upper, lower, axis=(1, 1, 0), anchor=(2.0, 0.0, 1.25))
         builder.add_shape_sphere(lower, radius=0.1, pose=pose(tuple(-d)), name="ball")
         builder.add_shape_plane(name="ground")
-
-    def apply(self, action):
-        pass
-
-    def reset(self, world_mask):
-        pass
-
-    def observations(self):
-        return {"policy": self.views.joint_q}
-
-    def rewards(self):
-        return {"none": torch.zeros(self.num_worlds)}
-
-    def terminations(self):
-        return {}
 
 
 class Shifted(Things):
