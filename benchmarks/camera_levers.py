@@ -67,7 +67,7 @@ DRAWN = ("--network.init-mean",)
 BFLOAT16 = ("--network.precision", "bfloat16")
 SMALL = ("--task.camera-width", "64", "--task.camera-height", "36")
 LEVERS: Mapping[str, Lever] = {
-    "ppo": Lever("PPO", DRAWN),
+    "ppo": Lever("PPO, begins as drawn", DRAWN),
     "ppo-bfloat16": Lever("PPO, convolutions in bfloat16", DRAWN + BFLOAT16),
     "ppo-batch": Lever("PPO, twice the worlds, 2 epochs", (*DRAWN, "--num-envs", "512", "--ppo.epochs", "2")),
     "ppo-small": Lever("PPO, images of 64 x 36", DRAWN + SMALL),

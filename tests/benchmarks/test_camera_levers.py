@@ -81,7 +81,7 @@ def test_a_table_has_a_line_for_each_way_and_says_what_was_not_reached():
     results = [one | {"reached": {"iteration": 3, "env_steps": 30_000.0}},
                one | {"seed": 2, "seconds": 600.0, "success_rate": 0.5, "reached": None}]  # fmt: skip
     assert table(results).splitlines()[2:] == [
-        "| `off-road` | PPO | 1, 2 | 1.5, not in 10.0 | 30 000 | 95.0 %, 50.0 % |"
+        "| `off-road` | PPO, begins as drawn | 1, 2 | 1.5, not in 10.0 | 30 000 | 95.0 %, 50.0 % |"
     ]
 
 
