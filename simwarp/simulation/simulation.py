@@ -49,6 +49,10 @@ __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
 REFINED_MASS_RATIO: Final = 100.0
 
+CURVATURE_SHARE: Final = 1.0 / 3.0
+"""Of the error that a step adds to a moving joint: what keeps the energy best without position projection, which wants
+all of it (docs/theory.md)."""
+
 SHORTEST_STEP: Final = 1.0e-9
 """Of a sub-step [s]: kernels divide by it in float32."""
 LONGEST_STEP: Final = 1.0e6
@@ -348,7 +352,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         config.max_depenetration_rate = self.solver.max_depenetration_rate
         config.pivot_tolerance = self.solver.pivot_tolerance
         passes = self.solver.position_projection
-        config.projection_iterations = int(self.model.has_loops) if passes is None else passes
+        config.projection_iterations = 0 if passes is None else passes
+        config.curvature_share = CURVATURE_SHARE if config.projection_iterations == 0 else 1.0
         refinement = self.solver.refinement
         config.refinement = int(self.model.mass_ratio > REFINED_MASS_RATIO) if refinement is None else refinement
         config.max_iterations = self.solver.max_iterations

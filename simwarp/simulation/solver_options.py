@@ -32,8 +32,8 @@ class SolverOptions(ReadableFields):
     Attributes:
         max_depenetration_velocity: fastest correction of a penetration or of a joint's position error, >= 0 [m/s].
         max_depenetration_rate: the same for angles, >= 0 [rad/s].
-        position_projection: passes that move positions onto the joints after each step, 0 to 1000; when None, 1 for
-            models with closed loops (whose energy it keeps over long runs) and 0 for trees.
+        position_projection: passes that move positions onto the joints after each step, 0 to 1000; None: 0. Joints are
+            held to second order in the step without them.
         refinement: passes of iterative refinement on the free motion, 0 to 1000; when None, 1 for models whose heaviest
             body has more than 100 times the mass of the lightest, else 0.
         pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant; >= 0 and < 1.

@@ -132,7 +132,7 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     ]
     if topology.row_count > 0:
         commands += [
-            part(form_worlds, topology, parameters, scratch, state, step),
+            part(form_worlds, *model, scratch, state, step),
             part(bias_worlds, *model, control, scratch, state),
             part(answer_worlds, *model, scratch, state),
             part(hold_worlds, *model, scratch, state, step),

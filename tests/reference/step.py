@@ -15,6 +15,9 @@ from tests.reference.step_laws import DofInput, box_constraints, implicit_terms,
 from tests.reference.step_rows import Rows, matrices, quat_exp, quat_product
 from tests.reference.step_solve import Bilateral, Boxes, solve_boxes
 
+CURVATURE_SHARE = 1.0 / 3.0
+FAST_STEP = 0.3  # rad
+
 
 def gyroscopic(inertia: np.ndarray, w0: np.ndarray, h: float) -> np.ndarray:
     """Free body rate after `h`: the root of I (w1 - w0)/h + m x I m, m = (w0 + w1)/2 (body axes)."""
@@ -213,7 +216,8 @@ class ReferenceStep:
         """Jacobian and bias of joint rows, prescribed degrees of freedom and couplings, in that order."""
         h, n = self.dt, self.rows.bilateral
         eta = self.rows.eta[:n]
-        bias = np.clip(self.rows.value[:n] / h, -eta, eta)
+        bend = self._bend()
+        bias = np.clip(self.rows.value[:n] / h - (1.0 - CURVATURE_SHARE) * bend, -eta, eta) + bend
         speeds = enumerate(prescribed_speed(dof, s, self.time, h) for dof, s in zip(self.dofs, inputs, strict=True))
         wanted = {i: -speed for i, speed in speeds if speed is not None}
         self.prescribed = list(wanted)
@@ -223,6 +227,24 @@ class ReferenceStep:
         return jacobian, np.concatenate(
             [bias, list(wanted.values()), np.clip(error, -self.coupling_eta, self.coupling_eta)]
         )
+
+    def _bend(self) -> np.ndarray:
+        """h/2 times the second derivative of each row's value along a motion of the present velocities, by differences
+        of the values themselves; it fades out where a body of the joint turns by more than `FAST_STEP`.
+        """
+        n, h = self.rows.bilateral, self.dt
+        instant = 1e-4 / (1.0 + np.abs(np.concatenate([self.v, self.omega])).max(initial=0.0))
+        values = []
+        for t in (-instant, 0.0, instant):
+            turned = quat_product(quat_exp(t * self.omega), self.rot)
+            self.rows.evaluate(self.x + t * self.v, matrices(turned))
+            values.append(self.rows.value[:n].copy())
+        self._evaluate()
+        curvature = (values[0] - 2.0 * values[1] + values[2]) / instant**2
+        turns = np.append(h * np.linalg.norm(self.omega, axis=1), 0.0)  # the world, -1, does not turn
+        joint = self.rows.joint[:n]
+        turn = np.maximum(turns[self.rows.parent[joint]], turns[self.rows.child[joint]])
+        return 0.5 * h * curvature / (1.0 + (turn / FAST_STEP) ** 4)
 
     def _boxes(self, inputs: list[DofInput]) -> Boxes:
         jacobian, rest, self.box_dof = [], [], []

@@ -133,6 +133,7 @@ class StepConfig:
     dt: float
     max_depenetration_velocity: float  # m/s
     max_depenetration_rate: float  # rad/s
+    curvature_share: float  # of a step's own error of the joints, that is removed beforehand
     pivot_tolerance: float
     projection_iterations: int
     refinement: int
@@ -199,6 +200,7 @@ class WorkScratch(ScratchGroup):
     j1_lin = scratch_array(wp.vec3, "wrench_rows")
     row_b = scratch_array(wp.float32, "padded_rows")
     row_compliance = scratch_array(wp.float32, "padded_rows")
+    row_bend = scratch_array(wp.float32, "rows")  # half a step times its curvature along the start's velocities
     row_impulse = scratch_array(wp.float32, "padded_rows")
     row_r = scratch_array(wp.float32, "padded_rows")
     row_t = scratch_array(wp.float32, "padded_rows")

@@ -19,6 +19,7 @@ from simwarp.kernels.dynamics.joints import (
     POINT_AXIS0,
     POINT_AXIS1,
     JointFrames,
+    half_step,
     joint_frames,
     legal_translation,
 )
@@ -169,18 +170,67 @@ def loop_row_limit(kind: int, config: StepConfig) -> float:
     return limit
 
 
+@wp.func
+def row_bend(
+    joint: int, kind: int, axis0: int, axis1: int, dt: float, frames: JointFrames, topology: Topology, work: Work
+) -> float:
+    """Half a step (`half_step`) times the second derivative of a row's value along a motion of the velocities of the
+    step's start [m/s or 1/s].
+    """
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    omega0 = wp.vec3()
+    omega1 = wp.vec3()
+    speed = wp.vec3()
+    if link0 >= 0:
+        omega0 = work.o_ang[link0]
+        speed -= work.o_lin[link0]
+    if link1 >= 0:
+        omega1 = work.o_ang[link1]
+        speed += work.o_lin[link1]
+    half = half_step(omega0, omega1, dt)
+    if kind == DOT:
+        e = to_float(column(frames.f0, axis0))
+        f = to_float(column(frames.f1, axis1))
+        e_rate = wp.cross(omega0, e)
+        f_rate = wp.cross(omega1, f)
+        turned = wp.dot(wp.cross(omega0, e_rate), f) + wp.dot(e, wp.cross(omega1, f_rate))
+        return half * (turned + 2.0 * wp.dot(e_rate, f_rate))
+    rate0 = wp.cross(omega0, to_float(frames.r0))
+    rate1 = wp.cross(omega1, to_float(frames.r1))
+    speed += rate1 - rate0
+    bend = wp.cross(omega1, rate1) - wp.cross(omega0, rate0)
+    d = to_float(frames.d)
+    if kind == DISTANCE:
+        length = wp.length(d)
+        if length == 0.0:
+            return 0.0
+        n = d / length
+        along = wp.dot(n, speed)
+        return half * (wp.dot(n, bend) + (wp.dot(speed, speed) - along * along) / length)
+    u = to_float(column(frames.f0, axis0))
+    turning = omega0
+    if kind == POINT_AXIS1:
+        u = to_float(column(frames.f1, axis1))
+        turning = omega1
+    u_rate = wp.cross(turning, u)
+    return half * (wp.dot(wp.cross(turning, u_rate), d) + 2.0 * wp.dot(u_rate, speed) + wp.dot(u, bend))
+
+
 @wp.func(inline=True)
 def loop_row_wrenches(
-    row: int, joint: int, world: int, frames: JointFrames, topology: Topology, parameters: Parameters, work: Work
-) -> wp.float64:
-    """Wrenches of one row of a loop joint, and the scale of its pivot; returns its value."""
+    row: int, joint: int, world: int, dt: float, frames: JointFrames, topology: Topology, parameters: Parameters,
+    work: Work,
+) -> wp.float64:  # fmt: skip
+    """Wrenches of one row of a loop joint, its curvature, and the scale of its pivot; returns its value."""
     kind = topology.row_kind[row]
+    axis0 = topology.row_axis0[row]
+    axis1 = topology.row_axis1[row]
     offset = wp.float64(0.0)
     if topology.row_dof[row] < 0:
         offset = row_offset(kind, joint, world, parameters)
-    geometry = row_geometry(
-        topology.joint_type[joint], kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames
-    )
+        work.row_bend[row] = row_bend(joint, kind, axis0, axis1, dt, frames, topology, work)
+    geometry = row_geometry(topology.joint_type[joint], kind, axis0, axis1, offset, frames)
     work.j0_ang[row] = geometry.w0.ang
     work.j0_lin[row] = geometry.w0.lin
     work.j1_ang[row] = geometry.w1.ang
@@ -229,7 +279,9 @@ def loop_row_law(
     limit = loop_row_limit(topology.row_kind[row], config)
     law = RowLaw()
     if dof < 0:
-        law.bias = wp.clamp(float(value) / dt, -limit, limit)
+        # as `corrected` in joints.py
+        bend = work.row_bend[row]
+        law.bias = wp.clamp(float(value) / dt - (1.0 - config.curvature_share) * bend, -limit, limit) + bend
     else:
         law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
     link0 = link_of(topology.joint_body0[joint], topology)
@@ -248,7 +300,7 @@ def loop_joint_rows(
     frames = joint_frames(joint, world, topology, parameters, work)
     violation = float(0.0)
     for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
-        value = loop_row_wrenches(row, joint, world, frames, topology, parameters, work)
+        value = loop_row_wrenches(row, joint, world, dt, frames, topology, parameters, work)
         if topology.row_dof[row] < 0:
             violation = wp.max(violation, wp.abs(float(value)))
         loop_row_law(row, joint, world, dt, time, value, topology, parameters, state, control, config, work)

@@ -4,6 +4,8 @@ Both anchors are kept apart (frame 0 on the joint's first body, frame 1 on its s
 time derivative of its violation. Differences are formed in float64 and only then become float32.
 """
 
+from typing import Any
+
 import warp as wp
 
 from simwarp.core.types import JointType, RowKind
@@ -35,6 +37,8 @@ DOT = wp.constant(int(RowKind.DOT))
 DISTANCE = wp.constant(int(RowKind.DISTANCE))
 ANGLE0 = wp.constant(int(RowKind.ANGLE0))
 ANGLE1 = wp.constant(int(RowKind.ANGLE1))
+
+FAST_STEP = wp.constant(0.3)  # rad: of a step that turns further, the curvature at its start says little
 
 PI_D = wp.constant(wp.float64(3.14159265358979323846))
 
@@ -83,16 +87,21 @@ def joint_frames(joint: int, world: int, topology: Topology, parameters: Paramet
 
 
 @wp.func
+def legal_part(kind: int, z: Any, d: Any):
+    """The part of a translation `d` that an element with the axis `z` allows, in either precision."""
+    if kind == PRISMATIC or kind == CYLINDRICAL or kind == POINT_ON_LINE:
+        return z * wp.dot(z, d)
+    if kind == FREE or kind == BUSHING:
+        return d
+    if kind == PLANAR or kind >= POINT_ON_PLANE:
+        return d - z * wp.dot(z, d)
+    return type(d)()
+
+
+@wp.func
 def legal_translation(kind: int, frames: JointFrames) -> wp.vec3d:
     """The part of `d` that the element allows."""
-    z = column(frames.f0, 2)
-    if kind == PRISMATIC or kind == CYLINDRICAL or kind == POINT_ON_LINE:
-        return z * wp.dot(z, frames.d)
-    if kind == FREE or kind == BUSHING:
-        return frames.d
-    if kind == PLANAR or kind >= POINT_ON_PLANE:
-        return frames.d - z * wp.dot(z, frames.d)
-    return wp.vec3d()
+    return legal_part(kind, column(frames.f0, 2), frames.d)
 
 
 @wp.func
@@ -114,6 +123,53 @@ def misalignment(kind: int, frames: JointFrames) -> wp.vec3d:
     return error
 
 
+@wp.struct
+class ErrorCurvature:
+    """Second derivative of a joint's error along a motion of the present velocities [rad/s², m/s²], world axes."""
+
+    ang: wp.vec3
+    lin: wp.vec3
+
+
+@wp.func
+def error_curvature(
+    kind: int, r0: wp.vec3, r1: wp.vec3, omega0: wp.vec3, omega1: wp.vec3, slip: wp.vec3, frames: JointFrames
+) -> ErrorCurvature:
+    """Curvature of what the joint forbids. `r0` includes the travel that it allows; `slip` is the velocity of anchor 1
+    against the point of body 0 there [m/s].
+    """
+    z0 = to_float(column(frames.f0, 2))
+    turning = omega1 - omega0
+    curvature = ErrorCurvature()
+    curvature.lin = wp.cross(omega1, wp.cross(omega1, r1)) - wp.cross(omega0, wp.cross(omega0, r0) + 2.0 * slip)
+    curvature.lin -= legal_part(kind, z0, curvature.lin)
+    if kind == REVOLUTE or kind == CYLINDRICAL or kind == PLANAR:
+        z1 = to_float(column(frames.f1, 2))
+        curvature.ang = wp.cross(z1, omega1) * wp.dot(z1, turning)
+    elif kind == UNIVERSAL:
+        x0 = to_float(column(frames.f0, 0))
+        y1 = to_float(column(frames.f1, 1))
+        across = wp.cross(x0, y1)
+        bend = wp.cross(x0, omega0) * wp.dot(x0, turning) + wp.cross(y1, omega1) * wp.dot(y1, turning)
+        curvature.ang = across * wp.dot(across, bend)
+    return curvature
+
+
+@wp.func
+def half_step(omega0: wp.vec3, omega1: wp.vec3, dt: float) -> float:
+    """Half a step [s], fading out where a body turns by more than `FAST_STEP` within it."""
+    turn = wp.max(wp.dot(omega0, omega0), wp.dot(omega1, omega1)) * (dt * dt / (FAST_STEP * FAST_STEP))
+    return 0.5 * dt / (1.0 + turn * turn)
+
+
+@wp.func
+def corrected(error: wp.vec3, bend: wp.vec3, inv_dt: float, limit: float, config: StepConfig) -> wp.vec3:
+    """Rate at which a joint's error must fall [m/s or rad/s]: `bend`, half a step of its curvature, and the error of
+    the step's start. What that has beyond the steady error of a moving joint is limited (docs/theory.md).
+    """
+    return clamp_length(error * inv_dt - (1.0 - config.curvature_share) * bend, limit) + bend
+
+
 @wp.func
 def link_geometry(
     link: int, world: int, inv_dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
@@ -133,14 +189,28 @@ def link_geometry(
     if sign < 0.0:
         child = r0
         parent = r1
-    if topology.link_parent[link] < 0:
+    above = topology.link_parent[link]
+    carrier_ang = wp.vec3()
+    carrier_lin = wp.vec3()
+    if above >= 0:
+        carrier_ang = work.o_ang[above]
+        carrier_lin = work.o_lin[above] + wp.cross(carrier_ang, parent)
+    else:
         parent = wp.vec3()  # the world does not move: no lever, and its anchor may be kilometres long
     work.shift[link] = parent - child
+    omega = work.o_ang[link]
+    slip = (work.o_lin[link] + wp.cross(omega, child) - carrier_lin) * sign
+    omega0 = carrier_ang
+    omega1 = omega
+    if sign < 0.0:
+        omega0 = omega
+        omega1 = carrier_ang
+    curvature = error_curvature(kind, r0, r1, omega0, omega1, slip, frames)
+    half = half_step(omega0, omega1, config.dt)
     # it carries all that the change of velocity must make good: the correction, and what the velocities of the
     # step's start violate at its poses
-    above = topology.link_parent[link]
-    ang = clamp_length(e_ang * inv_dt, config.max_depenetration_rate) * (-sign)
-    lin = clamp_length(e_lin * inv_dt, config.max_depenetration_velocity) * (-sign)
+    ang = corrected(e_ang, half * curvature.ang, inv_dt, config.max_depenetration_rate, config) * (-sign)
+    lin = corrected(e_lin, half * curvature.lin, inv_dt, config.max_depenetration_velocity, config) * (-sign)
     lin -= wp.cross(ang, child)
     f0 = matrix_to_float(frames.f0)
     for tree_dof in range(topology.link_tree_dof[link], topology.link_tree_dof[link + 1]):
@@ -161,11 +231,8 @@ def link_geometry(
         rate = work.rate[tree_dof]
         ang += a * rate
         lin += v * rate
-    if above >= 0:
-        ang += work.o_ang[above]
-        lin += work.o_lin[above] + wp.cross(work.o_ang[above], parent - child)
-    work.stabilisation_ang[link] = ang - work.o_ang[link]
-    work.stabilisation_lin[link] = lin - work.o_lin[link]
+    work.stabilisation_ang[link] = ang + carrier_ang - omega
+    work.stabilisation_lin[link] = lin + carrier_lin - wp.cross(carrier_ang, child) - work.o_lin[link]
     return wp.max(wp.length(e_lin), wp.length(e_ang))
 
 

@@ -131,6 +131,7 @@ def move_worlds(
 def form_worlds(
     # inputs
     worlds: WorldRange,
+    config: StepConfig,
     topology: Topology,
     parameters: Parameters,
     scratch: Scratch,
@@ -150,7 +151,7 @@ def form_worlds(
         joint = topology.loop_joint[index]
         frames = joint_frames(joint, world, topology, parameters, work)
         for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
-            value = float(loop_row_wrenches(row, joint, world, frames, topology, parameters, work))
+            value = float(loop_row_wrenches(row, joint, world, config.dt, frames, topology, parameters, work))
             work.row_b[row] = value
             if topology.row_dof[row] < 0:
                 worst = wp.max(worst, wp.abs(value))
