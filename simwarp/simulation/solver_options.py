@@ -61,7 +61,7 @@ class SolverOptions(ReadableFields):
     max_depenetration_rate: float = 3.0
     position_projection: int | None = None
     refinement: int | None = None
-    pivot_tolerance: float = 1.0e-5
+    pivot_tolerance: float = 1.0e-4
     max_iterations: int = 1000
     tolerance: float = 1.0e-5
     row_tolerance: float = 5.0e-6
@@ -86,7 +86,7 @@ class SolverOptions(ReadableFields):
         }
         if not 0.0 <= number(self.pivot_tolerance) < 1.0:
             raise ModelError(
-                f"{thing}: pivot_tolerance must be >= 0 and < 1, got {shown(self.pivot_tolerance)}; try 1e-5"
+                f"{thing}: pivot_tolerance must be >= 0 and < 1, got {shown(self.pivot_tolerance)}; try 1e-4"
             )
         checked["pivot_tolerance"] = number(self.pivot_tolerance)
         for field, least, most in (

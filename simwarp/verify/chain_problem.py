@@ -7,8 +7,9 @@ as a model so that the engine's step is that problem:
   body inertias and the levers, which D gives in world axes, are anchors in the body;
 - joints: three rows make a ball joint. Its block on the second body is the unit matrix and the skew matrix of -r1; on
   the first, their negatives with r0. The levers are read off the block;
-- b = C / h of the point rows: bodies are put apart such that anchor 1 - anchor 0 = h b, which is exact, because the
-  levers do not depend on it and the correction clamp (0.6 m/s) is far away;
+- b = C / h + h κ / 6 of the point rows, κ the curvature that the velocities give: bodies are put apart such that
+  anchor 1 - anchor 0 = h (b - h κ / 6), which is exact, because the levers do not depend on it and the correction clamp
+  (0.6 m/s) is far away;
 - free velocity: it is set as the velocity; gravity and gyroscopic torque are off;
 - contacts: the four contacts' impulses are given, D_c gamma_c, as body forces and torques over the step.
 
@@ -40,6 +41,13 @@ def lever(block: Array) -> Array:
     return np.array([angular[2, 1], angular[0, 2], angular[1, 0]])
 
 
+def curvature(motion1: Array, r1: Array, motion0: Array, r0: Array) -> Array:
+    """Second derivative of a ball joint's gap along a motion of the bodies' (v, ω), in axes of body 0 [m/s²]."""
+    w1, w0 = motion1[3:], motion0[3:]
+    slip = motion1[:3] + np.cross(w1, r1) - motion0[:3] - np.cross(w0, r0)
+    return np.cross(w1, np.cross(w1, r1)) - np.cross(w0, np.cross(w0, r0) + 2.0 * slip)
+
+
 def rebuild(problem: dict[str, Array], device: str = "cpu") -> Probe:
     """The model of the problem in its initial state, impulses of the contacts applied."""
     d, inverse, h = problem["D"], problem["Minv"], float(problem["h"])
@@ -68,10 +76,13 @@ def rebuild(problem: dict[str, Array], device: str = "cpu") -> Probe:
     for parent, child, columns in links:
         builder.add_joint_spherical(f"ball{child}", parent, child, anchor=x[child] + lever(columns[child]))
     probe = Probe(builder, h, device, solver=SolverOptions(gyroscopic=False))
-    for parent, child, _ in links:
-        # the parent is moved already: anchors then lie h b apart
+    motion = problem["vfree"].reshape(count, 6)
+    for parent, child, columns in links:
+        # the parent is moved already: anchors then lie this far apart
         before = np.zeros(3) if parent == WORLD else x[parent] - builder.bodies[parent].pose.position
-        x[child] += before + h * problem["b"][3 * child : 3 * child + 3]
+        ends = [(motion[child], lever(columns[child]))]
+        ends.append((np.zeros(6), np.zeros(3)) if parent == WORLD else (motion[parent], lever(columns[parent])))
+        x[child] += before + h * (problem["b"][3 * child : 3 * child + 3] - h / 6.0 * curvature(*ends[0], *ends[1]))
     probe.sim.state.body_x.assign(x[None])
     probe.sim.measure()
     impulse = (d[:, 3 * joints :] @ problem["gamma"][3 * joints :]).reshape(1, count, 6)

@@ -123,6 +123,13 @@ class Probe:
         return np.sum(self.mass[:, None] * np.cross(self.x, self.v) + spin, axis=0)
 
 
+CURVATURE_SHARE = 1.0 / 3.0
+"""Of a step's curvature that rows ask for beforehand (docs/theory.md)."""
+
+FAST_STEP = 0.3
+"""Turn of a body in a step about which the curvature fades out [rad]."""
+
+
 class HingeRows:
     """The rows of a probe's revolute and spherical joints in float64, each body at its own anchor."""
 
@@ -153,16 +160,28 @@ class HingeRows:
         z0 = np.einsum("jik,jk->ji", rotation[self.body0], self.axis0)
         z1 = np.einsum("jik,jk->ji", rotation[self.body1], self.axis1)
         gap = (x[self.body1] - x[self.body0]) + (r1 - r0)
-        return HingeGeometry(r0, r1, z0, gap, np.where(self.hinged[:, None], np.cross(z0, z1), 0.0))
-
-    def speeds(self, at: HingeGeometry, dt: float) -> Array:
-        """(J, 2) |J v + C / h| of the point rows [m/s] and of a hinge's axis rows [rad/s], at earlier poses."""
-        probe = self.probe
         v, omega = self._with_world(probe.v, np.zeros(3)), self._with_world(probe.omega, np.zeros(3))
         w0, w1 = omega[self.body0], omega[self.body1]
-        points = v[self.body1] + np.cross(w1, at.r1) - v[self.body0] - np.cross(w0, at.r0) + at.gap / dt
+        slip = v[self.body1] + np.cross(w1, r1) - v[self.body0] - np.cross(w0, r0)
+        bend = np.cross(w1, np.cross(w1, r1)) - np.cross(w0, np.cross(w0, r0) + 2.0 * slip)
+        tilting = np.cross(z1, w1) * np.sum(z1 * (w1 - w0), axis=1, keepdims=True)
+        return HingeGeometry(
+            r0, r1, z0, gap, np.where(self.hinged[:, None], np.cross(z0, z1), 0.0), bend, tilting,
+            np.maximum(np.linalg.norm(w0, axis=1), np.linalg.norm(w1, axis=1)),
+        )  # fmt: skip
+
+    def speeds(self, at: HingeGeometry, dt: float) -> Array:
+        """(J, 2) |J v + C / h + h κ / 6| of the point rows [m/s] and of a hinge's axis rows [rad/s], poses and curvature κ
+        those of the step's start.
+        """
+        probe = self.probe
+        ahead = (0.5 * CURVATURE_SHARE * dt / (1.0 + (dt * at.rate / FAST_STEP) ** 4))[:, None]
+        v, omega = self._with_world(probe.v, np.zeros(3)), self._with_world(probe.omega, np.zeros(3))
+        w0, w1 = omega[self.body0], omega[self.body1]
+        points = v[self.body1] + np.cross(w1, at.r1) - v[self.body0] - np.cross(w0, at.r0)
+        points = points + at.gap / dt + ahead * at.bend
         turn = w1 - w0
-        turn = turn - at.z0 * np.sum(turn * at.z0, axis=1, keepdims=True) + at.tilt / dt
+        turn = turn - at.z0 * np.sum(turn * at.z0, axis=1, keepdims=True) + at.tilt / dt + ahead * at.tilting
         turn = np.where(self.hinged[:, None], turn, 0.0)
         return np.stack([np.linalg.norm(points, axis=1), np.linalg.norm(turn, axis=1)], axis=1)
 
@@ -178,13 +197,18 @@ class HingeRows:
 
 @dataclasses.dataclass(frozen=True)
 class HingeGeometry:
-    """Levers [m] about the centres of mass, axis of body 0, gap [m] between the anchors, tilt [rad] of the axes."""
+    """Levers [m] about the centres of mass, axis of body 0, gap [m] between the anchors, tilt [rad] of the axes, the
+    curvatures of both [m/s², rad/s²], and the rate of the faster body [rad/s].
+    """
 
     r0: Array
     r1: Array
     z0: Array
     gap: Array
     tilt: Array
+    bend: Array
+    tilting: Array
+    rate: Array
 
 
 def crossings(values: npt.ArrayLike, dt: float, start: float = 0.0) -> Array:
