@@ -28,6 +28,7 @@ from scipy import stats
 from simwarp.bench.machine import describe
 from simwarp.cli import UsageError
 from simwarp.core.files import FileError, OutputError
+from simwarp.core.stopping import stop_on_signals
 from simwarp.core.warp_start import start_warp
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
 from simwarp.train.algorithm.learner import TrainingError
@@ -38,7 +39,6 @@ from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.run_files import write_json
 from simwarp.train.runs.run_folder import RunFolder, git_revision
 from simwarp.train.runs.run_lock import writing
-from simwarp.train.runs.stopping import stop_on_signals
 from simwarp.train.sweeps.launchers import LocalLauncher
 from simwarp.train.sweeps.plan import SweepRun, run_name
 from simwarp.train.sweeps.ranking import REWARD, result_of

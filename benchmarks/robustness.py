@@ -45,6 +45,7 @@ from benchmarks.robustness_points import (
     write_row,
 )
 from benchmarks.robustness_report import SEED, report, summary
+from simwarp.core.stopping import stop_on_signals
 from simwarp.core.warp_start import start_warp
 from simwarp.tasks import make, resolve_device, task_class
 from simwarp.tasks.driving import DrivingTask
@@ -57,7 +58,6 @@ from simwarp.train.evaluation.grid import (
     evaluate_grid,
 )
 from simwarp.train.networks.policies import find_policy
-from simwarp.train.runs.stopping import stop_on_signals
 
 EPISODES: Final = {"hallway": 48, "barrier-track": 48, "convoy": 64}
 """Of tasks whose episodes are long; of others `USUAL_EPISODES`."""

@@ -15,14 +15,8 @@ import sys
 from collections.abc import Callable, Sequence
 
 from simwarp.cli.lighter_imports import FULL, leave_compiler_out, run_in_full, stand_ins
-from simwarp.cli.process import (
-    end_at_signals,
-    ended_by_signals,
-    leave,
-    leave_at_once,
-    prepare_streams,
-    silence_output,
-)
+from simwarp.cli.process import leave, leave_at_once, prepare_streams, silence_output
+from simwarp.core.stopping import exit_at_signals, interrupted_by_signals
 from simwarp.core.wording import close_names
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -215,18 +209,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: its words; those of this process by default.
     """
-    if argv is None:
+    alone = argv is None
+    if alone:
         prepare_streams()
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    try:
-        with ended_by_signals():
-            code = _run(arguments, alone=argv is None)
-            if sys.stdout is not None:
-                sys.stdout.flush()
-            if argv is None:
-                end_at_signals(code)
-                leave(code)
+    with interrupted_by_signals():
+        try:
+            return _explained(list(sys.argv[1:] if argv is None else argv), alone=alone)
+        except KeyboardInterrupt:
+            if alone:
+                exit_at_signals(INTERRUPTED)
+            code = _tell("interrupted", INTERRUPTED)
+            if alone:
+                leave_at_once(code)
             return code
+
+
+def _explained(arguments: list[str], *, alone: bool) -> int:
+    """Run the command that the arguments name; an error that has an exit code is one line."""
+    try:
+        code = _run(arguments, alone=alone)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        if alone:
+            exit_at_signals(code)
+            leave(code)
+        return code
     except SystemExit as stop:
         # Argument parsers leave this way, their message is out already; and rich, when the reader of a pipe went away
         if isinstance(stop.__context__, BrokenPipeError):
@@ -234,11 +241,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stop.code, str):
             return _tell(stop.code, WRONG_INPUT)
         return stop.code or DONE
-    except KeyboardInterrupt:
-        code = _tell("interrupted", INTERRUPTED)
-        if argv is None:
-            leave_at_once(code)
-        return code
     except BrokenPipeError:
         # The reader of a pipe went away, as `simwarp list | head` does
         silence_output()

@@ -147,9 +147,9 @@ def run(arguments: list[str]) -> int:
     word, arguments = take_task(arguments, "sweep", task_names())
     plan = read_plan(word, arguments)
     options = plan.options
+    from simwarp.core.stopping import stop_on_signals
     from simwarp.train.runs.run_folder import check_root
     from simwarp.train.runs.run_lock import writing
-    from simwarp.train.runs.stopping import stop_on_signals
     from simwarp.train.sweeps.running import SweepRunner
     from simwarp.train.sweeps.sweep_display import SweepDisplay
 

@@ -160,7 +160,8 @@ def tell_result(
     state = "interrupted and saved" if result.interrupted else "done"
     say(f"{state} after {result.iterations} iterations, {result.env_steps:,} env steps, {result.wall_s:.0f} s")
     say(f"run folder      {result.run}")
-    say(f"learning curve  {result.picture}")
+    if result.picture is not None:
+        say(f"learning curve  {result.picture}")
     if result.film is not None:
         say(f"last film       {result.film}")
     if result.interrupted:

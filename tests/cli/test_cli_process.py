@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -56,7 +55,7 @@ def test_signals_end_a_command_as_ctrl_c_does(ends_with, number, tmp_path):
     assert not (tmp_path / "a.txt").exists()
 
 
-def test_handlers_of_others_and_threads_are_left_alone(ends_with):
+def test_handlers_of_others_are_left_alone(ends_with):
     def handler(number, frame):
         pass
 
@@ -65,16 +64,6 @@ def test_handlers_of_others_and_threads_are_left_alone(ends_with):
         assert ends_with(lambda: int(signal.getsignal(signal.SIGTERM) is not handler))[0] == 0
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    found = []
-
-    def inside():
-        with process.ended_by_signals():
-            found.append(signal.getsignal(signal.SIGTERM))
-
-    thread = threading.Thread(target=inside)
-    thread.start()
-    thread.join()
-    assert found == [signal.SIG_DFL]
 
 
 class Ending:
@@ -142,6 +131,20 @@ simwarp.core.warp_start.start_warp = lambda: None
 sys.argv = ["simwarp", "list"]
 sys.exit(cli.main())
 """
+
+
+def test_copies_of_a_signal_are_one_line(ends_with):
+    """As `timeout` and batch systems send them: also while the first one is told, and files are removed."""
+
+    def work():
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(20.0)
+        finally:
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                signal.raise_signal(number)
+
+    assert ends_with(work) == (130, "simwarp: interrupted\n")
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])

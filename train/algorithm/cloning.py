@@ -13,6 +13,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from simwarp.core.constraints import Count, Ge, Lt, Positive, Whole
+from simwarp.core.stopping import StopRequest
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.plain import Settings
@@ -54,12 +55,14 @@ class CloneResult:
         steps: recorded steps learnt from.
         loss: mean squared error of an action component on them.
         held_out_loss: the same on the episodes not learnt from; NaN without any.
+        epochs: whole passes over the recorded steps.
     """
 
     content: dict[str, Any]
     steps: int
     loss: float
     held_out_loss: float
+    epochs: int = 0
 
 
 def _groups(task: Task[Any], data: Trajectories) -> TensorDict:
@@ -102,6 +105,7 @@ def clone(
     config: CloneConfig,
     train_config: TrainConfig,
     report: Callable[[int, float], None] = lambda epoch, loss: None,
+    stop: StopRequest | None = None,
 ) -> CloneResult:
     """Fit the mean action of a policy to recorded actions, in the least squares.
 
@@ -111,11 +115,14 @@ def clone(
         config: hyperparameters.
         train_config: its network is built, and is what a later training must have.
         report: called after each epoch with its number and mean loss, a dimensionless squared error of actions.
+        stop: request to leave with what is learnt by then.
 
     Raises:
         InputError: the data does not fit the task, or the network is recurrent.
         TrainingError: the loss is no longer finite.
+        KeyboardInterrupt: it was asked to stop within the first epoch.
     """
+    stop = stop or StopRequest()
     if train_config.network.kind is NetworkKind.RECURRENT:
         raise InputError(
             "recurrent networks cannot be cloned: steps are learnt in any order; give another network.kind"
@@ -130,19 +137,28 @@ def clone(
     # The deviation of the actions has no part in the squared error, and stays
     optimiser = torch.optim.Adam(actor.parameters(), lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.epochs)
+    done = 0
     for epoch in range(config.epochs):
         total = 0.0
         for part in rows[torch.randperm(len(rows))].split(config.batch):
+            if stop.requested:
+                break
             loss = (actor(groups[part]) - actions[part]).square().mean()
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(actor.parameters(), 1.0)
             optimiser.step()
             total += float(loss.detach()) * len(part)
-        schedule.step()
+        else:
+            schedule.step()
+            done = epoch + 1
         if not np.isfinite(total):
             raise TrainingError(f"cloning diverged in epoch {epoch + 1}; try a lower --learning-rate")
-        report(epoch + 1, total / len(rows))
+        if done <= epoch:
+            break
+        report(done, total / len(rows))
+    if done == 0:
+        raise KeyboardInterrupt
     state = actor.state_dict()
     for name in ("distribution.std_param",):
         state[name] = torch.full_like(state[name], config.std)
@@ -154,5 +170,5 @@ def clone(
         "actor_state_dict": state,
     }
     return CloneResult(
-        content, len(rows), _loss(actor, groups[rows], actions[rows]), _loss(actor, groups[held], actions[held])
+        content, len(rows), _loss(actor, groups[rows], actions[rows]), _loss(actor, groups[held], actions[held]), done
     )

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import atexit
 import dataclasses
+import math
 import os
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch import distributed
 
 from simwarp.core.threads import thread_count
 from simwarp.tasks import InputError, resolve_device
+
+_SHUTDOWN_TIME: Final = 30.0
+"""Time that ``torchrun`` leaves by default between a signal and SIGKILL [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,6 +124,16 @@ def connect(group: Processes, device: str) -> None:
     backend = "nccl" if device.startswith("cuda") else "gloo"
     distributed.init_process_group(backend, rank=group.rank, world_size=group.count)
     atexit.register(_disconnect)
+
+
+def shutdown_time() -> float:
+    """Return how long after a signal ``torchrun`` kills what it has started [s]; infinite for any other process."""
+    if "TORCHELASTIC_RUN_ID" not in os.environ:
+        return math.inf
+    try:
+        return float(os.environ.get("TORCH_ELASTIC_SHUTDOWN_TIMEOUT", ""))
+    except ValueError:
+        return _SHUTDOWN_TIME
 
 
 def _disconnect() -> None:

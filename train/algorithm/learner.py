@@ -9,7 +9,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 import torch
@@ -49,6 +49,10 @@ _SAVED_BY_EACH: Final[Mapping[str, Any]] = {
 
 class TrainingError(RuntimeError):
     """Learning broke down; the message says where and what to try."""
+
+
+class IterationLeftError(Exception):
+    """An iteration was left in the middle: what the worlds did in it is lost."""
 
 
 class OtherNetworksError(InputError):
@@ -119,6 +123,11 @@ class Learner(ABC):
         self.iteration = 0
         self.env_steps = 0
         """Control steps of all worlds since the beginning of the run."""
+        self.interlude: Callable[[], bool] = lambda: False
+        """Called between two control steps and, in a single process, between two mini-batches: all of the learner's
+        state is whole there. True leaves the iteration."""
+        if not self.group.several:  # several must take as many steps of the optimiser
+            self.algorithm.optimizer.register_step_post_hook(self._between_batches)
         self._window: deque[tuple[int, float, float]] = deque()
         if config.spread_start:
             chance = torch.rand(task.num_worlds, device=self.device)
@@ -176,6 +185,7 @@ class Learner(ABC):
         Raises:
             TaskError: the task returned NaN or infinity.
             TrainingError: a loss is no longer finite.
+            IterationLeftError: :attr:`interlude` of any process asked for it.
         """
         started = time.perf_counter()
         logged = self.task.on_iteration(self.iteration) or {}
@@ -217,8 +227,13 @@ class Learner(ABC):
         )
 
     def collect(self) -> None:
-        """Fill the storage with one rollout and compute its returns."""
+        """Fill the storage with one rollout and compute its returns.
+
+        Raises:
+            IterationLeftError: :attr:`interlude` of any process asked for it.
+        """
         self.env.broken = torch.zeros_like(self.env.broken)
+        left = False
         with torch.inference_mode():
             observations = self.env.get_observations()
             for step in range(self.config.steps_per_iteration):
@@ -226,7 +241,18 @@ class Learner(ABC):
                 observations, rewards, dones, extras = self.env.step(actions)
                 self._after_step(step)
                 self.algorithm.process_env_step(observations, rewards, dones, extras)
+                left = self.interlude()
+                if left:
+                    break
+            # The others may have filled theirs
+            if self.group.sums({"left": float(left)}, self.device)["left"] > 0.0:
+                raise IterationLeftError
             self.algorithm.compute_returns(observations)
+
+    def _between_batches(self, *_: object) -> None:
+        """Called by the optimiser after each of its steps."""
+        if self.interlude():
+            raise IterationLeftError
 
     def _after_step(self, step: int) -> None:  # noqa: B027 (what most need not write)
         """Called after each control step of a rollout, before it is stored. Optional."""

@@ -19,6 +19,7 @@ import torch
 
 from simwarp.core.files import parse_json
 from simwarp.core.readable import ReadableFields
+from simwarp.core.stopping import StopRequest
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
@@ -77,7 +78,10 @@ class Trajectories(ReadableFields):
         return sums.astype(np.float64)
 
 
-def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dict[str, Any]) -> Trajectories:
+def record(
+    task: Task[Any], policy: Policy, episodes: int, seed: int, about: dict[str, Any],
+    stop: StopRequest | None = None,
+) -> Trajectories:  # fmt: skip
     """Let a policy act for exactly ``episodes`` whole episodes: the first ones of each world.
 
     Args:
@@ -86,10 +90,13 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
         episodes: number of episodes.
         seed: seed of the worlds.
         about: metadata to keep beside the task and the returns.
+        stop: request to leave with the episodes that have ended by then.
 
     Raises:
         TrainingError: the policy returned NaN or infinity.
+        KeyboardInterrupt: it was asked to stop before an episode had ended.
     """
+    stop = stop or StopRequest()
     if episodes < 1:
         raise InputError(f"episodes must be at least 1, got {episodes}")
     refuse_agents(task, "and trajectories are of one", "record a task of single agents")
@@ -102,7 +109,7 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
     reset_memory(policy)
     rows: list[dict[str, torch.Tensor]] = []
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
-    while len(rows) % _CHECK_INTERVAL or not bool((done >= quota).all()):
+    while not stop.requested and (len(rows) % _CHECK_INTERVAL or not bool((done >= quota).all())):
         actions = policy(observations)
         bad += bad_actions(actions)
         actions = actions.clamp(-1.0, 1.0)
@@ -116,6 +123,9 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
         done += ended
         row |= {"rewards": result.rewards.cpu(), "terminated": result.terminated.cpu()}
         rows.append(row | {"truncated": result.truncated.cpu()})
+    quota = torch.minimum(quota, done)
+    if not bool(quota.any()):
+        raise KeyboardInterrupt
     refuse_bad_actions(bad, len(rows) * worlds)
     task.drain_statistics()
     return _in_order(task, rows, quota.cpu(), about)

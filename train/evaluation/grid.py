@@ -10,11 +10,11 @@ from typing import Any
 
 from rich.console import Console
 
+from simwarp.core.stopping import StopRequest
 from simwarp.tasks import Task, TaskConfig
 
 from ..networks.policies import Policy
 from ..runs.progress import LiveLine, duration
-from ..runs.stopping import StopRequest
 from .driven_paths import DrivenPaths, PathRecorder
 from .evaluation import CHECK_INTERVAL, EpisodeRecords, Evaluation, EvaluationCallback, evaluate_policies
 

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,6 +15,7 @@ from rich.console import Console
 
 from simwarp.core.files import OutputError, output_error
 from simwarp.core.readable import ReadableFields
+from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import default_threads
 from simwarp.core.types import ModelError, shown
 from simwarp.tasks import InputError, Task, TaskConfig, config_to_plain, make, task_class
@@ -21,7 +23,7 @@ from simwarp.tasks.framework.registry import origin_of
 
 from ..algorithm.distiller import Distiller, Lesson
 from ..algorithm.distributed import Processes, connect, processes
-from ..algorithm.learner import IterationReport, Learner, TrainingError
+from ..algorithm.learner import IterationLeftError, IterationReport, Learner, TrainingError
 from ..algorithm.trainer import Trainer
 from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
@@ -32,7 +34,7 @@ from .progress import ProgressDisplay
 from .run_files import write_json
 from .run_folder import CONFIG, RUNS, WARM_START, RunFolder, check_root, create_run, open_run, provenance, read_policy
 from .run_lock import RunLock, writing
-from .stopping import StopRequest, stop_on_signals
+from .run_saver import RunSaver
 
 
 @dataclasses.dataclass(frozen=True)
@@ -261,23 +263,7 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path,
     return path, content
 
 
-def _stops(group: Processes, stop: StopRequest, device: str) -> bool:
-    """True if any process was asked to stop: all must leave in the same iteration."""
-    return group.sums({"stop": float(stop.requested)}, device)["stop"] > 0.0
-
-
-def _save(trainer: Learner, folder: RunFolder, lock: RunLock | None) -> Path:
-    """Write a checkpoint, all processes together; return its path."""
-    content = trainer.checkpoint()
-    if trainer.group.first:
-        if lock is not None:
-            lock.check()
-        folder.save(content, trainer.config.keep_checkpoints)
-    trainer.group.gather(None)  # none goes on before the file is there
-    return folder.checkpoint_path(content["iteration"])
-
-
-def _film(trainer: Learner, folder: RunFolder, films: FilmMaker, display: ProgressDisplay) -> Path | None:
+def _film(trainer: Learner, folder: RunFolder, films: FilmMaker, say: Callable[[str], None]) -> Path | None:
     """Make a film in the first process; a policy that cannot be shown is no reason to stop."""
     path = folder.film(trainer.iteration)
     if trainer.group.first:
@@ -285,11 +271,32 @@ def _film(trainer: Learner, folder: RunFolder, films: FilmMaker, display: Progre
             path.parent.mkdir(exist_ok=True)
             films.make(trainer, path)
         except (TrainingError, InputError, ModelError) as error:
-            display.say(f"iteration {trainer.iteration}: no film: {error}")
+            say(f"iteration {trainer.iteration}: no film: {error}")
             return None
         except OSError as error:
             raise output_error(path, error) from error
     return path
+
+
+@dataclasses.dataclass
+class _Course:
+    """What a run has come to.
+
+    Attributes:
+        log: its records, in the first process; None before there are any.
+        report: of the last whole iteration; None before that.
+        film: the last one.
+        broken: iterations in which the physics of all worlds broke down.
+        stopped: it was asked to stop.
+        drawn: there is a picture of the learning curve.
+    """
+
+    log: RunLog | None = None
+    report: IterationReport | None = None
+    film: Path | None = None
+    broken: int = 0
+    stopped: bool = False
+    drawn: bool = False
 
 
 def _log_of(
@@ -302,61 +309,85 @@ def _log_of(
     return log
 
 
+def _iterate(
+    trainer: Learner, folder: RunFolder, saver: RunSaver, course: _Course, console: Console,
+    description: dict[str, Any], films: FilmMaker | None,
+) -> None:  # fmt: skip
+    """Learn until all iterations are done, or until there is a request to stop; what was learnt is saved."""
+    config, group, started = trainer.config, trainer.group, time.perf_counter()
+    with ProgressDisplay(console, trainer.iteration, config.iterations) as display:
+        saver.say = display.say
+        while trainer.iteration < config.iterations and not course.stopped:
+            try:
+                course.report = report = trainer.iterate()
+            except IterationLeftError:
+                course.stopped = True
+                break
+            course.stopped = saver.stops()
+            if course.stopped:
+                saver.save()  # before anything else: whoever asked may not wait
+            if group.first:
+                course.log = course.log or _log_of(folder, report, config.logger, description, display)
+                course.log.add(report, time.perf_counter() - started)
+                display.update(report)
+            if report.all_broken and not course.broken:
+                display.say(f"iteration {report.iteration}: the physics of all worlds broke down in it")
+            course.broken += report.all_broken
+            if report.iteration % config.save_interval == 0:
+                saver.save()
+            if films is not None and report.iteration % films.every == 0 and not course.stopped:
+                course.film = _film(trainer, folder, films, display.say)
+        saver.save()
+
+
+def _finish(trainer: Learner, folder: RunFolder, course: _Course, console: Console, films: FilmMaker | None) -> None:
+    """Make the last film and the picture of the learning curve."""
+    report = course.report
+    if films is not None and report is not None and (report.iteration % films.every != 0 or course.stopped):
+        course.film = _film(trainer, folder, films, lambda text: console.print(text, highlight=False, markup=False))
+    if trainer.group.first and report is not None:
+        worlds = trainer.config.num_envs * trainer.group.count
+        draw_learning_curve(folder.progress, folder.curve, f"{trainer.task.name}: {worlds} worlds")
+        course.drawn = True
+
+
 def _run(
     trainer: Learner, folder: RunFolder, lock: RunLock | None, console: Console, description: dict[str, Any],
     films: FilmMaker | None = None,
 ) -> TrainResult:  # fmt: skip
-    config, group = trainer.config, trainer.group
-    first, first_steps = trainer.iteration, trainer.env_steps
-    started = time.perf_counter()
-    log: RunLog | None = None
-    report: IterationReport | None = None
-    display = ProgressDisplay(console, first, config.iterations)
-    checkpoint: Path | None = None
-    film: Path | None = None
-    stopped, broken = False, 0
+    config, group, course = trainer.config, trainer.group, _Course()
+    first_steps, started = trainer.env_steps, time.perf_counter()
     with stop_on_signals() as stop:
+        saver = RunSaver(trainer, folder, lock, stop)
         try:
-            with display:
-                while trainer.iteration < config.iterations and not stopped:
-                    report = trainer.iterate()
-                    if group.first:
-                        log = log or _log_of(folder, report, config.logger, description, display)
-                        log.add(report, time.perf_counter() - started)
-                        display.update(report)
-                    if report.all_broken and not broken:
-                        display.say(f"iteration {report.iteration}: the physics of all worlds broke down in it")
-                    broken += report.all_broken
-                    if report.iteration % config.save_interval == 0:
-                        checkpoint = _save(trainer, folder, lock)
-                    if films is not None and report.iteration % films.every == 0:
-                        film = _film(trainer, folder, films, display)
-                    stopped = _stops(group, stop, trainer.device)
-            if report is not None and report.iteration % config.save_interval != 0:
-                checkpoint = _save(trainer, folder, lock)
-            if films is not None and report is not None and report.iteration % films.every != 0:
-                film = _film(trainer, folder, films, display)
+            with stop.saving():
+                _iterate(trainer, folder, saver, course, console, description, films)
+            with contextlib.suppress(KeyboardInterrupt):  # asked once more: all that was learnt is saved
+                if not stop.at_once:
+                    _finish(trainer, folder, course, console, films)
         finally:
-            if log is not None:
-                log.close()
+            with contextlib.suppress(KeyboardInterrupt):
+                if course.log is not None:
+                    course.log.close()
+        if course.stopped:
+            with stop.saving():
+                group.gather(None)  # `torchrun` stops all processes when the first one ends with an exit code
     wall = time.perf_counter() - started
-    if report is None or checkpoint is None:
+    report = course.report
+    if report is None or saver.newest is None:
         raise KeyboardInterrupt
-    if group.first:
-        worlds = config.num_envs * group.count
-        draw_learning_curve(folder.progress, folder.curve, f"{trainer.task.name}: {worlds} worlds")
     return TrainResult(
         task=trainer.task.name,
         run=str(folder.path),
-        checkpoint=str(checkpoint),
-        picture=str(folder.curve),
+        checkpoint=str(saver.newest),
+        picture=str(folder.curve) if course.drawn or not group.first else None,
         iterations=trainer.iteration,
         env_steps=trainer.env_steps,
         env_steps_per_s=(trainer.env_steps - first_steps) / wall,
         wall_s=wall,
         mean_reward=report.mean_reward if math.isfinite(report.mean_reward) else None,
         mean_episode_length=report.mean_episode_length if math.isfinite(report.mean_episode_length) else None,
-        interrupted=stopped and trainer.iteration < config.iterations,
-        broken_iterations=broken,
-        film=None if film is None else str(film),
+        interrupted=course.stopped and trainer.iteration < config.iterations,
+        broken_iterations=course.broken,
+        film=None if course.film is None else str(course.film),
     )

@@ -7,13 +7,13 @@ import dataclasses
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
+from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError
 
 from ..runs.run_lock import living_writer
-from ..runs.stopping import StopRequest
 from .launchers import FoundJob, Job, Launcher
 from .plan import SweepRun
 from .run_state import (
@@ -33,7 +33,11 @@ POLL: Final = 0.3
 """Time between two looks at the processes [s]."""
 _INTERRUPTED = 130
 _PATIENCE: Final = 20.0
-"""Time in which a process that was asked twice to stop must end, before it is killed [s]."""
+"""Time in which a process must end after a request to stop, before the next one [s]."""
+_STOPPING: Final = ("each saves its iteration; again: at once", "each saves what it has; again: kills", "killed")
+"""What each request to stop has the runs do."""
+_KILLS: Final = len(_STOPPING)
+"""The request that kills."""
 
 
 class RunSource(Protocol):
@@ -115,19 +119,22 @@ class SweepRunner:
     def run(self, stop: StopRequest) -> None:
         """Do all runs; after a request to stop, save those under way and leave.
 
+        Each request is handed on: the first one has a run save its iteration, the second one leave it and save what
+        there is. The third one kills.
+
         Raises:
             InputError: a folder holds a run of another configuration.
             OutputError: the disk did not take a file.
-            KeyboardInterrupt: asked a second time, the runs were stopped as they are.
         """
-        try:
-            while not stop.requested and self._go_on():
-                time.sleep(POLL)
-            if stop.requested:
-                self._leave()
-        except BaseException:
-            self._stop_all()
-            raise
+        with stop.saving():
+            try:
+                while not stop.requested and self._go_on():
+                    time.sleep(POLL)
+                if stop.requested:
+                    self._leave(stop)
+            except BaseException:
+                self._stop_all()
+                raise
 
     def _go_on(self) -> bool:
         """Settle what has ended and begin what there is room for; False if there is nothing more to do."""
@@ -184,7 +191,7 @@ class SweepRunner:
         run, record.reason = record.run, ""
         if is_done(run):
             record.state = RunState.DONE
-        elif code in (0, _INTERRUPTED):
+        elif code in (0, _INTERRUPTED) or (self._leaving and code == -signal.SIGTERM):  # Python had not yet begun
             record.state = RunState.STOPPED
             record.reason = f"stopped after iteration {saved_iteration(run.folder)}"
         elif code < 0:
@@ -201,49 +208,39 @@ class SweepRunner:
             self._source.settled(record)
             self._after(record)
 
-    def _leave(self) -> None:
-        """Ask each run once to stop, and wait until they have saved what they learnt."""
+    def _leave(self, stop: StopRequest) -> None:
+        """Hand on each request to stop, and wait until the runs have saved what they learnt."""
         self._leaving = True
-        if self._started:
-            count = len(self._started)
-            self._watcher.say(
-                f"stopping {count} run{'s' if count > 1 else ''}: each saves its iteration; again: at once"
-            )
-        for started in self._started:
-            started.job.stop()
+        told = 0
         while self._started:
+            if stop.times > told:
+                told += 1
+                self._watcher.say(f"stopping {_counted(len(self._started))}: {_STOPPING[min(told, _KILLS) - 1]}")
+                self._ask(at_once=told >= _KILLS)
             self._settle_ended()
             self._watcher.update(self.records)
             time.sleep(POLL)
 
-    def _stop_all(self) -> None:
-        """Ask all runs to stop now, and kill those that do not within a while."""
+    def _ask(self, *, at_once: bool) -> None:
         for started in self._started:
             with contextlib.suppress(OSError):
-                started.job.stop()
-        deadline = time.monotonic() + _PATIENCE
-        with _patient():
-            while any(started.job.poll() is None for started in self._started) and time.monotonic() < deadline:
+                started.job.stop(at_once=at_once)
+
+    def _stop_all(self) -> None:
+        """Have all runs save their iterations; those that take long leave them, and the last ones are killed."""
+        for asked in range(1, _KILLS + 1):
+            self._ask(at_once=asked == _KILLS)
+            deadline = time.monotonic() + _PATIENCE
+            while any(started.job.poll() is None for started in self._started):
+                if time.monotonic() > deadline:
+                    break
                 time.sleep(POLL)
-            for started in self._started:
-                if started.job.poll() is None:
-                    with contextlib.suppress(OSError):
-                        started.job.stop(at_once=True)
+            else:
+                return
 
 
-@contextlib.contextmanager
-def _patient() -> Iterator[None]:
-    """Inside, Ctrl-C is not heard: what is done here takes a bounded time, and nothing may be left running."""
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # in another thread
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _counted(runs: int) -> str:
+    return f"{runs} run{'s' if runs > 1 else ''}"
 
 
 def _resumed(run: SweepRun) -> str:

@@ -59,8 +59,8 @@ class GridEvalOptions(EvalOptions):
 def run(arguments: list[str]) -> int:
     """Evaluate as the arguments say; 130 after an interruption."""
     from simwarp.cli.evaluation.eval_report import Report, open_folder
+    from simwarp.core.stopping import stop_on_signals
     from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
-    from simwarp.train.runs.stopping import stop_on_signals
 
     base = EvalOptions if option_value(arguments, "--grid") is None else GridEvalOptions
     command = policy_command("eval", arguments, base)

@@ -7,8 +7,9 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from simwarp.cli import DONE, UsageError
+from simwarp.cli import DONE, INTERRUPTED, UsageError
 from simwarp.cli.options import HELP, CommonOptions, in_shell, option_value, parse_options, take_task, task_options
+from simwarp.core.stopping import stop_on_signals
 from simwarp.tasks import make, task_class, task_names
 
 
@@ -23,7 +24,7 @@ class CloneOptions(CommonOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Clone as the arguments say."""
+    """Clone as the arguments say; 130 after an interruption."""
     word, arguments = take_task(arguments, "clone", task_names())
     cls = task_class(word)
     name = cls.name
@@ -55,15 +56,19 @@ def run(arguments: list[str]) -> int:
             console.print(f"epoch {epoch}/{options.flat_clone.epochs}  loss {loss:.3g}", highlight=False)
 
     config = dataclasses.replace(train_config, network=options.network)
-    result = clone(task, data, options.flat_clone, config, report)
-    save_checkpoint(target, result.content)
+    with stop_on_signals() as stop:
+        result = clone(task, data, options.flat_clone, config, report, stop)
+        with stop.saving():
+            save_checkpoint(target, result.content)
+    interrupted = result.epochs < options.flat_clone.epochs
     console.print(
         f"imitates {result.steps:,} steps: mean squared error {result.loss:.3g}, {result.held_out_loss:.3g} on"
         " episodes held out",
         highlight=False,
         soft_wrap=True,
     )
-    console.print(f"wrote {target}", highlight=False, soft_wrap=True)
+    told = f"interrupted and saved after {result.epochs} of {options.flat_clone.epochs} epochs; " if interrupted else ""
+    console.print(f"{told}wrote {target}", highlight=False, soft_wrap=True)
     console.print(
         f"next   simwarp train {in_shell(name)} --warm-start {shlex.quote(str(target))} --critic-warmup 10",
         highlight=False,
@@ -77,6 +82,7 @@ def run(arguments: list[str]) -> int:
             "steps": result.steps,
             "loss": result.loss,
             "held_out_loss": result.held_out_loss,
+            "interrupted": interrupted,
         }
     )
-    return DONE
+    return INTERRUPTED if interrupted else DONE

@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from simwarp.cli import DONE, UsageError
+from simwarp.cli import DONE, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions
 from simwarp.cli.policy_command import policy_command
+from simwarp.core.stopping import stop_on_signals
 from simwarp.tasks import make, resolve_device
 
 
@@ -33,7 +34,7 @@ class RecordOptions(CommonOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Record as the arguments say."""
+    """Record as the arguments say; 130 after an interruption."""
     from simwarp.train.algorithm.trajectories import record, save_trajectories
 
     command = policy_command("record", arguments, RecordOptions)
@@ -50,14 +51,18 @@ def run(arguments: list[str]) -> int:
     worlds = min(options.episodes, options.num_envs or 256)
     task = make(name, worlds, device=resolve_device(options.device), seed=options.seed, config=options.task)
     about = {"policy": str(source.path), "seed": options.seed}
-    data = record(task, source.policy(task), options.episodes, options.seed, about)
-    save_trajectories(target, data)
+    with stop_on_signals() as stop:
+        data = record(task, source.policy(task), options.episodes, options.seed, about, stop)
+        with stop.saving():
+            save_trajectories(target, data)
+    interrupted = data.episodes < options.episodes
     console = options.console()
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
     console.print(
         f"{data.episodes} episodes, {data.steps:,} steps, mean return {data.about['mean_return']:.1f}", highlight=False
     )
-    console.print(f"wrote {target}", highlight=False, soft_wrap=True)
+    told = f"interrupted and saved after {data.episodes} of {options.episodes} episodes; " if interrupted else ""
+    console.print(f"{told}wrote {target}", highlight=False, soft_wrap=True)
     options.emit(
         {
             "task": name,
@@ -66,6 +71,7 @@ def run(arguments: list[str]) -> int:
             "steps": data.steps,
             "mean_return": data.about["mean_return"],
             "checkpoint": str(source.path),
+            "interrupted": interrupted,
         }
     )
-    return DONE
+    return INTERRUPTED if interrupted else DONE

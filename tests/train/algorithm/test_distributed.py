@@ -23,21 +23,24 @@ from simwarp.train.algorithm import mini_batch_shares
 from simwarp.train.runs import training
 from simwarp.train.config import Objective, default_config
 from simwarp.train.algorithm.distributed import processes
+from simwarp.train.runs.run_saver import RunSaver
 
 out, *phases = sys.argv[1:]
 rank = processes().rank
 seen = []
-first_save = training._save
+first_save = RunSaver.save
 
-def save(trainer, folder, lock):
+def save(self):
+    trainer, lock = self._trainer, self._lock
     assert (lock is not None and lock.is_own()) == (rank == 0)  # the first process holds the run
     modules = (trainer.algorithm.actor, trainer.algorithm.critic)
     state = {f"{i} {k}": v.clone() for i, m in enumerate(modules) for k, v in m.state_dict().items()}
     state["position"] = trainer.task.position.clone()
-    seen.append((trainer.iteration, trainer.algorithm.learning_rate, state))
-    return first_save(trainer, folder, lock)
+    if not seen or trainer.iteration != seen[-1][0]:  # asked once more at the end
+        seen.append((trainer.iteration, trainer.algorithm.learning_rate, state))
+    first_save(self)
 
-training._save = save
+RunSaver.save = save
 mini_batch_shares.LEAST_NUMBERS = 8  # mini-batches this small are shared among threads too
 task = task_class("fast")
 runs = {}

@@ -11,6 +11,7 @@ import torch
 from PIL import Image
 from rich.console import Console
 
+from simwarp.core.stopping import StopRequest
 from simwarp.tasks import Drawing, Line, TaskConfig, make, task_class
 from simwarp.train.evaluation import grid_plot, path_maps
 from simwarp.train.evaluation.driven_paths import PathRecorder
@@ -27,7 +28,6 @@ from simwarp.train.evaluation.grid import (
 )
 from simwarp.train.networks.policies import zero_policy
 from simwarp.train.runs import progress
-from simwarp.train.runs.stopping import StopRequest
 from tests.tasks.framework.samples import counter
 from tests.tasks.framework.test_agents import Staggered
 
@@ -134,7 +134,7 @@ def test_a_stop_keeps_what_is_finished_and_tells_the_rest():
 
         def act(observations):
             if task.config.bound == 3.0 and int(task.episode_steps[0]) >= 12:
-                stop.requested = True
+                stop.ask()
             return policy(observations)
 
         return act

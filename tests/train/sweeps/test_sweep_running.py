@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from simwarp.core.files import OutputError
+from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError, Range, Sensing, replace_fields, task_class
 from simwarp.train.config import TrainConfig, default_config
 from simwarp.train.runs.checkpoint import checkpoint_name
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.run_lock import LOCK, Writer, started
-from simwarp.train.runs.stopping import StopRequest
 from simwarp.train.sweeps import running
 from simwarp.train.sweeps.plan import SweepRun, point_label, run_name, sweep_name
 from simwarp.train.sweeps.run_state import LOG, RunRecord, RunState, failure
@@ -183,43 +183,88 @@ def test_the_reason_is_of_this_time_alone(tmp_path):
     assert runner.records[0].reason == "exit code 5"
 
 
-def test_a_request_to_stop_is_handed_on_once_and_begins_nothing_more(tmp_path):
-    runs = [make_run(tmp_path, seed) for seed in range(4)]
+class Asking(Silent):
+    """Asks to stop once two runs are under way, and so many times more, one look after the other."""
+
+    def __init__(self, stop, times=1):
+        super().__init__()
+        self.stop, self.left = stop, times
+
+    def update(self, records):
+        if self.left and len(records) == 2:
+            self.left -= 1
+            self.stop.ask()
+
+
+def asked(tmp_path, jobs, times, runs=4):
     stop = StopRequest()
-    jobs = [Scripted(1000), Scripted(1000)]
-
-    class Asking(Silent):
-        def update(self, records):
-            stop.requested = len(records) == 2
-
     launcher = Scripts(seed0=jobs[0], seed1=jobs[1])
-    runner = SweepRunner("fast", RunList(runs), launcher, jobs=2, watcher=Asking())
+    watcher = Asking(stop, times)
+    runner = SweepRunner(
+        "fast", RunList([make_run(tmp_path, seed) for seed in range(runs)]), launcher, jobs=2, watcher=watcher
+    )
     runner.run(stop)
+    return runner, launcher, watcher
+
+
+def test_a_request_to_stop_is_handed_on_once_and_begins_nothing_more(tmp_path):
+    jobs = [Scripted(1000), Scripted(1000)]
+    runner, launcher, _ = asked(tmp_path, jobs, 1)
     assert [job.stops for job in jobs] == [[False], [False]]
     assert states(runner) == {0: RunState.STOPPED, 1: RunState.STOPPED}
     assert launcher.begun == [0, 1]
 
 
-def test_a_second_interruption_while_runs_are_asked_stops_all_of_them(tmp_path):
-    class Interrupted(Scripted):
+class Slow(Scripted):
+    """Ends at the request of a number, and by it: the second one as the first, the third one as a kill."""
+
+    def __init__(self, ends_at):
+        super().__init__(1000)
+        self.ends_at = ends_at
+
+    def stop(self, *, at_once=False):
+        looks, code = self.looks, self.code
+        super().stop(at_once=at_once)
+        if len(self.stops) < self.ends_at:
+            self.looks, self.code = looks, code
+        elif at_once:
+            self.code = -signal.SIGKILL
+
+
+def test_each_request_is_handed_on_and_only_the_third_one_kills(tmp_path):
+    jobs = [Slow(2), Slow(3)]
+    runner, _, watcher = asked(tmp_path, jobs, 3)
+    assert [job.stops for job in jobs] == [[False, False], [False, False, True]]
+    assert states(runner) == {0: RunState.STOPPED, 1: RunState.FAILED}
+    assert runner.records[1].reason == "ended by SIGKILL after iteration 0"
+    told = [line for line in watcher.lines if isinstance(line, str)]
+    assert told == [
+        "stopping 2 runs: each saves its iteration; again: at once",
+        "stopping 2 runs: each saves what it has; again: kills",
+        "stopping 1 run: killed",
+    ]
+
+
+def test_a_run_that_had_not_yet_begun_is_stopped_by_the_signal_itself(tmp_path):
+    class Unborn(Scripted):
         def stop(self, *, at_once=False):
             super().stop(at_once=at_once)
-            if len(self.stops) == 1:
-                raise KeyboardInterrupt
+            self.code = -signal.SIGTERM
 
-    jobs = [Interrupted(1000), Scripted(1000)]
-    stop = StopRequest()
+    runner, _, _ = asked(tmp_path, [Unborn(1000), Scripted(1000)], 1)
+    assert states(runner) == {0: RunState.STOPPED, 1: RunState.STOPPED}
 
-    class Asking(Silent):
-        def update(self, records):
-            stop.requested = len(records) == 2
 
-    launcher = Scripts(seed0=jobs[0], seed1=jobs[1])
-    runs = [make_run(tmp_path, seed) for seed in range(2)]
-    runner = SweepRunner("fast", RunList(runs), launcher, jobs=2, watcher=Asking())
-    with pytest.raises(KeyboardInterrupt):
-        runner.run(stop)
-    assert [job.stops for job in jobs] == [[False, False], [False]]
+def test_after_an_error_of_the_sweep_runs_are_killed_only_after_two_requests(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "_PATIENCE", 0.0)
+    jobs = {"seed0": Slow(3), "seed1": Scripted(2, 1)}
+
+    def full(record):
+        raise OutputError("no room")
+
+    with pytest.raises(OutputError, match="no room"):
+        sweep([make_run(tmp_path, seed) for seed in range(2)], Scripts(**jobs), jobs=2, after=full)
+    assert jobs["seed0"].stops == [False, False, True]
 
 
 def test_an_error_of_the_sweep_stops_its_runs(tmp_path):
