@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,7 +80,7 @@ class Trajectories(ReadableFields):
 
 def record(
     task: Task[Any], policy: Policy, episodes: int, seed: int, about: dict[str, Any],
-    stop: StopRequest | None = None,
+    stop: StopRequest | None = None, report: Callable[[int], None] = lambda ended: None,
 ) -> Trajectories:  # fmt: skip
     """Let a policy act for exactly ``episodes`` whole episodes: the first ones of each world.
 
@@ -91,6 +91,7 @@ def record(
         seed: seed of the worlds.
         about: metadata to keep beside the task and the returns.
         stop: request to leave with the episodes that have ended by then.
+        report: called now and then with the number of episodes that have ended.
 
     Raises:
         TrainingError: the policy returned NaN or infinity.
@@ -109,7 +110,12 @@ def record(
     reset_memory(policy)
     rows: list[dict[str, torch.Tensor]] = []
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
-    while not stop.requested and (len(rows) % _CHECK_INTERVAL or not bool((done >= quota).all())):
+    while not stop.requested:
+        if len(rows) % _CHECK_INTERVAL == 0:
+            ended = int(torch.minimum(done, quota).sum())
+            report(ended)
+            if ended == episodes:
+                break
         actions = policy(observations)
         bad += bad_actions(actions)
         actions = actions.clamp(-1.0, 1.0)
@@ -118,9 +124,9 @@ def record(
         row |= {"actions": actions.to("cpu", copy=True), "episode": done.to("cpu", copy=True)}
         result = task.step(actions)
         observations = result.observations
-        ended = result.terminated | result.truncated
-        reset_memory(policy, ended)
-        done += ended
+        over = result.terminated | result.truncated
+        reset_memory(policy, over)
+        done += over
         row |= {"rewards": result.rewards.cpu(), "terminated": result.terminated.cpu()}
         rows.append(row | {"truncated": result.truncated.cpu()})
     quota = torch.minimum(quota, done)

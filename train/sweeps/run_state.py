@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from simwarp.core.files import FileError, read_json
+from simwarp.tasks import InputError
 
 from ..runs.progress_table import read_progress
 from ..runs.run_files import write_json
@@ -95,6 +96,15 @@ def saved_iteration(folder: RunFolder) -> int:
 def is_done(run: SweepRun) -> bool:
     """Return True if a run has all iterations that are asked for."""
     return saved_iteration(run.folder) >= run.config.iterations
+
+
+def damage(folder: RunFolder) -> str:
+    """Return what is wrong with the newest checkpoint of a run; empty where it can be read."""
+    try:
+        folder.load_latest()
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def failure(folder: RunFolder) -> str:

@@ -20,6 +20,7 @@ from .run_state import (
     LOG,
     RunRecord,
     RunState,
+    damage,
     failure,
     forget_failure,
     is_done,
@@ -153,7 +154,8 @@ class SweepRunner:
         failed = failure(run.folder)
         writer = living_writer(run.folder.path)
         if writer is None and is_done(run):
-            record.state, record.kept = RunState.DONE, True
+            record.reason, record.kept = damage(run.folder), True
+            record.state = RunState.FAILED if record.reason else RunState.DONE
         elif writer is None and failed and not self._retry:
             record.state, record.reason, record.kept = RunState.FAILED, failed, True
         else:

@@ -36,6 +36,7 @@ class RecordOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Record as the arguments say; 130 after an interruption."""
     from simwarp.train.algorithm.trajectories import record, save_trajectories
+    from simwarp.train.runs.progress import LiveLine
 
     command = policy_command("record", arguments, RecordOptions)
     name, options, source = command.name, command.options(), command.source
@@ -51,17 +52,22 @@ def run(arguments: list[str]) -> int:
     worlds = min(options.episodes, options.num_envs or 256)
     task = make(name, worlds, device=resolve_device(options.device), seed=options.seed, config=options.task)
     about = {"policy": str(source.path), "seed": options.seed}
+    console, total = options.console(), options.episodes
     with stop_on_signals() as stop:
-        data = record(task, source.policy(task), options.episodes, options.seed, about, stop)
+        with LiveLine(console, total, head="recording") as line:
+
+            def report(ended: int) -> None:
+                line.show("recording", f"{ended}/{total} episodes", ended)
+
+            data = record(task, source.policy(task), total, options.seed, about, stop, report)
         with stop.saving():
             save_trajectories(target, data)
-    interrupted = data.episodes < options.episodes
-    console = options.console()
+    interrupted = data.episodes < total
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
     console.print(
         f"{data.episodes} episodes, {data.steps:,} steps, mean return {data.about['mean_return']:.1f}", highlight=False
     )
-    told = f"interrupted and saved after {data.episodes} of {options.episodes} episodes; " if interrupted else ""
+    told = f"interrupted and saved after {data.episodes} of {total} episodes; " if interrupted else ""
     console.print(f"{told}wrote {target}", highlight=False, soft_wrap=True)
     options.emit(
         {

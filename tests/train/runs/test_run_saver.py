@@ -157,7 +157,8 @@ def test_a_checkpoint_of_the_iteration_before_is_not_replaced_by_one_that_is_par
 
 
 def test_asked_twice_while_it_learns_it_leaves_between_two_mini_batches(no_copies, tmp_path, monkeypatch):
-    learn, steps = Trainer._learn, []
+    learn = Trainer._learn
+    steps: list[int] = []
 
     def asked(trainer):
         if trainer.iteration == 2 and not steps:

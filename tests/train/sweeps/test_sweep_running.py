@@ -15,7 +15,6 @@ from simwarp.core.files import OutputError
 from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError, Range, Sensing, replace_fields, task_class
 from simwarp.train.config import TrainConfig, default_config
-from simwarp.train.runs.checkpoint import checkpoint_name
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.run_lock import LOCK, Writer, started
 from simwarp.train.sweeps import running
@@ -38,7 +37,8 @@ def make_run(folder, seed=0, **changes):
 
 
 def saved(run, iteration=ITERATIONS):
-    (run.folder.checkpoints / checkpoint_name(iteration)).write_bytes(b"")
+    configs = {"train_config": {}, "task_config": {}, "actor_state_dict": {}}
+    run.folder.save({"task": "fast", "iteration": iteration, **configs}, keep=0)
 
 
 class Scripted:
@@ -131,6 +131,30 @@ def test_finished_runs_are_kept_and_broken_ones_go_on(tmp_path):
     assert [record.kept for record in runner.records] == [True, False, False]
     assert (1, "running", "resumed after iteration 2") in watcher.lines
     assert (2, "running", "") in watcher.lines
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda path: path.write_bytes(path.read_bytes()[:-9]), lambda path: path.write_bytes(b"")]
+)
+def test_a_finished_run_whose_checkpoint_is_damaged_is_not_taken_for_done(tmp_path, spoil):
+    runs = [make_run(tmp_path, seed) for seed in range(2)]
+    for run in runs:
+        run.prepare("fast")
+        saved(run, 2)
+        saved(run)
+    spoil(runs[0].folder.checkpoint_path(ITERATIONS))
+    launcher = Scripts()
+    runner, _ = sweep(runs, launcher)
+    assert launcher.begun == []
+    assert states(runner) == {0: RunState.FAILED, 1: RunState.DONE}
+    newest, older = (runs[0].folder.checkpoint_path(iteration) for iteration in (ITERATIONS, 2))
+    assert f"checkpoint {newest} is" in runner.records[0].reason
+    assert f"the newest good one is {older}: move the damaged one away" in runner.records[0].reason
+    newest.unlink()
+    launcher = Scripts()
+    runner, _ = sweep(runs, launcher)
+    assert launcher.begun == [0]
+    assert states(runner) == {0: RunState.DONE, 1: RunState.DONE}
 
 
 def test_more_iterations_go_on_with_a_finished_run(tmp_path):
