@@ -62,7 +62,10 @@ def _is_dense(value: Any) -> bool:
 def _words(value: Any) -> str:
     if not isinstance(value, torch.Tensor):
         return shown(value)
-    return f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
+    words = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
+    if value.layout != torch.strided:
+        return f"{words} in {str(value.layout).removeprefix('torch.')} layout"
+    return f"{words} without values" if value.device.type == "meta" else words
 
 
 def state_mismatch(where: str, wanted: str, saved: Any) -> InputError:

@@ -260,3 +260,31 @@ def test_signals_while_modules_are_loaded_are_one_line(tmp_path, name):
     code = group.end()
     unborn = code == -signal.SIGTERM and not (group.err or group.out)
     assert unborn or (code, group.err) in ((130, "simwarp: interrupted\n"), (130, "")), (code, group.err)
+
+
+def state_of(pid):
+    """Letter of the state of a process: T is stopped."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc")
+@pytest.mark.parametrize("number", [signal.SIGTSTP, signal.SIGSTOP])
+def test_a_training_that_is_suspended_goes_on_and_hears_what_came_meanwhile(tmp_path, number):
+    group = Group(tmp_path, "train", "fast", *SMALL, ENDLESS)
+    group.wait_for_iterations()
+    group.signal(number, times=1)
+    group.wait_until(lambda: state_of(group.process.pid) == "T")
+    reached = len(rows(group.run_folder().path))
+    group.signal(signal.SIGCONT, times=1)
+    group.wait_for_iterations(reached + 3)
+    group.signal(number, times=1)
+    group.wait_until(lambda: state_of(group.process.pid) == "T")
+    group.signal(signal.SIGTERM)
+    time.sleep(1.5)  # both were sent within a second, and are heard when it goes on
+    assert group.process.poll() is None
+    group.signal(signal.SIGCONT, times=1)
+    assert (group.end(), group.err) == (130, "")
+    assert_saved(group)
+    # Times are of one clock that only rises, however long it stood still
+    walls = [float(row["wall_s"]) for row in rows(group.run_folder().path)]
+    assert walls == sorted(walls)
