@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import json
 import math
+import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from simwarp.core.files import check_input, output_error
 from simwarp.tasks import InputError
 
 from .plan import SweepRun
@@ -50,6 +53,39 @@ def import_optuna() -> Any:
         raise InputError("--search needs the package optuna: pip install 'simwarp[sweep]'") from error
 
 
+def _damaged(path: Path, why: str) -> InputError:
+    remedy = "put a whole copy in its place, or give another --out"
+    return InputError(f"journal of the search {path} is damaged ({why}); {remedy}")
+
+
+def _check_journal(path: Path) -> None:
+    """Refuse a journal that is none, and drop the end of one whose writer was killed in the middle of a line.
+
+    What is added to it would stand in the same line.
+
+    Raises:
+        InputError: a line is no object of JSON.
+        FileError: it is no regular file.
+        OutputError: it cannot be shortened.
+    """
+    if not os.path.lexists(path):
+        return
+    data = check_input(path, "journal of the search").read_bytes()
+    whole = data.rfind(b"\n") + 1
+    for number, line in enumerate(data[:whole].splitlines(), 1):
+        try:
+            known = isinstance(json.loads(line), dict)
+        except (ValueError, RecursionError):
+            known = False
+        if not known:
+            raise _damaged(path, f"line {number}")
+    if whole < len(data):
+        try:
+            os.truncate(path, whole)
+        except OSError as error:
+            raise output_error(path, error) from error
+
+
 class Search:
     """The trials of a search, those of earlier times first; each is a run per seed, and its score their median.
 
@@ -61,7 +97,9 @@ class Search:
         score: returns the score of a run that has ended; minus infinity where it failed.
 
     Raises:
-        InputError: optuna is not installed, or the folder holds a search of other fields.
+        InputError: optuna is not installed, the folder holds a search of other fields, or its journal is damaged.
+        FileError: the journal is no regular file.
+        OutputError: the disk did not take it.
     """
 
     def __init__(
@@ -74,11 +112,7 @@ class Search:
     ) -> None:
         self._optuna = import_optuna()
         self._optuna.logging.set_verbosity(self._optuna.logging.WARNING)
-        backend = importlib.import_module("optuna.storages.journal").JournalFileBackend(str(folder / STORAGE))
-        self._study = self._optuna.create_study(
-            storage=self._optuna.storages.JournalStorage(backend), study_name=_STUDY, direction="maximize",
-            load_if_exists=True,
-        )  # fmt: skip
+        self._study = self._opened(folder / STORAGE)
         before = self._earlier_trials(folder, space)
         # A sampler that began anew with the same numbers would propose the same points again
         self._study.sampler = self._optuna.samplers.TPESampler(seed=len(before))
@@ -90,6 +124,22 @@ class Search:
         self._number: dict[str, int] = {}
         self._open: dict[int, int] = {}
         self._scores: dict[int, list[float]] = {}
+
+    def _opened(self, path: Path) -> Any:
+        """Return the study that a journal holds, or begin both."""
+        _check_journal(path)
+        try:
+            backend = importlib.import_module("optuna.storages.journal").JournalFileBackend(str(path))
+            study = self._optuna.create_study(
+                storage=self._optuna.storages.JournalStorage(backend), study_name=_STUDY, direction="maximize",
+                load_if_exists=True,
+            )  # fmt: skip
+            study.get_trials(deepcopy=False)
+        except OSError as error:
+            raise output_error(path, error) from error
+        except Exception as error:  # Optuna trusts its journal: a damaged one may raise anything
+            raise _damaged(path, type(error).__name__) from error
+        return study
 
     def _earlier_trials(self, folder: Path, space: Mapping[str, Dimension]) -> list[Any]:
         """Return the trials that are there. One that was cut off while it was written began no run, and is left out."""

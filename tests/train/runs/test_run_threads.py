@@ -115,7 +115,7 @@ print(left)
 """
 
 
-@pytest.mark.parametrize(("times", "how"), [(1, "saved True"), (2, "at once")])
+@pytest.mark.parametrize(("times", "how"), [(1, "saved True"), (2, "saved True")])
 @pytest.mark.slow
 def test_ctrl_c_in_the_middle_of_a_run_ends_the_threads(times, how, tmp_path):
     done = subprocess.run(
@@ -146,7 +146,7 @@ def test_the_command_ends_cleanly(times, tmp_path):
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "interrupted" in out + err
-    assert times == 2 or "interrupted and saved" in out
+    assert "interrupted and saved" in out  # the second one is a copy
     assert not [file for file in folder.rglob("*") if file.suffix in (".tmp", ".draft")]
 
 
