@@ -196,7 +196,7 @@ def test_two_signals_to_a_distillation(folder):
 
 
 def test_two_signals_to_an_evaluation_keep_the_finished_points(folder):
-    grid = "--grid=max-episode-steps=" + ",".join(map(str, range(8, 2008)))
+    grid = "--grid=max-episode-steps=" + ",".join(map(str, range(8, 808)))
     endless = Group(folder, "eval", "fast", grid, "--episodes=8", "--no-baselines", "--json=a.json")
     results = folder / "fast-eval" / "results.json"
     endless.wait_until(lambda: results.exists() and len(json.loads(results.read_text())["grid"]) > 1)
@@ -204,7 +204,7 @@ def test_two_signals_to_an_evaluation_keep_the_finished_points(folder):
     assert (endless.end(), endless.err) == (130, "")
     content = json.loads((folder / "a.json").read_text())
     assert content["interrupted"]
-    assert 2 <= len(content["grid"]) < 2000
+    assert 2 <= len(content["grid"]) < 800
     assert json.loads(results.read_text()) == content
 
 
@@ -270,16 +270,16 @@ def state_of(pid):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc")
-@pytest.mark.parametrize("number", [signal.SIGTSTP, signal.SIGSTOP])
-def test_a_training_that_is_suspended_goes_on_and_hears_what_came_meanwhile(tmp_path, number):
+def test_a_training_that_is_suspended_goes_on_and_hears_what_came_meanwhile(tmp_path):
+    """By SIGSTOP: Ctrl-Z does the same, but not to a group without a shell."""
     group = Group(tmp_path, "train", "fast", *SMALL, ENDLESS)
     group.wait_for_iterations()
-    group.signal(number, times=1)
+    group.signal(signal.SIGSTOP, times=1)
     group.wait_until(lambda: state_of(group.process.pid) == "T")
     reached = len(rows(group.run_folder().path))
     group.signal(signal.SIGCONT, times=1)
     group.wait_for_iterations(reached + 3)
-    group.signal(number, times=1)
+    group.signal(signal.SIGSTOP, times=1)
     group.wait_until(lambda: state_of(group.process.pid) == "T")
     group.signal(signal.SIGTERM)
     time.sleep(1.5)  # both were sent within a second, and are heard when it goes on

@@ -41,29 +41,31 @@ class RunSaver:
         self.newest: Path | None = None
         self.say: Callable[[str], None] = lambda text: None
         self._said = False
-        self._trainer, self._folder, self._lock, self._stop = trainer, folder, lock, stop
+        self.trainer, self.folder, self.lock, self._stop = trainer, folder, lock, stop
         self._saved = trainer.iteration
         self._longest = _SHARE_OF_ROLLOUT * shutdown_time()
         trainer.interlude = self._interlude
 
     def save(self) -> None:
         """Write a checkpoint, all processes together, unless there is one of this iteration."""
-        trainer, group = self._trainer, self._trainer.group
-        if trainer.iteration == self._saved:
-            return
+        if self.trainer.iteration != self._saved:
+            self.newest = self._write()
+            self._saved = self.trainer.iteration
+
+    def _write(self) -> Path:
+        trainer, group = self.trainer, self.trainer.group
         content = trainer.checkpoint()
         if group.first:
-            if self._lock is not None:
-                self._lock.check()
-            self._folder.save(content, trainer.config.keep_checkpoints)
+            if self.lock is not None:
+                self.lock.check()
+            self.folder.save(content, trainer.config.keep_checkpoints)
         group.gather(None)  # none goes on before the file is there
-        self.newest = self._folder.checkpoint_path(content["iteration"])
-        self._saved = trainer.iteration
+        return self.folder.checkpoint_path(content["iteration"])
 
     def stops(self) -> bool:
         """Return True if any process was asked to stop: all must leave in the same iteration."""
-        group = self._trainer.group
-        return group.sums({"stop": float(self._stop.requested)}, self._trainer.device)["stop"] > 0.0
+        group = self.trainer.group
+        return group.sums({"stop": float(self._stop.requested)}, self.trainer.device)["stop"] > 0.0
 
     def _interlude(self) -> bool:
         """Do what a request asks for in the middle of an iteration; True if that is to be left."""
@@ -71,8 +73,8 @@ class RunSaver:
             return False
         if self._stop.age >= COPIES_WITHIN and not self._said:
             self._said = True
-            self.say(f"stopping after iteration {self._trainer.iteration + 1}, which is saved; again: at once")
-        if self._trainer.group.several:  # they save together, once all have left
+            self.say(f"stopping after iteration {self.trainer.iteration + 1}, which is saved; again: at once")
+        if self.trainer.group.several:  # they save together, once all have left
             return self._stop.at_once or self._stop.age > self._longest
         if self._stop.at_once or self._stop.age >= COPIES_WITHIN:
             with torch.inference_mode(False):

@@ -28,19 +28,18 @@ from simwarp.train.runs.run_saver import RunSaver
 out, *phases = sys.argv[1:]
 rank = processes().rank
 seen = []
-first_save = RunSaver.save
+write = RunSaver._write
 
 def save(self):
-    trainer, lock = self._trainer, self._lock
+    trainer, lock = self.trainer, self.lock
     assert (lock is not None and lock.is_own()) == (rank == 0)  # the first process holds the run
     modules = (trainer.algorithm.actor, trainer.algorithm.critic)
     state = {f"{i} {k}": v.clone() for i, m in enumerate(modules) for k, v in m.state_dict().items()}
     state["position"] = trainer.task.position.clone()
-    if not seen or trainer.iteration != seen[-1][0]:  # asked once more at the end
-        seen.append((trainer.iteration, trainer.algorithm.learning_rate, state))
-    first_save(self)
+    seen.append((trainer.iteration, trainer.algorithm.learning_rate, state))
+    return write(self)
 
-RunSaver.save = save
+RunSaver._write = save
 mini_batch_shares.LEAST_NUMBERS = 8  # mini-batches this small are shared among threads too
 task = task_class("fast")
 runs = {}

@@ -21,12 +21,12 @@ from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import LoggerKind
 from simwarp.train.evaluation.mp4 import write_mp4
 from simwarp.train.evaluation.play import check_video_path
-from simwarp.train.runs import training
 from simwarp.train.runs.checkpoint import inference_only, load_checkpoint, save_checkpoint
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_files import append_whole
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.run_lock import LOCK
+from simwarp.train.runs.run_saver import RunSaver
 from tests.train.runs.trained_run import run
 
 
@@ -153,13 +153,13 @@ def test_a_run_folder_that_is_removed_stops_the_run(tmp_path, kind, when, monkey
 
 
 def test_a_run_folder_that_is_removed_before_a_checkpoint_stops_the_run(tmp_path, monkeypatch):
-    save = training._save
+    write = RunSaver._write
 
-    def remove(trainer, folder, lock):
-        shutil.rmtree(folder.path)
-        return save(trainer, folder, lock)
+    def remove(saver):
+        shutil.rmtree(saver.folder.path)
+        return write(saver)
 
-    monkeypatch.setattr(training, "_save", remove)
+    monkeypatch.setattr(RunSaver, "_write", remove)
     with pytest.raises(OutputError, match=r"is gone: 0\.\d+ MB needed; run .* has no checkpoint"):
         run(tmp_path)
 

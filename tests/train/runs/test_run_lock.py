@@ -13,8 +13,9 @@ from rich.console import Console
 from simwarp import cli
 from simwarp.tasks import InputError
 from simwarp.train.algorithm.learner import TrainingError
-from simwarp.train.runs import run_lock, training
+from simwarp.train.runs import run_lock
 from simwarp.train.runs.run_lock import LOCK, Writer, started, writing
+from simwarp.train.runs.run_saver import RunSaver
 from tests.train.runs.trained_run import QUIET, run
 
 
@@ -169,13 +170,13 @@ def locked(folder):
 
 def test_a_run_is_locked_while_it_is_written_and_free_afterwards(tmp_path, monkeypatch):
     seen = []
-    save = training._save
+    write = RunSaver._write
 
-    def look(trainer, folder, lock):
-        seen.append(lock.is_own())
-        return save(trainer, folder, lock)
+    def look(saver):
+        seen.append(saver.lock is not None and saver.lock.is_own())
+        return write(saver)
 
-    monkeypatch.setattr(training, "_save", look)
+    monkeypatch.setattr(RunSaver, "_write", look)
     folder = run(tmp_path, iterations=2)
     assert seen == [True, True]
     assert not (folder.path / LOCK).exists()
@@ -226,13 +227,13 @@ def test_a_folder_that_is_gone_is_for_the_disk_to_tell(tmp_path):
 def test_a_writer_that_was_taken_over_stops_and_leaves_the_lock_to_the_other(tmp_path, monkeypatch):
     folders = []
 
-    def take_away(trainer, folder, lock):
-        folders.append(folder)
-        leave(folder.path, host="elsewhere")
-        return save(trainer, folder, lock)
+    def take_away(saver):
+        folders.append(saver.folder)
+        leave(saver.folder.path, host="elsewhere")
+        return write(saver)
 
-    save = training._save
-    monkeypatch.setattr(training, "_save", take_away)
+    write = RunSaver._write
+    monkeypatch.setattr(RunSaver, "_write", take_away)
     with pytest.raises(TrainingError, match="was taken over by another process"):
         run(tmp_path)
     assert folders[0].checkpoint_files() == []

@@ -37,7 +37,7 @@ def make_run(folder, seed=0, **changes):
 
 
 def saved(run, iteration=ITERATIONS):
-    configs = {"train_config": {}, "task_config": {}, "actor_state_dict": {}}
+    configs: dict[str, Any] = {"train_config": {}, "task_config": {}, "actor_state_dict": {}}
     run.folder.save({"task": "fast", "iteration": iteration, **configs}, keep=0)
 
 
