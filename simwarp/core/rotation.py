@@ -60,12 +60,17 @@ def unit_vector(thing: str, field: str, value: Vec3) -> Array:
     return vector / norm
 
 
-def frame_from_axis(thing: str, axis: Vec3, field: str = "axis") -> Array:
-    """Quaternion of a right-handed frame whose z is `axis`; x is the world axis least along it, made perpendicular."""
+def frame_from_axis(thing: str, axis: Vec3, field: str = "axis", direction: Vec3 | None = None) -> Array:
+    """Quaternion of a right-handed frame whose z is `axis`; x is the part of `direction` across it, and where that is
+    None, that of the world axis least along it.
+    """
     z = unit_vector(thing, field, axis)
-    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = helper - (helper @ z) * z
-    x /= np.linalg.norm(x)
+    given = np.eye(3)[int(np.argmin(np.abs(z)))] if direction is None else unit_vector(thing, "direction", direction)
+    x = given - (given @ z) * z
+    length = float(np.linalg.norm(x))
+    if length < 1e-6:
+        raise ModelError(f"{thing}: direction must not be along {field}, got {shown(direction)}; give one across it")
+    x /= length
     return quat_from_matrix(np.stack([x, np.cross(z, x), z], axis=1))
 
 

@@ -56,7 +56,7 @@ Array = npt.NDArray[np.float64]
 
 WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.DISTANCE)
 """Joints whose frames have the world's axes."""
-FLAT: Final = (JointType.PLANAR, JointType.POINT_ON_PLANE, JointType.OLDHAM)
+FLAT: Final = (JointType.POINT_ON_PLANE, JointType.OLDHAM)
 """Joints whose axis is the normal of a plane."""
 ANCHORED: Final = (
     JointType.SPHERICAL, JointType.UNIVERSAL, JointType.POINT_ON_PLANE, JointType.POINT_ON_LINE, JointType.OLDHAM,
@@ -232,10 +232,16 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         return self._add(JointType.UNIVERSAL, name, parent, child, anchor, None, dofs, rotation=frame)
 
     def add_joint_planar(
-        self, name: str, parent: int, child: int, *, normal: Vec3, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()
-    ) -> int:
-        """Motion in the plane through `anchor` with `normal`: q = (m, m, rad); axes x, y of frame 0, then normal."""
-        return self._add(JointType.PLANAR, name, parent, child, anchor, normal, dofs)
+        self, name: str, parent: int, child: int, *, normal: Vec3, direction: Vec3 | None = None,
+        anchor: Vec3 | None = None, dofs: Sequence[Dof] = (),
+    ) -> int:  # fmt: skip
+        """Motion in the plane through `anchor` with `normal`: q = (along x, along y, about `normal`) [m, m, rad].
+
+        x is the part of `direction` (world frame) in the plane, y = normal x x. Where `direction` is None, x is that
+        part of the world axis least along `normal`.
+        """
+        frame = frame_from_axis(checked_name("joint", name), normal, "normal", direction)
+        return self._add(JointType.PLANAR, name, parent, child, anchor, None, dofs, rotation=frame)
 
     def add_joint_free(self, name: str, child: int, *, anchor: Vec3 | None = None) -> int:
         """Names the six coordinates of a floating body: q = (position of the frame in the world [m], rotation

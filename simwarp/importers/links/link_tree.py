@@ -75,6 +75,7 @@ class LinkJoint:
         child: name of the link.
         anchor: a point of it [m].
         axis: direction, of a kind that has one (of a PLANAR: the normal).
+        direction: first axis in the plane, of a PLANAR; the world axis least along the normal when None.
         dofs: limits and efforts of its coordinates; passive ones where empty.
         offset: the file's coordinate as built, of a REVOLUTE or PRISMATIC [rad or m].
     """
@@ -85,6 +86,7 @@ class LinkJoint:
     child: str
     anchor: Array
     axis: Array | None = None
+    direction: Array | None = None
     dofs: tuple[Dof, ...] = ()
     offset: float = 0.0
 
@@ -362,7 +364,9 @@ class _Assembly:
             case JointType.CYLINDRICAL:
                 return builder.add_joint_cylindrical(name, **ends, axis=joint.axis, dofs=joint.dofs)
             case JointType.PLANAR:
-                return builder.add_joint_planar(name, **ends, normal=joint.axis, dofs=joint.dofs)
+                return builder.add_joint_planar(
+                    name, **ends, normal=joint.axis, direction=joint.direction, dofs=joint.dofs
+                )
             case _:
                 raise ModelError(f"joint '{name}': no reader makes a {joint.kind.name} joint of links; use the builder")
 

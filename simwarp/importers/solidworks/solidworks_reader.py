@@ -10,7 +10,7 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.rotation import rotate
+from simwarp.core.rotation import frame_from_axis, matrix_of, rotate
 from simwarp.core.types import JointType, ModelError, Pose, shown
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import nearest
@@ -178,10 +178,13 @@ def _joints(
             continue
         report.hold(f"mates {rest.kind.name.lower()}", title)
         axis = None if rest.axis is None else rotate(world.rotation, rest.axis)
+        across = None
+        if rest.axis is not None and rest.kind == JointType.PLANAR:  # it turns with the file's world
+            across = rotate(world.rotation, matrix_of(frame_from_axis(title, rest.axis))[:, 0])
         made.append(
             LinkJoint(
                 name=title, kind=rest.kind, parent=parent.name, child=child.name, anchor=point_of(world, rest.anchor),
-                axis=axis,
+                axis=axis, direction=across,
             )
         )  # fmt: skip
     return made

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,8 @@ KINDS = {
     "fixed": JointType.FIXED, "floating": JointType.FREE, "planar": JointType.PLANAR,
 }  # fmt: skip
 SINGLE = (JointType.REVOLUTE, JointType.PRISMATIC)
+RIGHT: Final = np.array([1.0, 0.0, 0.0])
+UP: Final = np.array([0.0, 0.0, 1.0])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,6 +50,17 @@ class JointValues:
 def welded(value: JointValues) -> JointValues:
     """The same joint without any motion."""
     return JointValues(joint=dataclasses.replace(value.joint, kind=JointType.FIXED, dofs=()))
+
+
+def in_plane(axis: Array) -> Array:
+    """First axis of a planar joint in the joint's frame: x, turned by the shortest rotation that takes z to the unit
+    normal `axis`, as MuJoCo's reader has it. Files only give the normal, and nearly always it is z.
+    """
+    across = np.cross(UP, axis)
+    sine, cosine = float(np.linalg.norm(across)), float(axis[2])
+    about = across / sine if sine > 1e-12 else RIGHT  # straight down: half a turn about x
+    half = 0.5 * math.atan2(sine, cosine)
+    return rotate(np.array([*(math.sin(half) * about), math.cos(half)]), RIGHT)
 
 
 class JointTree:
@@ -165,6 +178,7 @@ class JointTree:
         return LinkJoint(
             name=joint.name, kind=kind, parent=None if kind == JointType.FREE else joint.parent, child=joint.child,
             anchor=point_of(frame, motion.position), axis=rotate(frame.rotation, axis), offset=offset,
+            direction=rotate(frame.rotation, in_plane(axis)) if kind == JointType.PLANAR else None,
             dofs=(self._dof(joint, offset),) if kind in SINGLE else (),
         )  # fmt: skip
 
