@@ -6,6 +6,7 @@ import numpy as np
 
 from simwarp.core.rotation import rotate
 from simwarp.core.types import JointType, Pose
+from simwarp.importers.mjcf.mjcf_flags import is_off
 from simwarp.importers.mjcf.mjcf_source import Source
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -17,7 +18,7 @@ def add_equalities(source: Source) -> None:
     import mujoco
 
     model, report = source.model, source.report
-    for index in range(model.neq):
+    for index in range(0 if is_off(model, "equality") else model.neq):
         told, kind = source.told("equality", index), mujoco.mjtEq(model.eq_type[index])
         element = "equality " + kind.name.removeprefix("mjEQ_").lower()
         if not model.eq_active0[index]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from simwarp.importers.coordinates import CoordinateMap
 from simwarp.importers.imported import CameraPlace, Keyframe, NamedFrame, SourceSensor
+from simwarp.importers.mjcf.mjcf_flags import is_off
 from simwarp.importers.mjcf.mjcf_source import Source
 
 SENSORS: Final = frozenset(
@@ -53,12 +54,13 @@ def cameras_of(source: Source) -> dict[str, CameraPlace]:
 def keyframes_of(source: Source, coordinates: CoordinateMap) -> dict[str, Keyframe]:
     """Keyframes by name."""
     model = source.model
+    controls = 0 if is_off(model, "actuation") else int(model.nu)
     found = {}
     for key in range(model.nkey):
         qpos = np.asarray(model.key_qpos[key], np.float64)
         found[source.name("key", key)] = Keyframe(
             q=coordinates.q_from(qpos), qd=coordinates.qd_from(model.key_qvel[key], qpos),
-            ctrl=np.asarray(model.key_ctrl[key], np.float64), time=float(model.key_time[key]),
+            ctrl=np.asarray(model.key_ctrl[key][:controls], np.float64), time=float(model.key_time[key]),
         )  # fmt: skip
         source.report.hold("keyframe", source.told("key", key))
     return found

@@ -59,13 +59,6 @@ _BY_TAG: Final = ("composite", "plugin")
 _SHORTCUTS: Final = ("cylinder", "damper")
 """Tags of actuators that compile to general ones."""
 
-_FLAGS: Final = {
-    "mjDSBL_LIMIT": "limit", "mjDSBL_FRICTIONLOSS": "frictionloss", "mjDSBL_EQUALITY": "equality",
-    "mjDSBL_SPRING": "spring", "mjDSBL_DAMPER": "damper", "mjDSBL_ACTUATION": "actuation",
-    "mjDSBL_CLAMPCTRL": "clampctrl",
-}  # fmt: skip
-"""Flags that switch a law off, which stays on here."""
-
 
 def check_tags(tags: Sequence[Tag], report: ImportReport) -> None:
     """Refuse elements by their tags, wherever they are but in defaults."""
@@ -116,11 +109,8 @@ def _check_options(source: Source) -> None:
         report.approximate("option impratio", "", "contacts are rigid along and across the normal")
     if options.noslip_iterations:
         report.approximate("option noslip_iterations", "", "contacts do not creep: the passes are not needed")
-    if options.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
-        report.approximate("flag override", "", "contacts are rigid; margin and friction stay those of the geoms")
-    for flag, word in _FLAGS.items():
-        if options.disableflags & int(getattr(mujoco.mjtDisableBit, flag)):
-            report.approximate(f"flag {word}", "", "it is switched off in the file, and on here")
+    if options.disableactuator:
+        report.approximate("option actuatorgroupdisable", "", "the actuators of all groups act")
 
 
 def _check_contacts(source: Source) -> None:

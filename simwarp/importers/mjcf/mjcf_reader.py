@@ -20,6 +20,7 @@ from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
 from simwarp.importers.mjcf.mjcf_equalities import add_equalities
 from simwarp.importers.mjcf.mjcf_extras import cameras_of, keyframes_of, sensors_of, sites_of
 from simwarp.importers.mjcf.mjcf_files import list_tags
+from simwarp.importers.mjcf.mjcf_flags import apply_flags, is_off
 from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags, shortcut_actuators
 from simwarp.importers.mjcf.mjcf_shapes import add_shapes
 from simwarp.importers.mjcf.mjcf_source import Source
@@ -60,11 +61,12 @@ def load_mjcf(
     target = ModelBuilder() if builder is None else builder
     source = Source(model, data, report, target, prefix, make_pose() if pose is None else pose, decompose)
     source.shortcuts = shortcut_actuators(tags)
+    apply_flags(model, report)
     check_model(source)
     report.check()
     with unchanged_on_error(target):
         if fresh:
-            target.gravity = rotate(source.placement.rotation, _gravity(mujoco, model))
+            target.gravity = rotate(source.placement.rotation, _gravity(model))
             target.pair_rule, target.friction_rule = PairRule.EITHER, FrictionRule.MAX
         imported = _build(source)
         report.finish()
@@ -72,14 +74,14 @@ def load_mjcf(
     return imported
 
 
-def _gravity(mujoco: Any, model: Any) -> Any:
-    off = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
-    return np.zeros(3) if off else np.asarray(model.opt.gravity, np.float64)
+def _gravity(model: Any) -> Any:
+    return np.zeros(3) if is_off(model, "gravity") else np.asarray(model.opt.gravity, np.float64)
 
 
 def _build(source: Source) -> Imported:
     """Adds everything to the builder."""
-    servos = servos_of(source)
+    powered = not is_off(source.model, "actuation")
+    servos = servos_of(source) if powered else {}
     bodies, frames = add_bodies(source)
     joints = add_joints(source, joint_drives(source, servos))
     tendons = add_tendons(source, servos)
@@ -91,7 +93,7 @@ def _build(source: Source) -> Imported:
         builder=source.builder, bodies=bodies, dofs={joint.name: joint.dof for joint in joints}, shapes=shapes,
         coordinates=coordinates, report=source.report, frames=frames, sites=sites, cameras=cameras_of(source),
         keyframes=keyframes_of(source, coordinates), sensors=sensors_of(source, sites), tendons=tendons,
-        actuators=actuator_specs(source, servos), timestep=float(source.model.opt.timestep),
+        actuators=actuator_specs(source, servos) if powered else (), timestep=float(source.model.opt.timestep),
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import FrictionRule, Material
 from simwarp.importers.links.link_meshes import collision_hulls
+from simwarp.importers.mjcf.mjcf_flags import is_off
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 from simwarp.model.model import meeting_pairs
 from simwarp.model.shapes import NOT_CONVEX
@@ -174,12 +175,10 @@ def set_pairs(source: Source) -> bool:
 
 def wanted_pairs(source: Source) -> set[tuple[int, int]]:
     """Pairs of our shape slots that MuJoCo lets meet."""
-    import mujoco
-
     model = source.model
-    if model.opt.disableflags & (mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT):
+    if is_off(model, "contact"):
         return set()
-    by_parent = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    by_parent = not is_off(model, "filterparent")
     apart = {(int(each) >> 16, int(each) & 0xFFFF) for each in model.exclude_signature}
     pairs: set[tuple[int, int]] = set()
     for one, other in itertools.combinations(sorted(source.shapes), 2):

@@ -87,8 +87,6 @@ NEAR = {
     "option impratio": ({"option": '<option impratio="10"/>'}, "option impratio"),
     "option cone": ({"option": '<option cone="pyramidal"/>'}, "pyramidal"),
     "option noslip_iterations": ({"option": '<option noslip_iterations="3"/>'}, "option noslip_iterations"),
-    "flag damper": ({"option": '<option><flag damper="disable"/></option>'}, "flag damper"),
-    "flag actuation": ({"option": '<option><flag actuation="disable"/></option>'}, "flag actuation"),
     "pair margin": ({"rest": '<contact><pair name="meet" geom1="box" geom2="ball" margin=".1"/></contact>'}, "meet"),
     "pair solref": ({"rest": '<contact><pair name="meet" geom1="box" geom2="ball" solref=".03 1"/></contact>'}, "meet"),
 }  # fmt: skip
