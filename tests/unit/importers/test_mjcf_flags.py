@@ -43,7 +43,7 @@ def states(folder, flag):
     file.write_text(text)
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    rates = {name: RATE for name in UNHINDERED}
+    rates = dict.fromkeys(UNHINDERED, RATE)
     for name, rate in rates.items():
         data.qvel[model.joint(name).dofadr[0]] = rate
     data.ctrl[:] = CONTROL
@@ -112,8 +112,8 @@ def test_every_other_flag_is_named_once(word, tmp_path):
     file = tmp_path / "flag.xml"
     state = "disable" if word in DISABLED else "enable"
     file.write_text(
-        f'<mujoco><option><flag {word}="{state}"/></option><worldbody><body><joint/><geom size=".1"/></body></worldbody>'
-        "</mujoco>"
+        f'<mujoco><option><flag {word}="{state}"/></option><worldbody><body><joint/><geom size=".1"/></body>'
+        "</worldbody></mujoco>"
     )
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -138,8 +138,8 @@ def test_every_flag_of_this_mujoco_is_known():
 def test_groups_of_actuators_that_are_disabled_are_named(tmp_path):
     file = tmp_path / "groups.xml"
     file.write_text(
-        '<mujoco><option actuatorgroupdisable="1"/><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
-        '<actuator><motor joint="j" group="1"/></actuator></mujoco>'
+        '<mujoco><option actuatorgroupdisable="1"/><worldbody><body><joint name="j"/><geom size=".1"/></body>'
+        '</worldbody><actuator><motor joint="j" group="1"/></actuator></mujoco>'
     )
     with pytest.warns(ImportedWarning, match="option actuatorgroupdisable: the actuators of all groups act"):
         load_mjcf(file)
