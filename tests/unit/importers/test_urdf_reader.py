@@ -143,15 +143,15 @@ def test_a_planar_joint_in_a_turned_frame_slides_along_its_x_and_y(turn, tmp_pat
     file.write_text(
         f"""<robot name="flat"><link name="base"/><link name="puck"><inertial><mass value="1"/>
         <inertia ixx="1" iyy="1" izz="1"/></inertial></link><joint name="table" type="planar">
-        <origin rpy="{turn[0]} {turn[1]} {turn[2]}"/><parent link="base"/><child link="puck"/><axis xyz="0 0 1"/></joint>
-        </robot>"""
+        <origin rpy="{turn[0]} {turn[1]} {turn[2]}"/><parent link="base"/><child link="puck"/><axis xyz="0 0 1"/>
+        </joint></robot>"""
     )
     placed = Rotation.from_rotvec([0.4, 0.1, -0.8])
     robot = load_urdf(file, base="fixed", pose=sw.pose((1.0, 0.0, 0.0), placed.as_quat()))
     place, found = link_poses(robot, np.array([[0.7, -0.4, 0.9]]))["puck"]
     frame = placed * Rotation.from_euler("xyz", turn)
     # 1e-6: float32 coordinates
-    np.testing.assert_allclose(place[0], (1.0, 0.0, 0.0) + frame.apply([0.7, -0.4, 0.0]), atol=1e-6)
+    np.testing.assert_allclose(place[0], np.array([1.0, 0.0, 0.0]) + frame.apply([0.7, -0.4, 0.0]), atol=1e-6)
     wanted = frame * Rotation.from_rotvec([0.0, 0.0, 0.9])
     np.testing.assert_allclose(found[0], wanted.as_matrix(), atol=1e-6)
 
