@@ -1,4 +1,4 @@
-"""Rigid bodies, colliders and what is seen, of a USD stage."""
+"""Rigid bodies and colliders of a USD stage."""
 
 from __future__ import annotations
 
@@ -12,12 +12,9 @@ from simwarp.core.rotation import matrix_of, quat_multiply
 from simwarp.core.types import Material, ModelError, Pose, ShapeType
 from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import MassProperties, convex_hull, hull_mass, shape_mass
-from simwarp.geometry.primitive_meshes import primitive_mesh
-from simwarp.geometry.visual_mesh import VisualMesh
-from simwarp.importers.links.link_frames import NO_MASS, composed, inverse, moved_mass
+from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls
 from simwarp.importers.links.link_tree import Link, LinkShape
-from simwarp.importers.links.link_visuals import LinkVisual
 from simwarp.importers.report import ImportReport
 from simwarp.importers.source_files import needed
 from simwarp.importers.usd.usd_stage import Stage, quaternion, vector
@@ -56,14 +53,14 @@ class BodyReader:
         self.link_of: dict[str, Link] = {}
         self.grounded: list[str] = []
         self.shape_paths: dict[str, str] = {}
-        self.visuals: list[LinkVisual] = []
+        self.frames: dict[str, Pose] = {}
         self._stage = stage
         self._world = world
         self._report = report
         self._decompose = decompose
         self._reduced = 0.0
         self._materials = {str(m.primPath): self._material(m) for m in stage.of("RigidBodyMaterial")}
-        self._colliders = {str(shape.primPath): shape for shape in stage.of(*SHAPES)}
+        self.colliders = {str(shape.primPath): shape for shape in stage.of(*SHAPES)}
         self._solids: dict[str, MassProperties] = {}
 
     # ---- bodies -----------------------------------------------------------------------------------------------------
@@ -72,7 +69,7 @@ class BodyReader:
         """All bodies, then the colliders that nothing moves."""
         length = self._stage.units.length
         shapes: dict[str, list[LinkShape]] = {}
-        for path, shape in self._colliders.items():
+        for path, shape in self.colliders.items():
             made = self._shape(path, shape) if shape.collisionEnabled else None
             if made is not None:
                 shapes.setdefault(str(shape.rigidBody), []).append(made)
@@ -90,7 +87,7 @@ class BodyReader:
                 self._report.approximate("kinematic body", link.name, "welded to the world where it stands")
             self.links.append(link)
             self.link_of[path] = link
-            self._add_visuals(path, link.name, frame)
+            self.frames[path] = frame
         for path, static in shapes.items():
             for shape in static:
                 link = Link(name=f"{shape.name}_static", pose=self._world, shapes=[shape])
@@ -124,12 +121,12 @@ class BodyReader:
         return moved_mass(principal, make_pose(units.length * vector(centre), quaternion(axes)))
 
     def _has_shapes(self, path: str) -> bool:
-        return any(str(shape.rigidBody) == path for shape in self._colliders.values())
+        return any(str(shape.rigidBody) == path for shape in self.colliders.values())
 
     def _solid(self, prim: Any) -> Any:
         """Volume and inertia of a collider at density 1, in units of the stage, for `ComputeMassProperties`."""
         gf = needed("pxr.Gf", "USD", "usd")
-        shape = self._colliders[str(prim.GetPath())]
+        shape = self.colliders[str(prim.GetPath())]
         solid = self._volume(str(prim.GetPath()), shape)
         told = self._stage.physics.RigidBodyAPI.MassInformation()
         told.volume = solid.mass
@@ -173,7 +170,7 @@ class BodyReader:
 
     def _shape_name(self, path: str) -> str:
         name = path.rpartition("/")[2]
-        same = [other for other in self._colliders if other.rpartition("/")[2] == name]
+        same = [other for other in self.colliders if other.rpartition("/")[2] == name]
         return name if len(same) == 1 else path.lstrip("/")
 
     def _primitive(self, shape: Any) -> tuple[ShapeType | None, Size, Array]:
@@ -234,51 +231,6 @@ class BodyReader:
             self._report.hold("material", name)
         return Material(friction=friction, restitution=float(description.restitution))
 
-    # ---- what is seen -----------------------------------------------------------------------------------------------
-
-    def _add_visuals(self, path: str, link: str, frame: Pose) -> None:
-        """Shapes below a body that do not collide; with them, colliders that are seen as well."""
-        geometry = self._stage.geometry
-        found = []
-        for prim in self._stage.usd.Traverse():
-            own = str(prim.GetPath())
-            if own.startswith(f"{path}/") and prim.IsA(geometry.Gprim) and self._body_of(own) == path:
-                hidden = str(geometry.Imageable(prim).ComputePurpose()) == "guide"
-                if not hidden:
-                    found.append(prim)
-        if all(str(prim.GetPath()) in self._colliders for prim in found):
-            return
-        for prim in found:
-            part = self._visual(prim, link, frame)
-            if part is not None:
-                self._report.hold(f"visual {part.kind.name.lower()}", part.name)
-                self.visuals.append(part)
-
-    def _body_of(self, path: str) -> str:
-        """The nearest rigid body above."""
-        bodies = {str(body.primPath) for body in self._stage.of("RigidBody")}
-        while path and path not in bodies:
-            path = path.rpartition("/")[0]
-        return path
-
-    def _visual(self, prim: Any, link: str, frame: Pose) -> LinkVisual | None:
-        name = f"{str(prim.GetPath()).lstrip('/')}_visual"
-        color = _display_color(self._stage.geometry, prim)
-        points, triangles = visual_points(self._stage, prim)
-        if points is None:
-            self._report.approximate("visual", name, f"a {prim.GetTypeName()} is not shown")
-            return None
-        local = self._in_body(prim, frame, points)
-        mesh = VisualMesh(vertices=local, triangles=triangles)
-        return LinkVisual(name=name, link=link, kind=ShapeType.MESH, mesh=lambda: mesh, color=color)
-
-    def _in_body(self, prim: Any, frame: Pose, points: Array) -> Array:
-        """Points of a prim, in its own units, in the frame of its body [m]."""
-        matrix = np.array(self._stage.geometry.Xformable(prim).ComputeLocalToWorldTransform(0.0), np.float64)
-        world = (points @ matrix[:3, :3] + matrix[3, :3]) * self._stage.units.length
-        back = inverse(frame)
-        return world @ matrix_of(back.rotation).T + back.position
-
 
 def mesh_of(stage: Stage, path: str) -> tuple[Array, npt.NDArray[np.int64]]:
     """Points and triangles of a mesh; polygons become fans."""
@@ -295,26 +247,3 @@ def mesh_of(stage: Stage, path: str) -> tuple[Array, npt.NDArray[np.int64]]:
         triangles += [(face[0], face[k], face[k + 1]) for k in range(1, count - 1)]
         start += count
     return points, np.array(triangles, np.int64).reshape(-1, 3)
-
-
-def visual_points(stage: Stage, prim: Any) -> tuple[Array | None, npt.NDArray[np.int64]]:
-    """Points and triangles of a geometric prim in its own frame and units; None where it is none that is shown."""
-    geometry = stage.geometry
-    kind = str(prim.GetTypeName())
-    none = np.zeros((0, 3), np.int64)
-    if kind == "Mesh":
-        return mesh_of(stage, str(prim.GetPath()))
-    values = {name: prim.GetAttribute(name).Get() for name in ("size", "radius", "height") if prim.GetAttribute(name)}
-    if kind not in ("Cube", "Sphere", "Capsule", "Cylinder", "Cone"):
-        return None, none
-    points, triangles = primitive_mesh(kind.lower(), {name: float(value) for name, value in values.items()})
-    axis = geometry.Cylinder(prim).GetAxisAttr().Get() if prim.GetAttribute("axis") else "Z"
-    return points @ matrix_of(AXES[str(axis)]).T, triangles
-
-
-def _display_color(geometry: Any, prim: Any) -> Size | None:
-    value = geometry.Gprim(prim).GetDisplayColorAttr().Get()
-    if not value:
-        return None
-    red, green, blue = (min(max(float(part), 0.0), 1.0) for part in value[0])
-    return red, green, blue

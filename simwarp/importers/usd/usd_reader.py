@@ -29,7 +29,16 @@ from simwarp.importers.report import ImportReport
 from simwarp.importers.source_files import FileFolders, source_file
 from simwarp.importers.usd.usd_bodies import SHAPES, BodyReader
 from simwarp.importers.usd.usd_joints import JointReader, Servo
-from simwarp.importers.usd.usd_stage import ARMATURE, OPEN_GRAVITY, Stage, open_stage, report_foreign, vector
+from simwarp.importers.usd.usd_stage import (
+    ARMATURE,
+    OPEN_GRAVITY,
+    Stage,
+    open_stage,
+    report_foreign,
+    vector,
+    warnings_reported,
+)
+from simwarp.importers.usd.usd_visuals import VisualReader
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
 
@@ -75,13 +84,25 @@ def load_usd(
     file = source_file(path, "load_usd", (".usd", ".usda", ".usdc", ".usdz"))
     report = ImportReport(file.name, REFUSABLE, allow)
     placed = checked_pose(f"{file.name}: import", pose)
-    stage = open_stage(file, FileFolders(file, folders=folders))
+    stage = open_stage(file, FileFolders(file, folders=folders), report)
+    with warnings_reported(file, report):
+        imported = _read(stage, file, placed, builder, prefix, decompose, report)
+    report.finish()
+    return imported
+
+
+def _read(
+    stage: Stage, file: Path, placed: Pose, builder: ModelBuilder | None, prefix: str,
+    decompose: bool | Mapping[str, Any], report: ImportReport,
+) -> Imported:  # fmt: skip
+    """An opened stage; arguments as of `load_usd`."""
     world = composed(placed, stage.world)
     bodies = BodyReader(stage, world, report, decompose)
     joints = JointReader(stage, world, bodies.link_of, report)
     try:
         bodies.read()
         joints.read()
+        visuals = VisualReader(stage, world, bodies, report).read()
     except ModelError as error:
         raise ModelError(f"{file.name}: {error}") from None
     if not bodies.links:
@@ -96,7 +117,6 @@ def load_usd(
     with unchanged_on_error(target):
         result = assemble(target, links, tied, prefix=prefix, source=file.name)
         _exclude(stage, bodies, target, result, prefix, report)
-    report.finish()
     assert result.coordinates is not None
     actuators, targets = _servos(joints.servos, tied, result, prefix)
     start = Keyframe(
@@ -105,7 +125,7 @@ def load_usd(
     return Imported(
         builder=target, bodies=result.bodies, dofs=result.dofs, shapes=result.shapes, coordinates=result.coordinates,
         report=report, frames=result.frames, actuators=actuators, keyframes={f"{prefix}initial": start},
-        show=shown_by(bodies.visuals, result.frames, result.shapes_of, prefix),
+        show=shown_by(visuals, result.frames, result.shapes_of, prefix),
     )  # fmt: skip
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
+import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +30,9 @@ ANYWHERE: Final = ("xformOp", "primvars", "userProperties", "ui", "material", "i
 
 OPEN_GRAVITY: Final = 1.0e6
 """Gravity beyond it means the default."""
+
+ADDRESS: Final = re.compile(r" <0x[0-9a-f]+>")
+"""Of an object in memory, in a warning of OpenUSD."""
 
 PHYSICS: Final = ("Physics", "Physx", "Mjc", "Newton", "warp", "Tensor", "Isaac")
 
@@ -72,16 +77,39 @@ class Stage:
 
     def of(self, *kinds: str) -> list[Any]:
         """Descriptions of kinds, in the order of their paths in the file."""
-        order = {str(prim.GetPath()): number for number, prim in enumerate(self.usd.Traverse())}
+        order = {str(prim.GetPath()): number for number, prim in enumerate(self.prims())}
         found = [description for kind in kinds for description in self.objects.get(kind, [])]
         return sorted(found, key=lambda description: order.get(str(description.primPath), len(order)))
+
+    def prims(self) -> Any:
+        """All prims, those within instances as if each instance had its own."""
+        usd = needed("pxr.Usd", "USD", "usd")
+        return usd.PrimRange.Stage(self.usd, usd.TraverseInstanceProxies())
 
     def prim(self, path: Any) -> Any:
         """The prim at a path."""
         return self.usd.GetPrimAtPath(path)
 
 
-def open_stage(file: Path, folders: FileFolders) -> Stage:
+@contextlib.contextmanager
+def warnings_reported(file: Path, report: ImportReport, *, composing: bool = False) -> Iterator[None]:
+    """What OpenUSD would write to the terminal goes into the report: as near while a stage is composed, since parts of
+    it are missing then, and else as notes on what our own lines say.
+    """
+    delegate = needed("pxr.UsdUtils", f"{file.name}: reading USD", "usd").CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        for found in delegate.TakeUncoalescedDiagnostics():
+            text = ADDRESS.sub("", " ".join(str(found.commentary).split()))
+            if composing:
+                report.approximate("composition", text, "parts of the stage are missing, as OpenUSD warns")
+            else:
+                report.hold("reader", "", f"OpenUSD warns: {text}")
+        del delegate  # it listens as long as it lives
+
+
+def open_stage(file: Path, folders: FileFolders, report: ImportReport) -> Stage:
     """Opens a stage, once all layers that it is composed of are known to lie in its folders.
 
     Raises:
@@ -93,9 +121,10 @@ def open_stage(file: Path, folders: FileFolders) -> Stage:
         for name in ("Usd", "UsdGeom", "UsdPhysics", "Sdf", "Tf")
     )
     try:
-        _check_layers(sdf, file, folders)
-        stage = usd.Stage.Open(str(file))
-        with warnings.catch_warnings():
+        with warnings_reported(file, report, composing=True):
+            _check_layers(sdf, file, folders)
+            stage = usd.Stage.Open(str(file))
+        with warnings_reported(file, report), warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # its successor is not wrapped yet
             parsed = physics.LoadUsdPhysicsFromRange(stage, ["/"])
     except tf.ErrorException as error:
@@ -135,7 +164,7 @@ def _check_layers(sdf: Any, file: Path, folders: FileFolders) -> None:
 
 def report_foreign(stage: Stage, report: ImportReport, held: Sequence[str]) -> None:
     """Names every attribute of physical prims that UsdPhysics does not define, but those that are held."""
-    for prim in stage.usd.Traverse():
+    for prim in stage.prims():
         schemas = [str(name) for name in prim.GetAppliedSchemas()] + [
             str(name) for name in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
         ]

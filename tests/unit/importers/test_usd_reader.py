@@ -327,6 +327,78 @@ def test_what_is_seen_hides_what_collides(tmp_path):
     np.testing.assert_allclose(points.mean(axis=0) + ball.pose.position, (0, 0, -3), atol=1e-5)
 
 
+# ---- what is seen ----------------------------------------------------------------------------------------------------
+
+PROTOTYPE = """class Xform "Shell" {
+    def Cube "side" {
+        double size = 0.2
+        double3 xformOp:translate = (0, 0, 2)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}"""
+INSTANCE = 'def Xform "NAME" (instanceable = true\n    prepend references = </Shell>) {}'
+
+
+def shown(found):
+    """Name -> mean of the corners in the world as built, of all that is drawn."""
+    visuals = Visuals(found.builder)
+    found.add_visuals(visuals)
+    centres = {}
+    for instance in visuals.instances:
+        turn, place = Rotation.identity(), np.zeros(3)
+        if instance.body >= 0:
+            turn = Rotation(found.builder.bodies[instance.body].pose.rotation)
+            place = found.builder.bodies[instance.body].pose.position
+        asset = visuals.meshes[instance.asset] if instance.asset >= 0 else None
+        local = instance.pose.position + (0.0 if asset is None else asset.vertices.mean(axis=0))
+        centres[instance.name] = place + turn.apply(local)
+    return centres
+
+
+@pytest.mark.parametrize("instanceable", [True, False])
+def test_what_an_instance_shows_is_seen(instanceable, tmp_path):
+    """An instance shows what a plain reference shows: on a turned body, and beside the bodies."""
+    turn = Rotation.from_rotvec([0.5, 0.0, 0.0])
+    instance = INSTANCE if instanceable else INSTANCE.replace("instanceable = true", "")
+    prims = body("a", (1, 0, 0), turn, lines=UNIT, inside=instance.replace("NAME", "shell"))
+    found = load(tmp_path, stage(PROTOTYPE, prims, instance.replace("NAME", "beside")))
+    centres = shown(found)
+    assert set(centres) == {"a/shell/side_visual", "beside/side_visual"}
+    # corners are float32
+    np.testing.assert_allclose(centres["a/shell/side_visual"], np.array([1, 0, 0]) + turn.apply([0, 0, 2]), atol=1e-6)
+    np.testing.assert_allclose(centres["beside/side_visual"], (0, 0, 2), atol=1e-6)
+
+
+def test_nothing_that_is_seen_vanishes_without_a_word(tmp_path):
+    """Every prim of geometry is drawn, collides, is invisible in the file, or is named."""
+    inside = """def Cube "off" {
+        token visibility = "invisible"
+    }
+    def BasisCurves "rope" {}
+    def Mesh "empty" {}
+    def PointInstancer "heap" {
+        def Sphere "grain" {}
+    }
+    def Sphere "seen" {}"""
+    scenery = 'def Sphere "stone" {\n    double radius = 0.3\n}'
+    with pytest.warns(ImportedWarning) as told:
+        found = load(tmp_path, stage(body("a", lines=UNIT, inside=inside), scenery))
+    assert set(shown(found)) == {"a/seen_visual", "stone_visual"}
+    text = "\n".join(str(one.message) for one in told)
+    for words in ("a/rope", "a BasisCurves is not shown", "a/empty", "a mesh without faces", "/a/heap"):
+        assert text.count(words) == 1, words
+    assert [line.name for line in found.report.held if line.element == "invisible"] == ["/a/off"]
+
+
+def test_warnings_of_the_library_are_told_once_and_not_printed(tmp_path, capfd):
+    lost = 'def Xform "lost" (prepend references = </nowhere>) {}'
+    with pytest.warns(ImportedWarning, match="composition .*Unresolved reference prim path") as told:
+        load(tmp_path, stage(body("a", lines=UNIT), lost))
+    assert len(told) == 1
+    assert "\n" not in str(told[0].message)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_groups_and_filtered_pairs(tmp_path):
     def cube(name, **options):
         return body(name, inside=CUBE.format("").replace('"cube"', f'"{name}_cube"'), **options)
