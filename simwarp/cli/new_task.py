@@ -218,6 +218,8 @@ class NewTaskOptions(CommonOptions):
     """Kinds of refused elements of the robot's file to drop."""
     packages: tuple[str, ...] = ()
     """Folders of a URDF's packages, NAME=FOLDER each."""
+    density: float | None = None
+    """Of all parts of a STEP file, or of the links of a URDF whose mass it does not tell [kg/m³]."""
     pose: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="JOINT=VALUE,...")] = ()
     """Where joints stand at the start [rad or m]; * and ? in a name stand for letters; may be given again."""
 
@@ -250,7 +252,7 @@ def files(name: str, options: NewTaskOptions | None = None) -> dict[str, str]:
         from simwarp.cli.robots.robot_task import robot_files
 
         path = options.robot
-        _, robot = load_file(path, RobotOptions(options.base, options.allow, options.packages))
+        _, robot = load_file(path, RobotOptions(options.base, options.allow, options.packages, options.density))
         templates |= robot_files(name, module, robot, path.name, velocity=options.velocity, pose=options.pose)
         as_they_are = {where: templates.pop(where) for where in list(templates) if where.endswith(".json")}
         words |= {"@summary@": f"the robot of {path.name}", "@data@": _DATA.replace("@module@", module)}
@@ -332,7 +334,7 @@ def run(arguments: list[str]) -> int:
     check_name(name)
     target = options.output or Path(name)
     options.check(options.robot)
-    for flag in ("velocity", "base", "allow", "packages", "pose"):
+    for flag in ("velocity", "base", "allow", "packages", "density", "pose"):
         if options.robot is None and getattr(options, flag):
             raise UsageError(f"--{flag} is about a robot: add --robot FILE, or leave it away")
     if not _is_empty(target):

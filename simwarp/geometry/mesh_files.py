@@ -97,6 +97,19 @@ class MeshPart:
         return self.look
 
 
+def closed_surface(vertices: Vertices, triangles: Triangles) -> tuple[Vertices, Triangles] | None:
+    """The same surface with equal vertices merged, if it encloses a volume and faces outwards; None otherwise."""
+    return _closed(trimesh.Trimesh(vertices, triangles, process=False))
+
+
+def _closed(mesh: trimesh.Trimesh) -> tuple[Vertices, Triangles] | None:
+    solid = mesh.copy()
+    solid.merge_vertices(merge_tex=True, merge_norm=True)
+    if not (solid.is_watertight and solid.is_winding_consistent and solid.volume > 0.0):
+        return None
+    return np.asarray(solid.vertices, np.float64), np.asarray(solid.faces, np.int64)
+
+
 def load_mesh_parts(path: str | Path) -> list[MeshPart]:
     """The parts of a GLB file where it places them, in the order of their names there.
 
@@ -112,11 +125,11 @@ def load_mesh_parts(path: str | Path) -> list[MeshPart]:
         if not len(getattr(mesh, "faces", ())):
             continue
         look = _visual_part(file, mesh, linear=True)
+        closed = _closed(mesh)
         solid = mesh.copy()
         solid.merge_vertices(merge_tex=True, merge_norm=True)
-        closed = bool(solid.is_watertight and solid.is_winding_consistent and solid.volume > 0.0)
         vertices, triangles = np.asarray(solid.vertices, np.float64), np.asarray(solid.faces, np.int64)
-        parts.append(MeshPart(name, np.asarray(matrix, np.float64), vertices, triangles, closed, look))
+        parts.append(MeshPart(name, np.asarray(matrix, np.float64), vertices, triangles, closed is not None, look))
     return sorted(parts, key=lambda part: part.name)
 
 

@@ -127,6 +127,23 @@ def test_what_is_refused_is_dropped_on_request(folder, capfd):
     assert {line["element"] for line in json.loads(out)["refused"]} == set(kinds)
 
 
+def test_a_density_gives_the_mass_that_the_file_does_not_tell(folder, capfd):
+    """The error of the command names the option, and with it the robot loads; the next command repeats it."""
+    inertial = URDF[URDF.index('<link name="arm">') + len('<link name="arm">') : URDF.index("<visual>")]
+    (folder / "two.urdf").write_text(URDF.replace(inertial, "", 1))
+    code, out, err = run(capfd, "two.urdf", "--base", "fixed")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "massless link 'arm'" in err
+    assert "add --density 1000 (kg/m³) for mass by its geometry" in err
+    code, out, _ = run(capfd, "two.urdf", "--base", "fixed", "--density", "1000", "--json", "-")
+    assert code == 0
+    assert json.loads(out)["masses"] == {"base": 2.0, "arm": pytest.approx(10.0, rel=1e-12)}
+    code, out, _ = run(capfd, "two.urdf", "--base", "fixed", "--density", "1000")
+    assert "simwarp new-task my-two --robot two.urdf --base fixed --density 1000" in out
+    assert 'load_urdf("two.urdf", base="fixed", density=1000)' in out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -135,7 +152,7 @@ def test_what_is_refused_is_dropped_on_request(folder, capfd):
         (("two.urdf",), "does not tell whether its root is welded to the world; add --base fixed or --base floating"),
         (("two.urdf", "--base", "loose"), "--base must be fixed or floating, got 'loose'"),
         (("cart.xml", "--base", "fixed"), "--base is for URDF, 'cart.xml' is MJCF; leave it away"),
-        (("cart.xml", "--density", "3"), "--density is for STEP, 'cart.xml' is MJCF"),
+        (("cart.xml", "--density", "3"), "--density is for URDF, STEP, 'cart.xml' is MJCF"),
         (("two.urdf", "--base", "fixed", "--packages", "here"), "--packages must be NAME=FOLDER, got 'here'"),
         (("two.urdf", "--base", "fixed", "--packages", "a=none"), "packages['a'] must be a folder"),
         (("robot.obj",), "no reader is for 'robot.obj'; files end in .xml, .mjcf, .urdf"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
+import shlex
 import time
 from functools import partial
 from pathlib import Path
@@ -44,7 +45,7 @@ class ImportOptions(CommonOptions):
     packages: tuple[str, ...] = ()
     """Folders of a URDF's packages, NAME=FOLDER each."""
     density: float | None = None
-    """Of all parts of a STEP file [kg/m³]."""
+    """Of all parts of a STEP file, or of the links of a URDF whose mass it does not tell [kg/m³]."""
     up: Literal["y", "z"] | None = None
     """Vertical axis of a SolidWorks export."""
     save: Path | None = None
@@ -186,11 +187,17 @@ def _report_rows(robot: Imported) -> list[tuple[str, ...]]:
 
 
 def _tell_next(console: Console, path: Path, kind: Format, options: ImportOptions) -> None:
-    base = f" --base {options.base}" if options.base else ""
+    given = f" --base {options.base}" if options.base else ""
+    given += f" --density {options.density:g}" if options.density else ""
+    given += f" --allow {shlex.join(options.allow)}" if options.allow else ""
+    given += f" --packages {shlex.join(options.packages)}" if options.packages else ""
     argument = f', base="{options.base}"' if options.base else ""
+    argument += f", density={options.density:g}" if options.density else ""
+    argument += f", allow={list(options.allow)!r}" if options.allow else ""
+    argument += f", packages={dict(word.split('=', 1) for word in options.packages)!r}" if options.packages else ""
     saved = options.save is not None
-    source = str(options.save) if saved else f"{path}{base}"
-    lines = [] if saved or kind.reader == "load_robot" else [f"simwarp import {path}{base} --save {path.stem}.json"]
+    source = str(options.save) if saved else f"{path}{given}"
+    lines = [] if saved or kind.reader == "load_robot" else [f"simwarp import {path}{given} --save {path.stem}.json"]
     lines += [f"simwarp new-task my-{_slug(path.stem)} --robot {source}"]
     reader = "load_robot" if saved else kind.reader
     lines += [f'robot = sw.importers.{reader}("{options.save if saved else path}"{"" if saved else argument})']

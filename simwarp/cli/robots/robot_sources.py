@@ -41,7 +41,7 @@ class Format:
 
 FORMATS: Final = (
     Format("MJCF", (".xml", ".mjcf"), "load_mjcf", ("allow",), "mujoco"),
-    Format("URDF", (".urdf", ".xml"), "load_urdf", ("allow", "base", "packages"), "robot"),
+    Format("URDF", (".urdf", ".xml"), "load_urdf", ("allow", "base", "packages", "density"), "robot"),
     Format("USD", (".usd", ".usda", ".usdc", ".usdz"), "load_usd", ("allow",)),
     Format("STEP", (".step", ".stp"), "load_step", ("allow", "density")),
     Format("SolidWorks", (".py",), "load_solidworks", ("allow", "up")),
@@ -136,4 +136,5 @@ def _for_command(text: str) -> str:
 
     text = re.sub(r"allow=\[([^\]]*)\]", words, text)
     text = re.sub(r"packages=\{'([^']*)': folder\}", lambda match: f"--packages {shlex.quote(match[1])}=FOLDER", text)
+    text = text.replace("load with density=1000 (kg/m³)", "add --density 1000 (kg/m³)")
     return text.replace("packages={...}", "--packages")

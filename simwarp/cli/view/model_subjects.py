@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simwarp.cli.robots.robot_sources import Base
+from simwarp.cli.robots.robot_sources import RobotOptions, load_file
 from simwarp.core.types import Material
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
@@ -30,11 +30,9 @@ def scene_subject(name: str, worlds: int, device: str) -> Subject:
     return simple_subject(name, builder, worlds, device)
 
 
-def model_subject(path: str, worlds: int, device: str, *, base: Base | None, allow: tuple[str, ...]) -> Subject:
+def model_subject(path: str, worlds: int, device: str, options: RobotOptions) -> Subject:
     """A robot from a file, with a floor under it where it has none, in its keyframe `home` or its first one."""
-    from simwarp.cli.robots.robot_sources import RobotOptions, load_file
-
-    _, robot = load_file(Path(path), RobotOptions(base, allow))
+    _, robot = load_file(Path(path), options)
     visuals = Visuals(robot.builder)
     robot.add_visuals(visuals)
     return simple_subject(Path(path).stem, robot.builder, worlds, device, visuals=visuals, floor=True, robot=robot)

@@ -49,9 +49,11 @@ def _plain_view(target: ViewTarget, options: ViewOptions, server: WebServer | No
 
         subject = dump_subject(target.name, resolve_device(device))
     else:
+        from simwarp.cli.robots.robot_sources import RobotOptions
         from simwarp.cli.view.model_subjects import model_subject
 
-        subject = model_subject(target.name, worlds or 1, device, base=options.base, allow=options.allow)
+        given = RobotOptions(options.base, options.allow, options.packages, options.density)
+        subject = model_subject(target.name, worlds or 1, device, given)
     return open_view(subject, options, server)
 
 

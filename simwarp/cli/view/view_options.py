@@ -50,6 +50,10 @@ class ViewOptions(CommonOptions):
     """Of a URDF: its root link is welded to the world, or floats."""
     allow: tuple[str, ...] = ()
     """Kinds of refused elements of a model file to drop."""
+    packages: tuple[str, ...] = ()
+    """Folders of a URDF's packages, NAME=FOLDER each."""
+    density: float | None = None
+    """Of all parts of a STEP file, or of the links of a URDF whose mass it does not tell [kg/m³]."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
 

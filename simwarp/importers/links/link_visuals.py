@@ -26,7 +26,7 @@ class LinkVisual:
         kind: a primitive, or MESH.
         size: as `ShapeType` tells [m]; of a mesh unused.
         pose: of its frame in the link's.
-        mesh: reads the mesh, of a MESH; it runs when the part is shown.
+        mesh: reads the mesh, of a MESH; it runs when the part is shown, and gives None where that is dropped.
         color: linear albedo; that of the mesh, or grey, when None.
     """
 
@@ -35,7 +35,7 @@ class LinkVisual:
     kind: ShapeType
     size: tuple[float, float, float] = (1.0, 1.0, 1.0)
     pose: Pose = dataclasses.field(default_factory=make_pose)
-    mesh: Callable[[], VisualMesh] | None = None
+    mesh: Callable[[], VisualMesh | None] | None = None
     color: tuple[float, float, float] | None = None
 
 
@@ -56,6 +56,8 @@ def shown_by(
 def _add(visuals: Visuals, part: LinkVisual, frames: Mapping[str, NamedFrame], prefix: str) -> None:
     frame = frame_on(frames, prefix + part.link, part.pose)
     mesh = part.mesh() if part.mesh is not None else None
+    if mesh is None and part.kind is ShapeType.MESH:
+        return
     add_part(visuals, f"{prefix}{part.name}", frame, part.kind, part.size, mesh, part.color)
 
 

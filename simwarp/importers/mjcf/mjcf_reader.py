@@ -30,6 +30,8 @@ from simwarp.importers.source_files import needed, source_file
 from simwarp.model.builder import ModelBuilder
 
 WHAT: Final = "load_mjcf"
+OLDEST_MUJOCO: Final = 4
+"""Its models have fields that older ones lack, such as `jnt_springyield`."""
 
 
 def load_mjcf(
@@ -52,6 +54,11 @@ def load_mjcf(
     """
     file = source_file(path, WHAT, (".xml", ".mjcf"))
     mujoco = needed("mujoco", WHAT)
+    if int(mujoco.__version__.partition(".")[0]) < OLDEST_MUJOCO:
+        raise ModelError(
+            f"{WHAT} needs mujoco {OLDEST_MUJOCO}.0 or later, got {mujoco.__version__}; "
+            "run: pip install -U 'simwarp[import]'"
+        )
     report = ImportReport(file.name, REFUSABLE, allow)
     tags = list_tags(file, report)
     check_tags(tags, report)

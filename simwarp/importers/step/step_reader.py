@@ -10,13 +10,12 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
-from simwarp.core.types import JointType, ModelError, Pose, ShapeType, number, shown
+from simwarp.core.types import JointType, ModelError, Pose, ShapeType, shown
 from simwarp.core.wording import nearest
 from simwarp.geometry.assets import solid_mass
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_frames import composed, pose_from_matrix
+from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls
 from simwarp.importers.links.link_tree import Link, LinkJoint, LinkShape, assemble
 from simwarp.importers.links.link_visuals import LinkVisual, shown_by
@@ -77,7 +76,7 @@ def load_step(
     file = source_file(path, "load_step", (".step", ".stp"))
     report = ImportReport(file.name, REFUSABLE, allow)
     world = checked_pose(f"{file.name}: import", pose)
-    weights = _Densities(file.name, density)
+    weights = Densities(file.name, density, "part")
     links: list[Link] = []
     visuals: list[LinkVisual] = []
     reduced = 0.0
@@ -108,43 +107,6 @@ def load_step(
         builder=target, bodies=result.bodies, dofs=result.dofs, shapes=result.shapes, coordinates=result.coordinates,
         report=report, frames=result.frames, show=shown_by(visuals, result.frames, result.shapes_of, prefix),
     )  # fmt: skip
-
-
-class _Densities:
-    """One for all, or one for each name, all of which must be there."""
-
-    def __init__(self, source: str, given: Any) -> None:
-        self.source = source
-        self._given = given
-        self._asked: set[str] = set()
-        values = list(given.values()) if isinstance(given, Mapping) else [given]
-        for value in values:
-            if not 0.0 < number(value) < np.inf:
-                raise ModelError(
-                    f"{source}: density must be a number > 0 kg/m³, or one for each part by name, got {shown(given)}; "
-                    "steel has 7850, aluminium 2700"
-                )
-
-    def of(self, name: str) -> float:
-        """That of a part."""
-        self._asked.add(name)
-        if not isinstance(self._given, Mapping):
-            return float(self._given)
-        if name not in self._given:
-            raise ModelError(
-                f"{self.source}: density must have part '{name}'{nearest(name, self._given)}, got "
-                f"{', '.join(map(str, self._given)) or 'none'}; add it"
-            )
-        return float(self._given[name])
-
-    def check(self) -> None:
-        """All names that were given must be those of parts."""
-        for name in self._given if isinstance(self._given, Mapping) else ():
-            if name not in self._asked:
-                raise ModelError(
-                    f"{self.source}: density names '{name}'{nearest(name, self._asked)}, but the parts are "
-                    f"{', '.join(sorted(self._asked))}; correct the name"
-                )
 
 
 def _converted(file: Path) -> list[MeshPart]:

@@ -135,7 +135,9 @@ class JointTree:
         thing = f"{self.source}: joint '{name}': mimic"
         other = joint.mimic.joint
         if other not in self.joints:
-            raise ModelError(f"{thing}: must name a joint, got '{other}'{nearest(other, self.joints)}")
+            self._report.refuse("mimic", name, f"it must name a joint, got '{other}'{nearest(other, self.joints)}")
+            joint.mimic = None
+            return 0.0
         if other == name or other in asking:
             raise ModelError(f"{thing}: must lead to a joint that moves by itself, but it leads back to '{other}'")
         for each in (name, other):

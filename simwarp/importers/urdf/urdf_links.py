@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,11 @@ from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import MassProperties
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 from simwarp.importers.links.link_frames import NO_MASS, moved_mass, pose_from_matrix
+from simwarp.importers.links.link_masses import Densities, mesh_solid, missing_mass, primitive_solid
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls, scaled_mesh, scaled_visual
 from simwarp.importers.links.link_tree import Link, LinkShape
 from simwarp.importers.links.link_visuals import LinkVisual
-from simwarp.importers.report import ImportReport
+from simwarp.importers.report import ImportedWarning, ImportReport
 from simwarp.importers.source_files import FileFolders
 
 Array = npt.NDArray[np.float64]
@@ -33,11 +35,12 @@ class LinkReader:
         report: what became of every element.
         capsules: (link, visual or collision, number) of cylinders that are capsules.
         decompose: see `load_urdf`.
+        densities: of links whose mass the file does not tell; None where there are none.
     """
 
     def __init__(
         self, source: str, folders: FileFolders, report: ImportReport, capsules: set[tuple[str, str, int]],
-        decompose: bool | Mapping[str, Any],
+        decompose: bool | Mapping[str, Any], densities: Densities | None,
     ) -> None:  # fmt: skip
         self.source = source
         self.links: list[Link] = []
@@ -46,6 +49,8 @@ class LinkReader:
         self._report = report
         self._capsules = capsules
         self._decompose = decompose
+        self._densities = densities
+        self.weighable: set[str] = set()
         self._hulls: dict[tuple[Path, Size], tuple[list[Array], float]] = {}
         self._names: set[str] = set()
         self._reduced: dict[str, float] = {}
@@ -55,14 +60,18 @@ class LinkReader:
         if any(link.name == other.name for other in self.links):
             raise ModelError(f"{self.source}: link '{link.name}': the name must be unique, got it twice; rename one")
         self._report.hold("link", link.name)
-        made = Link(name=link.name, pose=make_pose(), mass=self._mass(link))
+        if link.collisions or link.visuals:
+            self.weighable.add(link.name)
+        made = Link(name=link.name, pose=make_pose(), mass=self._completed(link, self._mass(link)))
         for number, part in enumerate(link.collisions):
             shape = self._shape(link, number, part)
             if shape is not None:
                 made.shapes.append(shape)
         self.links.append(made)
         for number, part in enumerate(link.visuals):
-            self.visuals.append(self._visual(link, number, part, materials))
+            seen = self._visual(link, number, part, materials)
+            if seen is not None:
+                self.visuals.append(seen)
 
     def finish(self) -> None:
         """Reports the hulls that lost corners, in one line."""
@@ -89,16 +98,56 @@ class LinkReader:
             )
         return moved_mass(MassProperties(float(given.mass), np.zeros(3), inertia), _origin(given.origin))
 
+    def _completed(self, link: Any, given: MassProperties) -> MassProperties:
+        """What the file does not tell of a link's mass, from its geometry: that of contact, else what is seen."""
+        density = None if self._densities is None else self._densities.find(link.name)
+        if density is None or (given.mass > 0.0 and np.linalg.eigvalsh(given.inertia)[0] > 0.0):
+            return given
+        role = "collision" if link.collisions else "visual"
+        found = [
+            self._solid(link, role, number, part)
+            for number, part in enumerate(link.collisions if link.collisions else link.visuals)
+        ]
+        parts = [solid for solid, _ in found if solid.mass > 0.0]
+        if not parts:
+            return given
+        mass = missing_mass(given, parts, density)
+        told = f"{mass.mass:.4g} kg by its {role} geometry"
+        if all(closed for _, closed in found):
+            self._report.hold("mass by density", link.name, told)
+        else:
+            self._report.approximate("mass by density", link.name, "of hulls, where meshes are not closed")
+        return mass
+
+    def _solid(self, link: Any, role: str, number: int, part: Any) -> tuple[MassProperties, bool]:
+        """Of a part at density 1, and whether it is the solid itself; nothing where its file cannot be used."""
+        kind, size = self._primitive((link.name, role, number), part.geometry)
+        place = _origin(part.origin)
+        if kind is not None:
+            return primitive_solid(kind, size, place) if min(size) > 0.0 else NO_MASS, True
+        scale = _scale(part.geometry.mesh)
+        if not min(map(abs, scale)) > 0.0:
+            return NO_MASS, True
+        try:
+            return mesh_solid(*self._mesh(part.geometry.mesh, scale), place)
+        except ModelError as error:
+            if role == "visual":  # a mesh of contact is refused where it is made a shape
+                self._refuse_mesh(link.name, part.geometry.mesh, error)
+            return NO_MASS, True
+
     # ---- collision geometry ----------------------------------------------------------------------------------------
 
     def _shape(self, link: Any, number: int, part: Any) -> LinkShape | None:
         name = self._free_name(part.name or (link.name if len(link.collisions) == 1 else f"{link.name}_{number}"))
         kind, size = self._primitive((link.name, "collision", number), part.geometry)
         place = _origin(part.origin)
+        mesh = part.geometry.mesh
+        if not min(size if kind is not None else map(abs, _scale(mesh))) > 0.0:
+            self._report.refuse("size", name)
+            return None
         if kind is not None:
             self._report.hold(f"collision {kind.name.lower()}", name)
             return LinkShape(name=name, kind=kind, size=size, pose=place)
-        mesh = part.geometry.mesh
         found = self._mesh_hulls(link.name, mesh)
         if found is None:
             return None
@@ -118,32 +167,29 @@ class LinkReader:
 
     def _mesh_hulls(self, link: str, mesh: Any) -> tuple[list[Array], float] | None:
         """Hulls of a mesh; None where it is refused."""
-        scale = self._scale(link, mesh)
+        scale = _scale(mesh)
         try:
             path = self._folders.resolve(mesh.filename)
             if (path, scale) not in self._hulls:
-                from simwarp.geometry.mesh_files import load_mesh  # trimesh takes a while to import
-
-                vertices, triangles = scaled_mesh(*load_mesh(path), scale)
+                vertices, triangles = self._mesh(mesh, scale)
                 self._hulls[path, scale] = collision_hulls(
                     f"mesh '{mesh.filename}'", vertices, triangles, self._decompose
                 )
         except ModelError as error:
-            # the file is named once, and those of one reason together
-            reason = str(error).removeprefix(f"file {shown(mesh.filename)}: ")
-            self._report.refuse("mesh", f"{link}: {mesh.filename}", reason)
+            self._refuse_mesh(link, mesh, error)
             return None
         return self._hulls[path, scale]
 
-    def _scale(self, link: str, mesh: Any) -> Size:
-        scale = np.broadcast_to(np.asarray(1.0 if mesh.scale is None else mesh.scale, np.float64), (3,))
-        if not np.abs(scale).min() > 0.0:
-            raise ModelError(
-                f"{self.source}: mesh '{mesh.filename}' of link '{link}': scale must not be 0, got "
-                f"{shown(scale.tolist())}; write factors such as 0.001"
-            )
-        x, y, z = (float(value) for value in scale)
-        return x, y, z
+    def _mesh(self, mesh: Any, scale: Size) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Vertices [m] and triangles of a mesh's file."""
+        from simwarp.geometry.mesh_files import load_mesh  # trimesh takes a while to import
+
+        return scaled_mesh(*load_mesh(self._folders.resolve(mesh.filename)), scale)
+
+    def _refuse_mesh(self, link: str, mesh: Any, error: ModelError) -> None:
+        # the file is named once, and those of one reason together
+        reason = str(error).removeprefix(f"file {shown(mesh.filename)}: ")
+        self._report.refuse("mesh", f"{link}: {mesh.filename}", reason)
 
     def _primitive(self, key: tuple[str, str, int], geometry: Any) -> tuple[ShapeType | None, Size]:
         """Kind and size of a geometry; None for a mesh."""
@@ -161,22 +207,38 @@ class LinkReader:
 
     # ---- what is seen -----------------------------------------------------------------------------------------------
 
-    def _visual(self, link: Any, number: int, part: Any, materials: Sequence[Any]) -> LinkVisual:
+    def _visual(self, link: Any, number: int, part: Any, materials: Sequence[Any]) -> LinkVisual | None:
+        """A visible part; None where it has no extent."""
         kind, size = self._primitive((link.name, "visual", number), part.geometry)
         name = f"{link.name}_visual_{number}"
+        if not min(size if kind is not None else map(abs, _scale(part.geometry.mesh))) > 0.0:
+            self._report.approximate("visual size", name, "a length is 0: there is nothing to see")
+            return None
         self._report.hold(f"visual {'mesh' if kind is None else kind.name.lower()}", name)
         color = _color(part.material, materials)
         place = _origin(part.origin)
         if kind is not None:
             return LinkVisual(name=name, link=link.name, kind=kind, size=size, pose=place, color=color)
-        mesh, scale, folders = part.geometry.mesh, self._scale(link.name, part.geometry.mesh), self._folders
+        mesh, scale, folders = part.geometry.mesh, _scale(part.geometry.mesh), self._folders
 
-        def read() -> VisualMesh:
+        def read() -> VisualMesh | None:
             from simwarp.geometry.mesh_files import load_visual_mesh  # trimesh takes a while to import
 
-            return scaled_visual(load_visual_mesh(folders.resolve(mesh.filename)), scale)
+            try:
+                return scaled_visual(load_visual_mesh(folders.resolve(mesh.filename)), scale)
+            except ModelError as error:
+                if not self._report.is_allowed("mesh"):
+                    raise
+                text = f"{self.source}: dropped visual mesh '{name}': {error}"
+                warnings.warn(text, ImportedWarning, stacklevel=2)
+                return None
 
         return LinkVisual(name=name, link=link.name, kind=ShapeType.MESH, pose=place, mesh=read, color=color)
+
+
+def _scale(mesh: Any) -> Size:
+    x, y, z = np.broadcast_to(np.asarray(1.0 if mesh.scale is None else mesh.scale, np.float64), (3,)).tolist()
+    return float(x), float(y), float(z)
 
 
 def _origin(matrix: Array | None) -> Pose:

@@ -11,12 +11,20 @@ from simwarp.core.types import FLOAT32_MAX, ModelError, shown
 from simwarp.core.wording import nearest
 from simwarp.importers.report import ImportReport
 
+MASSLESS: Final = (
+    "it moves without mass or inertia, and is no bare frame with mass below; give it an <inertial>, {}or weld its "
+    "joint (type fixed)"
+)
+"""Why a link is refused; another remedy may stand in the middle."""
+
 REFUSABLE: Final = {
     "geometry": "no shape of ours has this geometry",
     "origin": "only xyz and rpy say where something is",
-    "massless link": "it moves without mass or inertia, and is no bare frame with mass below; give it an <inertial>, "
-    "or weld its joint (type fixed)",
+    "massless link": MASSLESS.format(""),
     "mesh": "its file cannot be used",
+    "size": "a length of its shape or a factor of its mesh is 0; give it a size",
+    "mimic": "it must name a joint of the file",
+    "repeated element": "only one may stand there; keep one",
     "transmission": "only one joint and one actuator each, of type SimpleTransmission",
 }
 """Kinds of elements that are refused, with the reason."""
@@ -127,8 +135,11 @@ def _list(element: Any, owner: str, source: str, report: ImportReport) -> None:
     for child in list(element):
         name = child.tag
         known = name in tag.once or name in tag.many
-        if name in tag.once and name in seen:
-            raise ModelError(f"{where}: must have one <{name}> at most, got two; take one out")
+        if name in tag.once and (name in seen or (element.tag == "geometry" and seen)):
+            where_else = f"second <{name}>" if name in seen else f"<{name}> beside another shape"
+            report.refuse("repeated element", owner, f"a {where_else} in <{element.tag}>; keep one")
+            element.remove(child)
+            continue
         seen.add(name)
         if name in LEFT_OUT:
             report.approximate(name, _named(child, owner), LEFT_OUT[name])

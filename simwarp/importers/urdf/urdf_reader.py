@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from simwarp.core.types import ModelError, Pose, shown
 from simwarp.importers.imported import Imported
+from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_tree import Assembled, assemble, massless_heads, unchanged_on_error
 from simwarp.importers.links.link_visuals import shown_by
 from simwarp.importers.report import ImportReport
 from simwarp.importers.source_files import FileFolders, bytes_of, expansion_of, needed, parsed_xml, source_file
 from simwarp.importers.urdf.urdf_joints import JointTree, JointValues, welded
 from simwarp.importers.urdf.urdf_links import LinkReader
-from simwarp.importers.urdf.urdf_listing import REFUSABLE, list_elements
+from simwarp.importers.urdf.urdf_listing import MASSLESS, REFUSABLE, list_elements
 from simwarp.importers.urdf.urdf_transmissions import read_transmissions
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
@@ -40,6 +41,7 @@ def load_urdf(
     prefix: str = "",
     packages: Mapping[str, str | os.PathLike[str]] = NO_PACKAGES,
     decompose: bool | Mapping[str, Any] = False,
+    density: float | Mapping[str, float] | None = None,
     allow: Collection[str] = (),
 ) -> Imported:
     """A robot of a URDF file.
@@ -58,8 +60,11 @@ def load_urdf(
         packages: folder of each package that `package://` names; other files are read from the folder of the
             description, and from the package that it is in.
         decompose: take several hulls for a mesh instead of one: True, or options of `coacd.run_coacd`.
-        allow: kinds of elements to drop with a warning where they would be refused: "geometry", "origin",
-            "massless link" (its joint becomes fixed), "mesh", "transmission".
+        density: of links whose mass or inertia the file does not tell, or of each by its name [kg/m³]: these come from
+            the geometry of contact, or where there is none, from what is seen. A mass that is told stays.
+        allow: kinds of elements to drop with a warning where they would be refused, each alone: "geometry", "origin",
+            "massless link" (its joint becomes fixed), "mesh", "size" (a shape without extent), "mimic",
+            "repeated element" (the first stays), "transmission".
 
     Raises:
         ModelError: the file, one of its meshes or an argument is not usable; names the element.
@@ -80,10 +85,13 @@ def load_urdf(
     transmissions = root.findall("transmission")
     capsules = _hidden_capsules(root)
     robot = _parsed(root, file.name)
-    links = LinkReader(file.name, FileFolders(file, packages), report, capsules, decompose)
+    densities = None if density is None else Densities(file.name, density, "link")
+    links = LinkReader(file.name, FileFolders(file, packages), report, capsules, decompose, densities)
     for link in robot.links:
         links.add(link, robot.materials)
     links.finish()
+    if densities is not None:
+        densities.check()
     report.check()
     joints = JointTree(file.name, robot, report)
     values = joints.placed(links.links, base, placed)
@@ -93,7 +101,7 @@ def load_urdf(
     with unchanged_on_error(target):
         assembled = assemble(target, links.links, [value.joint for value in values], prefix=prefix, source=file.name)
         _couple(target, assembled, values, prefix)
-        actuators = read_transmissions(transmissions, values, assembled, prefix, file.name, report)
+        actuators = read_transmissions(transmissions, values, assembled, prefix, report)
         report.check()
     report.finish()
     assert assembled.coordinates is not None
@@ -140,11 +148,12 @@ def _without_massless(links: LinkReader, values: list[JointValues], report: Impo
     while names := massless_heads(links.links, [value.joint for value in values]):
         weldable = {value.joint.child for value in values if value.joint.parent is not None}
         for name in names:
-            report.refuse("massless link", name)
+            remedy = "load with density=1000 (kg/m³) for mass by its geometry, " if name in links.weighable else ""
+            report.refuse("massless link", name, MASSLESS.format(remedy))
             if name not in weldable:
                 raise ModelError(
                     f"{report.source}: link '{name}' floats, but it has no mass or no inertia, nor has what is welded "
-                    "to it; give it an <inertial>, or load with base='fixed'"
+                    f"to it; give it an <inertial>, {remedy}or load with base='fixed'"
                 )
         if not report.is_allowed("massless link"):
             return values

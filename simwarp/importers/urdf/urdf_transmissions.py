@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from simwarp.actuators import ActuatorSpec
-from simwarp.core.types import ModelError, shown
 from simwarp.core.wording import nearest
 from simwarp.importers.links.link_tree import Assembled
 from simwarp.importers.report import ImportReport
@@ -15,14 +14,11 @@ from simwarp.importers.urdf.urdf_joints import JointValues
 
 
 def read_transmissions(
-    elements: Sequence[Any], values: Sequence[JointValues], assembled: Assembled, prefix: str, source: str,
+    elements: Sequence[Any], values: Sequence[JointValues], assembled: Assembled, prefix: str,
     report: ImportReport,
 ) -> tuple[ActuatorSpec, ...]:  # fmt: skip
     """An actuator for each transmission: effort on the joint = reduction x effort of the actuator, whose range is the
-    joint's effort limit over the reduction.
-
-    Raises:
-        ModelError: it names no joint, or its reduction is not usable.
+    joint's effort limit over the reduction. Those that are not usable are refused.
     """
     of = {value.joint.name: value for value in values}
     made: list[ActuatorSpec] = []
@@ -35,13 +31,16 @@ def read_transmissions(
             report.refuse("transmission", name, told)
             continue
         joint = joints[0].get("name", "")
-        thing = f"{source}: transmission '{name}'"
         if joint not in of:
-            raise ModelError(f"{thing}: must name a joint, got '{joint}'{nearest(joint, of)}; correct the name")
+            report.refuse("transmission", name, f"it must name a joint, got '{joint}'{nearest(joint, of)}")
+            continue
         if prefix + joint not in assembled.dofs:
             report.refuse("transmission", name, f"joint '{joint}' has no coordinate to act on")
             continue
-        reduction = _reduction(thing, [*joints, *actuators])
+        reduction = _reduction([*joints, *actuators])
+        if reduction is None:
+            report.refuse("transmission", name, "its mechanicalReduction must be a number other than 0; write 1")
+            continue
         label = (actuators[0].get("name") if actuators else None) or name
         while any(other.name == prefix + label for other in made):
             label += "_"
@@ -57,17 +56,16 @@ def read_transmissions(
     return tuple(made)
 
 
-def _reduction(thing: str, places: Sequence[Any]) -> float:
+def _reduction(places: Sequence[Any]) -> float | None:
+    """The last one that is written; None where it is not usable."""
     texts = [found.strip() for place in places if (found := place.findtext("mechanicalReduction")) is not None]
     if not texts:
         return 1.0
     try:
         value = float(texts[-1])
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value) or value == 0.0:
-        raise ModelError(f"{thing}: mechanicalReduction must be a number other than 0, got {shown(texts[-1])}; write 1")
-    return value
+        return None
+    return value if math.isfinite(value) and value != 0.0 else None
 
 
 def _report_interface(element: Any, name: str, report: ImportReport) -> None:

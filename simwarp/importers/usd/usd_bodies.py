@@ -163,6 +163,9 @@ class BodyReader:
         kind, size, turn = self._primitive(shape)
         if kind is None:
             return self._mesh_shape(path, name, shape, place, material)
+        if kind != ShapeType.PLANE and not min(size) > 0.0:
+            self._report.refuse("collider", name, "a length of its shape is 0; give it a size")
+            return None
         self._report.hold(f"collider {kind.name.lower()}", name)
         scaled = tuple(length * value for value in size)
         turned = make_pose(place.position, quat_multiply(place.rotation, turn))

@@ -199,6 +199,14 @@ def test_malformed_files_give_one_line(tmp_path, text, words):
     assert "\n" not in str(caught.value)
 
 
+def test_an_old_mujoco_is_one_line(tmp_path, monkeypatch):
+    import mujoco
+
+    monkeypatch.setattr(mujoco, "__version__", "3.3.0")
+    with pytest.raises(sw.ModelError, match=r"load_mjcf needs mujoco 4\.0 or later, got 3\.3\.0; run: pip install -U"):
+        load_mjcf(model_file(tmp_path))
+
+
 def test_files_outside_the_folder_are_named(tmp_path):
     (tmp_path / "near").mkdir()
     (tmp_path / "floor.xml").write_text(

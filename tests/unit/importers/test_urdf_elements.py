@@ -107,6 +107,7 @@ NEAR = {
     "no limit": (('<limit lower="0" upper="0.3" effort="20" velocity="1"/>', ""), "limit", "elbow"),
     "equal limits": (('lower="0" upper="0.3"', 'lower="0" upper="0"'), "limit", "elbow"),
     "thin inertia": (('ixx="0.01" iyy="0.01" izz="0.01"', 'ixx="0.01" iyy="0.01" izz="0.03"'), "inertia", "fore"),
+    "nothing to see": (('<sphere radius="0.1"/>', '<sphere radius="0"/>'), "visual size", "upper_visual_0"),
     "limit of a plane": (
         ('name="elbow" type="prismatic"', 'name="elbow" type="planar"'),
         "limit of a planar joint",
@@ -136,6 +137,27 @@ REFUSED = {
         "transmission",
         "t",
     ),
+    "unknown transmission": (("</robot>", SIMPLE.replace("NAME", "elbo").replace("MORE", "")), "transmission", "t"),
+    "reduction": (("</robot>", SIMPLE.replace("NAME", "elbow").replace("MORE", GEAR)), "transmission", "t"),
+    "flat box": (('box size="0.2 0.2 0.1"', 'box size="0.2 0.2 0"'), "size", "base"),
+    "no radius": (('<cylinder radius="0.05"', '<cylinder radius="0"'), "size", "upper"),
+    "zero scale": (
+        ('<cylinder radius="0.05" length="0.4"/>', '<mesh filename="a.stl" scale="1 0 1"/>'),
+        "size",
+        "upper",
+    ),
+    "mimic nobody": (("<dynamics", '<mimic joint="elbo"/><dynamics'), "mimic", "shoulder"),
+    "two inertials": (('<link name="fore">', f'<link name="fore">{INERTIAL}'), "repeated element", "fore"),
+    "two materials": (
+        ('<material name="red"/></visual>', '<material name="red"/><material name="blue"/></visual>'),
+        "repeated element",
+        "upper",
+    ),
+    "two shapes": (
+        ('<sphere radius="0.1"/>', '<sphere radius="0.1"/><box size="1 1 1"/>'),
+        "repeated element",
+        "upper",
+    ),
     "fixed transmission": (("</robot>", SIMPLE.replace("NAME", "flange").replace("MORE", "")), "transmission", "t"),
 }
 
@@ -161,6 +183,37 @@ def test_a_massless_link_is_welded_where_allowed(tmp_path):
         arm = load(tmp_path, (INERTIAL, ""), allow=["massless link"])
     assert list(arm.dofs) == ["shoulder"]
     np.testing.assert_allclose(arm.frame("fore").pose.position, (0.0, 0.0, 0.2), atol=1e-15)
+
+
+def test_what_is_dropped_is_that_part_alone(tmp_path):
+    """One kind, several of it: those that are usable stay."""
+    more = """<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+      <collision><geometry><box size="0.1 0 0.1"/></geometry></collision></link>
+      <transmission name="good"><joint name="elbow"/></transmission>
+      <transmission name="bad"><joint name="elbo"/></transmission>"""
+    with pytest.warns(ImportedWarning) as told:
+        arm = load(tmp_path, ('<link name="tool"/>', f'<link name="tool">{more}'), allow=["size", "transmission"])
+    assert [len(arm.shapes[name]) for name in ("base", "upper", "tool_0")] == [1, 1, 1]
+    assert "tool_1" not in arm.shapes
+    assert [spec.name for spec in arm.actuators] == ["good"]
+    assert [(line.element, line.name) for line in arm.report.refused] == [("size", "tool_1"), ("transmission", "bad")]
+    assert "did you mean 'elbow'" in str(told[1].message)
+    with pytest.warns(ImportedWarning, match="dropped repeated element 'upper'"):
+        first = load(tmp_path, *(change for change, _, _ in [REFUSED["two materials"]]), allow=["repeated element"])
+    visuals = Visuals(first.builder)
+    first.add_visuals(visuals)
+    np.testing.assert_allclose(visuals.instances[1].appearance.color, (1.0, 0.0, 0.0))
+
+
+def test_a_visual_mesh_that_is_not_there_is_dropped_where_allowed(tmp_path):
+    gone = ('<sphere radius="0.1"/>', '<mesh filename="gone.obj"/>')
+    arm = load(tmp_path, gone)
+    visuals = Visuals(arm.builder)
+    with pytest.raises(sw.ModelError, match=r"file 'gone\.obj': there must be a file"):
+        arm.add_visuals(visuals)
+    arm = load(tmp_path, gone, allow=["mesh"])
+    with pytest.warns(ImportedWarning, match="dropped visual mesh 'upper_visual_0': file"):
+        arm.add_visuals(Visuals(arm.builder))
 
 
 WRONG = {
@@ -209,7 +262,6 @@ WRONG = {
         'izz="-1"/></inertial>\n  </link',
         "link 'fore': principal moments",
     ),
-    "two inertials": ('<link name="fore">', f'<link name="fore">{INERTIAL}', "one <inertial> at most"),
     "zero axis": ('<axis xyz="0 2 0"/>', '<axis xyz="0 0 0"/>', "joint 'shoulder': axis must have a length"),
     "limits exchanged": (
         'lower="-1" upper="2"',
@@ -222,34 +274,17 @@ WRONG = {
         'sphere radius="-0.1"',
         "<sphere> of 'upper': radius must not be negative",
     ),
-    "flat box": ('box size="0.2 0.2 0.1"', 'box size="0.2 0.2 0"', "shape 'base'"),
     "no geometry": (
         '<geometry><sphere radius="0.1"/></geometry>',
         "<geometry/>",
         "<geometry> of 'upper': must have one of",
     ),
-    "zero scale": (
-        '<cylinder radius="0.05" length="0.4"/>',
-        '<mesh filename="a.stl" scale="1 0 1"/>',
-        "scale must not be 0",
-    ),
-    "mimic nobody": ("<dynamics", '<mimic joint="elbo"/><dynamics', "mimic: must name a joint, got 'elbo'.*'elbow'"),
     "mimic itself": (
         "<dynamics",
         '<mimic joint="shoulder"/><dynamics',
         "mimic: must lead to a joint that moves by itself",
     ),
     "mimic a weld": ("<dynamics", '<mimic joint="flange"/><dynamics', "mimic: needs two joints of one coordinate"),
-    "reduction": (
-        "</robot>",
-        SIMPLE.replace("NAME", "elbow").replace("MORE", GEAR),
-        "mechanicalReduction must be a number other than 0",
-    ),
-    "transmission": (
-        "</robot>",
-        SIMPLE.replace("NAME", "elbo").replace("MORE", ""),
-        "transmission 't': must name a joint, got 'elbo'",
-    ),
 }
 
 
