@@ -122,6 +122,8 @@ def test_no_message_opens_a_tunnel(server: WebServer) -> None:
 def test_the_private_names_that_this_leans_on_are_there(server: WebServer) -> None:
     assert isinstance(server.viser._connected_clients, dict)
     assert hasattr(server.viser._websock_server, "_incoming_handlers")
+    assert isinstance(server.viser.gui._gui_input_handle_from_uuid, dict)
+    assert server.viser.gui._thread_executor is server.viser._thread_executor is server.viser.scene._thread_executor
     assert hasattr(_messages, "RunJavascriptMessage")
     import viser.infra._infra as infra
 
