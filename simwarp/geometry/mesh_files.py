@@ -19,7 +19,7 @@ import numpy.typing as npt
 import PIL.Image
 import trimesh
 
-from simwarp.core.files import declares_entities
+from simwarp.core.files import FileError, check_input, declares_entities
 from simwarp.core.types import ModelError, shown
 from simwarp.geometry.decomposition_cache import cached_parts
 from simwarp.geometry.visual_mesh import VisualMesh, joined, linear_from_srgb
@@ -142,16 +142,46 @@ def _checked_file(path: str | Path) -> Path:
     return file
 
 
+class _RegularFiles(trimesh.resolvers.FilePathResolver):
+    """Files that a mesh names beside itself: to open a FIFO or a device would wait without end."""
+
+    def get(self, name: str) -> bytes:
+        """All of a file."""
+        check_regular(os.path.join(self.parent, name.strip()), f"mesh file '{self.file_name}'")
+        return bytes(super().get(name))
+
+    def namespaced(self, namespace: str) -> _RegularFiles:
+        """The same of a folder below."""
+        return _RegularFiles(os.path.join(self.parent, namespace), allow_anywhere=self.allow_anywhere)
+
+
+def check_regular(path: str | Path, thing: str) -> None:
+    """Refuses what is there and is no regular file; what is not there is for others to tell of.
+
+    Raises:
+        ModelError: it is a folder, a FIFO, a device or a link that leads to itself.
+    """
+    if os.path.lexists(path):
+        try:
+            check_input(path)
+        except FileError as error:
+            raise ModelError(
+                f"{thing}: file '{os.path.basename(path)}' must be readable, got: {error.reason}"
+            ) from None
+
+
 def _loaded(file: Path, force: str) -> Any:
     collada = file.suffix.lower() == ".dae"
     text = file.read_bytes() if collada else b""
     if declares_entities(text):
         raise ModelError(f"mesh file: '{file.name}' must not declare a document type or entities; export it again")
     try:
-        loaded = trimesh.load(file, force=force)
+        loaded = trimesh.load(file, force=force, resolver=_RegularFiles(str(file)))
         if collada:
             loaded.apply_scale(_collada_unit(text))
         return loaded
+    except ModelError:
+        raise
     except Exception as error:  # every format's reader raises its own kinds
         raise ModelError(f"mesh file: '{file.name}' must be readable, got {error!r}; export it again") from error
 
@@ -167,8 +197,9 @@ def _check_obj_textures(file: Path) -> None:
     for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
         keyword, _, name = line.strip().partition(" ")
         library = file.parent / name.strip()
-        if keyword.lower() != "mtllib" or not library.is_file():
+        if keyword.lower() != "mtllib" or not os.path.lexists(library):
             continue
+        check_regular(library, f"mesh file '{file.name}'")
         for entry in library.read_text(encoding="utf-8", errors="replace").splitlines():
             keyword, _, image = entry.strip().partition(" ")
             if keyword.lower() == "map_kd":
@@ -182,7 +213,7 @@ def read_image(path: str | Path, thing: str = "texture") -> Image:
         ModelError: there is no such file, or it is no image.
     """
     try:
-        with PIL.Image.open(path) as image:
+        with PIL.Image.open(check_input(path)) as image:
             return _pixels(image)
     except (OSError, ValueError, SyntaxError) as error:
         raise ModelError(

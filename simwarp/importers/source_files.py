@@ -176,7 +176,12 @@ class FileFolders:
         )
 
     def _inside(self, candidate: Path, reference: str) -> Path:
-        resolved = candidate.resolve()
+        try:
+            resolved = candidate.resolve()
+        except (OSError, RuntimeError):  # RuntimeError up to Python 3.12
+            raise ModelError(
+                f"file {shown(reference)}: must be a file, got a link that leads to itself; link it to the file"
+            ) from None
         own = self.file.resolve().parent
         around = [parent for parent in (own, *own.parents) if (parent / "package.xml").is_file()][:1]
         if not any(resolved.is_relative_to(folder) for folder in (own, *around, *self.packages.values())):
