@@ -19,6 +19,8 @@ from simwarp.kernels.rays.wide_tree import Trees
 WIDTH: Final = 8
 """Children of a node, triangles of a leaf."""
 BINS: Final = 16
+LARGEST_EXPONENT: Final = 60
+"""Of two: products of two lengths up to it are far from the largest float32."""
 NODE_WORDS: Final = 7 * WIDTH
 """float32 words of a node: lower x, y, z, upper x, y, z of its children, then their indices."""
 LEAF_WORDS: Final = 10 * WIDTH
@@ -49,6 +51,9 @@ def build_tree(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> WideTree:
     """The tree of (T >= 1, 3) triangles over (V, 3) vertices."""
     corners = np.asarray(vertices, np.float32)[np.asarray(triangles, np.int64)]
     box = np.concatenate([corners.min(axis=1), -corners.max(axis=1)], axis=1)  # minima of both halves
+    # areas of boxes beyond 1e18 m are beyond float32: they are compared in another unit, by a power of two
+    unit = max(int(np.frexp(np.abs(box).max())[1]) - LARGEST_EXPONENT, 0)
+    box = np.ldexp(box, -unit)
     order = np.arange(len(corners))
     start, end = np.array([0]), np.array([len(corners)])
     nodes: list[Floats] = []
@@ -57,6 +62,7 @@ def build_tree(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> WideTree:
     node_count, leaf_count = 1, 0
     while len(start):
         owner, first, last, bounds = _children(box, order, start, end)
+        bounds = np.ldexp(bounds, unit)
         rank = np.arange(len(owner)) - np.searchsorted(owner, owner)
         inner = last - first > WIDTH
         child = np.where(inner, node_count + np.cumsum(inner) - 1, -leaf_count - np.cumsum(~inner))

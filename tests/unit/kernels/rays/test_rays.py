@@ -386,3 +386,15 @@ def test_mistakes_are_named(add, words):
         add(Visuals(builder))
     assert all(word in str(caught.value) for word in words)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("exponent", [100, 120])
+def test_a_tree_of_any_size_is_that_of_its_unit(exponent):
+    """In units of a power of two every number is the same but for its exponent: 2^100 m is 1e30 m."""
+    vertices, triangles = random_mesh(2, 500)
+    here, there = build_tree(vertices, triangles), build_tree(np.ldexp(vertices, exponent), triangles)
+    nodes, far = (tree.nodes.reshape(-1, 7, 8) for tree in (here, there))
+    np.testing.assert_array_equal(far[:, :6], np.ldexp(nodes[:, :6], exponent))
+    np.testing.assert_array_equal(far[:, 6].view(np.int32), nodes[:, 6].view(np.int32))
+    np.testing.assert_array_equal(there.leaves[:, :24], np.ldexp(here.leaves[:, :24], exponent))
