@@ -131,3 +131,27 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
 def _initial_coordinates(builder: Specification) -> list[float]:
     """Joint coordinates as built: zero but for shafts (only couplable joints matter here)."""
     return [joint.initial_q for joint in builder.joints for _ in joint.dofs]
+
+
+def non_finite_parameters(arrays: Mapping[str, wp.array], world_count: int) -> dict[int, str]:
+    """A line by world for parameters that nobody checked: those that a kernel or a copy wrote. Waits for them.
+
+    A place that is not finite meets nothing, and a friction that is not one does nothing: no rate tells of it.
+
+    Args:
+        arrays: (1 or W, ...) by name, of a model.
+        world_count: W.
+    """
+    found: dict[int, str] = {}
+    for name, array in arrays.items():
+        values = array.numpy()
+        if values.dtype.kind != "f" or np.isfinite(values).all():
+            continue
+        rows = values.reshape(len(values), -1)
+        for world in range(world_count):
+            row = rows[min(world, len(rows) - 1)]
+            faults = row[~np.isfinite(row)]
+            if len(faults):
+                told = f"model.{name} holds {faults[0]:g}: it was written where nothing is checked; write finite values"
+                found.setdefault(world, told)
+    return found

@@ -30,6 +30,7 @@ from simwarp.model.identity import run_parts
 from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
+from simwarp.model.parameters import PARAMETERS, non_finite_parameters
 from simwarp.simulation.collision_recording import CollisionArrays, parts_layouts, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
@@ -277,7 +278,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         titles = coordinate_titles(model.joint_names, model.joint_dof_start)
         return explain_worlds(
             self.state, self.contacts, self.diagnostics, self.solver.tolerance, elements=self.elements,
-            parameters=crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count),
+            parameters=crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count)
+            | non_finite_parameters({name: getattr(model, name) for name in PARAMETERS}, model.world_count),
         )  # fmt: skip
 
     def snapshot(self) -> Snapshot:
