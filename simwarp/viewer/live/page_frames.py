@@ -97,10 +97,10 @@ def fault_of(raw: Any, elements: Mapping[str, Any] = MappingProxyType({})) -> st
     if not isinstance(raw, bytes):
         return "it must be binary, got text"
     try:
-        message = _messages.Message.deserialize(raw)
+        message: Any = _messages.Message.deserialize(raw)
     except Exception as error:  # noqa: BLE001  whatever a stranger sends
         return f"it is no message of a page ({type(error).__name__}: {error})"
-    kind = type(message)
+    kind: Any = type(message)
     for field in dataclasses.fields(message):
         value = getattr(message, field.name)
         if not _finite(value):
