@@ -171,8 +171,8 @@ class HingeRows:
         )  # fmt: skip
 
     def speeds(self, at: HingeGeometry, dt: float) -> Array:
-        """(J, 2) |J v + C / h + h κ / 6| of the point rows [m/s] and of a hinge's axis rows [rad/s], poses and curvature κ
-        those of the step's start.
+        """(J, 2) |J v + C / h + h κ / 6| of the point rows [m/s] and of a hinge's axis rows [rad/s], with the poses and
+        the curvature κ of the step's start.
         """
         probe = self.probe
         ahead = (0.5 * CURVATURE_SHARE * dt / (1.0 + (dt * at.rate / FAST_STEP) ** 4))[:, None]
