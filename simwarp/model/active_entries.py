@@ -1,17 +1,25 @@
-"""Effect of a parameter: kernels read an entry only where the model was built with the row that it belongs to."""
+"""Effect of a parameter: kernels read an entry only where the model was built with the row that it belongs to.
+
+What is written into entries that kernels do not read is refused. `Simulation.problems()` names it where nothing else
+was changed and the write named no entry: of whole arrays, through views of torch, in kernels.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+import dataclasses
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.arrays import ANY, Domain
 from simwarp.core.fields import Size
-from simwarp.core.types import BoxKind, DriveMode, JointType, ShapeType
+from simwarp.core.types import BoxKind, ContactModel, DriveMode, JointType, ModelError, ShapeType
+from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
 from simwarp.model.parameters import PARAMETERS
+from simwarp.model.topology import all_sums
 
 Mask = npt.NDArray[np.bool_]
 
@@ -106,23 +114,8 @@ def _passive(model: Model) -> ActiveEntries:
     return ActiveEntries(_computed(model), rule)
 
 
-def _stiffness(model: Model, also: Collection[str]) -> ActiveEntries:
-    tables = np.array([effort.spring_table for effort in model.effort_models], bool)
-    return ActiveEntries(
-        _computed(model) & ~tables, "it acts on coordinates with an effort of their own and no spring_table"
-    )
-
-
-def _damping(model: Model, also: Collection[str]) -> ActiveEntries:
-    tables = np.array([effort.damper_table for effort in model.effort_models], bool)
-    return ActiveEntries(
-        _computed(model) & ~tables,
-        "it acts on coordinates with an effort of their own, without table or map",
-    )
-
-
 def _rest(model: Model, also: Collection[str]) -> ActiveEntries:
-    springs = np.array([effort.spring_table or effort.stiff for effort in model.effort_models], bool)
+    springs = np.array([effort.stiff for effort in model.effort_models], bool)
     springs |= "joint_stiffness" in also
     return ActiveEntries(_computed(model) & springs, "it acts only on coordinates that were built with a spring")
 
@@ -135,8 +128,6 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
     "drive_effort_lower": _effort_lower,
     "drive_stiffness": _position_drive,
     "drive_damping": _position_drive,
-    "joint_stiffness": _stiffness,
-    "joint_damping": _damping,
     "joint_rest": _rest,
 }
 """Those that need more than a passive effort."""
@@ -183,3 +174,117 @@ def _of_shapes(model: Model, name: str, contact_model: str, also: Collection[str
 
 def _any(array: Any) -> bool:
     return bool((array.numpy() != 0).any())
+
+
+# ---- writes that change nothing --------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EffectiveWrites(Domain):
+    """Allowed values of a parameter of which not all entries act: a write to some entries that differs from what was
+    built in those that do nothing, and in no others, is a mistake. One that reaches all, `array[:] = value`, is none.
+
+    Attributes:
+        inner: allowed values besides.
+        acts, entries: of every value of the array, or of the slice of it that the domain is for: whether its entry
+            acts, and which one it is.
+        built: the values that they were built with.
+        axes: last axes of `built` that belong to one value.
+        rule: reason why the others do not act.
+        titles: what errors call the entries.
+    """
+
+    inner: Domain
+    acts: Mask
+    entries: npt.NDArray[np.integer[Any]]
+    built: npt.NDArray[Any]
+    axes: int
+    rule: str
+    titles: Sequence[str]
+
+    def check(self, label: str, values: npt.NDArray[Any]) -> None:
+        """Raises a ModelError for the first value outside, or where the values change nothing that acts."""
+        self.inner.check(label, values)
+        changed = _differs(values, self.built, self.axes)
+        idle = changed & ~self.acts
+        if idle.any() and not (changed & self.acts).any() and len(np.unique(self.entries)) < len(self.titles):
+            place = np.unravel_index(int(np.argmax(idle)), idle.shape)
+            raise ModelError(f"{label}: {idle_entry(self.titles[self.entries[place]], self.rule)}")
+
+    def at(self, shape: tuple[int, ...], key: Any) -> Domain:
+        """That of a slice of an array of the given shape."""
+        return dataclasses.replace(
+            self, inner=self.inner.at(shape, key), acts=self.acts[key], entries=self.entries[key], built=self.built[key]
+        )
+
+
+def idle_entry(title: str, rule: str) -> str:
+    """What is wrong with a value that was written where it does nothing."""
+    return f"a value for {title} does nothing: {rule}; build it so, or leave this entry as built"
+
+
+def refuse_idle_writes(model: Model) -> None:
+    """From now on a write to some entries that changes only what does nothing, with any contact model, is refused."""
+    for name, built in model.as_built.items():
+        effects = [_effect(model, name, kind.name.lower()) for kind in ContactModel]
+        acts = np.logical_or.reduce([effect.entries for effect in effects])
+        rule = max(effects, key=lambda effect: int(effect.entries.sum())).rule
+        if acts.all() or not built.size:
+            continue
+        array = getattr(model, name)
+        axes = len(getattr(array.dtype, "_shape_", ()))
+        places = (1, len(acts), *(1,) * (array.ndim - 2))
+        array.domain = EffectiveWrites(
+            inner=array.domain or ANY, acts=np.broadcast_to(acts.reshape(places), array.shape),
+            entries=np.broadcast_to(np.arange(len(acts)).reshape(places), array.shape),
+            built=np.broadcast_to(built[None], (array.shape[0], *built.shape)), axes=axes, rule=rule,
+            titles=entry_titles(model, name),
+        )  # fmt: skip
+
+
+def idle_changes(model: Model, contact_model: str) -> dict[int, str]:
+    """A line by world for parameters that differ from what was built, but nowhere where they act. Waits for the device.
+
+    Args:
+        model: whose parameters are read.
+        contact_model: as in `SolverOptions`.
+    """
+    found: dict[int, list[str]] = {}
+    for name, built in model.as_built.items():
+        effect = _effect(model, name, contact_model)
+        if effect.entries.all() or not built.size:
+            continue
+        array = getattr(model, name)
+        changed = _differs(array.numpy(), built[None], len(getattr(array.dtype, "_shape_", ())))
+        changed = np.asarray(changed.reshape(*changed.shape[:2], -1).any(axis=2))
+        idle = np.asarray(changed.any(axis=1) & ~(changed & effect.entries).any(axis=1))
+        for row in np.nonzero(idle)[0].tolist():
+            title = entry_titles(model, name)[int(np.argmax(changed[row]))]
+            line = f"{name}: {idle_entry(title, effect.rule)}"
+            for world in range(model.world_count) if len(idle) < model.world_count else [row]:
+                found.setdefault(world, []).append(line)
+    return {world: "; ".join(lines) for world, lines in found.items()}
+
+
+def entry_titles(model: Model, name: str) -> tuple[str, ...]:
+    """What errors call the entries of a parameter."""
+    size = PARAMETERS[name].sizes[1] if len(PARAMETERS[name].sizes) > 1 else None
+    if size is Size.DOFS:
+        return coordinate_titles(model.joint_names, model.joint_dof_start)
+    if size is Size.COUPLINGS:
+        return tuple(f"coupling '{spec.name}'" for spec in all_sums(model.builder))
+    kind, names = "shape", model.shape_names
+    if size in (Size.BODIES, Size.JOINTS):
+        kind, names = ("body", model.body_names) if size is Size.BODIES else ("joint", model.joint_names)
+    return tuple(f"{kind} '{each}'" for each in names)
+
+
+def _effect(model: Model, name: str, contact_model: str) -> ActiveEntries:
+    """Where a parameter can act whatever else is written."""
+    return active_entries(model, name, contact_model=contact_model, also=PARAMETERS)
+
+
+def _differs(values: npt.NDArray[Any], built: npt.NDArray[Any], axes: int) -> Mask:
+    """Whether values, of which the last axes belong to one, are others than those that were built."""
+    other = np.asarray(values != built)
+    return np.asarray(other.any(axis=tuple(range(other.ndim - axes, other.ndim))) if axes else other)

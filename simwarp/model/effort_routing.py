@@ -115,21 +115,23 @@ def has_effort(dof: Dof) -> bool:
     return any(getattr(dof, name) for name in PASSIVE) or any(table is not None for table in tables) or driven
 
 
+def damped_by_table(dof: Dof) -> bool:
+    """True if a table or a map replaces the coordinate's linear damper."""
+    return dof.damper_table is not None or dof.damper_map is not None
+
+
 @dataclasses.dataclass(frozen=True)
 class EffortModel:
-    """Parts of a coordinate's effort that are fixed when the model is made: path, kind of drive, tables, stiffness."""
+    """Parts of a coordinate's effort that are fixed when the model is made: path, kind of drive, is there a spring."""
 
     path: EffortRoute
     mode: DriveMode
-    spring_table: bool
-    damper_table: bool
     stiff: bool
 
     @classmethod
     def of(cls, dof: Dof, path: EffortRoute) -> EffortModel:
         """That of a degree of freedom."""
-        damper = dof.damper_table is not None or dof.damper_map is not None
-        return cls(path, drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
+        return cls(path, drive_mode(dof), dof.stiffness > 0.0 or dof.spring_table is not None)
 
     @property
     def is_computed(self) -> bool:

@@ -89,6 +89,7 @@ class Model(ParameterFields):
         effort_models: parts of each coordinate's effort that are fixed.
         shapes_that_meet: shapes that may touch another one.
         identity: properties that a snapshot must have in common.
+        as_built: name -> values of each parameter in one world when the model was made.
     """
 
     def __init__(
@@ -143,6 +144,7 @@ class Model(ParameterFields):
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
         _unit_topology(self.topology, self, device)
         self.parameters = Parameters()
+        self.as_built: dict[str, npt.NDArray[Any]] = {}
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
         self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
@@ -186,6 +188,7 @@ class Model(ParameterFields):
             )  # fmt: skip
             setattr(model, name, array)
             setattr(model.parameters, name, array)
+        model.as_built = values
         titles = coordinate_titles(model.joint_names, model.joint_dof_start)
         keep_in_order(model.joint_limit_lower, model.joint_limit_upper, titles)
         model._fix()

@@ -23,7 +23,7 @@ from simwarp.core.types import (
 )
 from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
-from simwarp.model.effort_routing import effort_bounds
+from simwarp.model.effort_routing import damped_by_table, effort_bounds
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import all_sums, coupling_width
 
@@ -100,6 +100,8 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     bounds = [effort_bounds(each) if isinstance(each, PositionDrive | VelocityMotor) else BOUNDLESS for each in drives]
     efforts = floats(bounds, 2)
     paired = [np.ndim(getattr(drive, "effort_limit", 0.0)) == 1 for drive in drives]
+    springs = [1.0 if dof.spring_table is not None else dof.stiffness for dof in dofs]
+    dampers = [1.0 if damped_by_table(dof) else dof.damping for dof in dofs]
     limits = floats(((-INFINITE, INFINITE) if dof.limit is None else dof.limit for dof in dofs), 2)
     sums = all_sums(builder)
     coefficients = np.zeros((len(sums), coupling_width(builder)))
@@ -116,6 +118,8 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         "joint_frame1": floats((matrix_of(joint.frame1.rotation) for joint in joints), 3, 3),
         "joint_armature": floats(dof.armature for dof in dofs)
         + floats(joint.inertia for joint in joints for _ in joint.dofs),
+        "joint_stiffness": floats(springs),
+        "joint_damping": floats(dampers),
         "joint_limit_lower": np.maximum(limits[:, 0], -INFINITE),
         "joint_limit_upper": np.minimum(limits[:, 1], INFINITE),
         "drive_stiffness": floats(drive.stiffness for drive in pd),

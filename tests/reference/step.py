@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import Dof
 from simwarp.model.builder import ModelBuilder
-from tests.reference.step_laws import DofInput, box_constraints, implicit_terms, prescribed_speed
+from tests.reference.step_laws import DofInput, box_constraints, implicit_terms, prescribed_speed, table_energy
 from tests.reference.step_rows import Rows, matrices, quat_exp, quat_product
 from tests.reference.step_solve import Bilateral, Boxes, solve_boxes
 
@@ -306,7 +306,7 @@ class ReferenceStep:
         return float(np.max(np.abs(self.rows.value[: self.rows.bilateral]), initial=0.0))
 
     def energy(self) -> float:
-        """Kinetic (armature included), gravity, linear springs and preloads [J]."""
+        """Kinetic (armature included), gravity, springs along coordinates and preloads [J]."""
         w = np.einsum("bij,bj->bi", self.world_inertia(), self.omega)
         total = 0.5 * np.sum(self.mass[:, None] * self.v**2) + 0.5 * np.sum(self.omega * w)
         total += 0.5 * self.shaft_inertia @ self.shaft_qd**2 - np.sum(self.mass * (self.x @ self.builder.gravity))
@@ -314,6 +314,8 @@ class ReferenceStep:
             total += 0.5 * dof.armature * qd**2 - dof.preload * q
             if dof.spring_table is None:
                 total += 0.5 * dof.stiffness * (q - dof.rest) ** 2
+            else:
+                total += table_energy(dof.spring_table, q - dof.rest)
         return float(total)
 
     def linear_momentum(self) -> np.ndarray:

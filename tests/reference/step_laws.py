@@ -18,6 +18,14 @@ def table_value_slope(table: Table, at: float) -> tuple[float, float]:
     return float(y[k] + slope * (at - x[k])), float(slope)
 
 
+def table_energy(table: Table, at: float) -> float:
+    """Integral of a piecewise linear table from 0 to `at`: trapezia between its knots, which are exact."""
+    low, high = min(at, 0.0), max(at, 0.0)
+    knots = np.unique([low, high, *(x for x in table[0] if low < x < high)])
+    area = np.trapezoid([table_value_slope(table, knot)[0] for knot in knots], knots)
+    return float(np.copysign(1.0, at) * area)
+
+
 @dataclasses.dataclass
 class DofInput:
     """One degree of freedom at the start of a step, and its controls."""

@@ -50,15 +50,17 @@ class ParameterFields(FieldGroup):
         text="inertia along the coordinate, of a shaft its own included [kg or kg·m²]",
     )
     joint_stiffness: WritableArray = parameter(
-        wp.float32, Size.DOFS, source="dof.stiffness", domain=NOT_NEGATIVE,
-        text="of the spring along the coordinate [N/m or N·m/rad]",
+        wp.float32, Size.DOFS, domain=NOT_NEGATIVE,
+        text="of the spring along the coordinate [N/m or N·m/rad]; of one by table, the factor of its efforts, "
+        "1 as built",
     )
     joint_rest: WritableArray = parameter(
         wp.float32, Size.DOFS, source="dof.rest", text="coordinate at which the spring is at rest [m or rad]"
     )
     joint_damping: WritableArray = parameter(
-        wp.float32, Size.DOFS, source="dof.damping", domain=NOT_NEGATIVE,
-        text="of the damper along the coordinate [N·s/m or N·m·s/rad]",
+        wp.float32, Size.DOFS, domain=NOT_NEGATIVE,
+        text="of the damper along the coordinate [N·s/m or N·m·s/rad]; of one by table or map, the factor of its "
+        "efforts, 1 as built",
     )
     joint_preload: WritableArray = parameter(
         wp.float32, Size.DOFS, source="dof.preload", text="effort of the spring at rest [N or N·m]"
@@ -303,7 +305,7 @@ class ReportFields(FieldGroup):
     )
     energy: wp.array = field(
         wp.float64, Size.WORLDS, of_kernels=False,
-        text="mechanical energy as of the last `Simulation.measure_energy`, without springs by table [J]",
+        text="mechanical energy as of the last `Simulation.measure_energy` [J]",
     )
 
 

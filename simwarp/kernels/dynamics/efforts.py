@@ -98,7 +98,10 @@ def dof_effort(
     dof: int, world: int, dt: float, q: float, qd: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
 ) -> ImplicitEffort:  # fmt: skip
-    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
+    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit.
+
+    Of a spring or damper by table, `joint_stiffness` or `joint_damping` is the factor of its table.
+    """
     implicit = ImplicitEffort()
     armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
     k = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
@@ -109,16 +112,16 @@ def dof_effort(
     damper_force = -d * qd
     if topology.dof_table[dof, 0] >= 0:
         table = topology.dof_table[dof, 0]
-        k = float(table_slope(table_segment(table, wp.float64(stretch), topology), topology))
-        spring_force = -float(table_value(table, wp.float64(stretch), topology))
+        spring_force = -k * float(table_value(table, wp.float64(stretch), topology))
+        k *= float(table_slope(table_segment(table, wp.float64(stretch), topology), topology))
     if topology.dof_table[dof, 1] >= 0:
         table = topology.dof_table[dof, 1]
-        d = float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
-        damper_force = -float(table_value(table, wp.float64(qd), topology))
+        damper_force = -d * float(table_value(table, wp.float64(qd), topology))
+        d *= float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
     if topology.dof_table[dof, 3] >= 0:
         resistance = map_resistance(topology.dof_table[dof, 3], wp.float64(q), wp.float64(qd), topology)
-        damper_force = -resistance[0]
-        d = resistance[1]
+        damper_force = -d * resistance[0]
+        d *= resistance[1]
     # Where a law falls, its force counts as it is at the step's start: a negative gain stands for a prescribed motion
     k = wp.max(k, 0.0)
     d = wp.max(d, 0.0)

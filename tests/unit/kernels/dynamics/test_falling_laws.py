@@ -86,6 +86,8 @@ def test_a_table_stands_for_the_stiffness_beside_it():
     builder = sw.ModelBuilder(gravity=(0, 0, 0))
     body = builder.add_body("a", mass=1.0, inertia=(0.1,) * 3, pose=sw.pose((0.5, 0, 0)))
     slide(builder, body, stiffness=50.0, spring_table=((-1.0, 1.0), (-1.0, 1.0)))
-    simulation = sw.Simulation(builder.finalize(1, "cpu"), dt=1e-4)
+    model = builder.finalize(1, "cpu")
+    assert model.joint_stiffness.numpy().tolist() == [[1.0]]  # the table as it is
+    simulation = sw.Simulation(model, dt=1e-4)
     simulation.set_joint_state(None, [[0.5]], [[0.0]])
-    assert float(simulation.measure_energy().numpy()[0]) == 0.0  # springs by table are left out
+    assert float(simulation.measure_energy().numpy()[0]) == pytest.approx(0.5 * 1.0 * 0.5**2, rel=1e-6)
