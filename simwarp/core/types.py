@@ -405,7 +405,8 @@ class Dof(ReadableFields):
     """Limit, passive effort, friction and drive of one degree of freedom. Units: N and m, or N·m and rad.
 
     The passive effort is preload - stiffness (q - rest) - damping qd, taken implicitly; a table replaces
-    the linear law: -spring_table(q - rest), -damper_table(qd), or -damper_map(q, qd), linearised every step. Where a
+    the linear law: -spring_table(q - rest), -damper_table(qd), or -damper_map(q, qd), linearised every step;
+    `joint_stiffness` and `joint_damping` of the model are then factors of the table, 1 as built. Where a
     law falls, its force is that at the step's start: steps must resolve it.
     """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, Unpack
 
@@ -30,6 +31,7 @@ from simwarp.core.types import (
 from simwarp.core.types import (
     pose as make_pose,
 )
+from simwarp.model.active_entries import refuse_idle_writes
 from simwarp.model.checks import (
     check_link_across_axis,
     check_perpendicular,
@@ -47,6 +49,7 @@ from simwarp.model.checks import (
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_options import DofOptions
+from simwarp.model.mass_ratios import unsound_ratio
 from simwarp.model.model import Model
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, Frame, JointSpec, specification_rows
@@ -494,10 +497,19 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
             per_world: names of Model arrays that get a copy per world, to be randomised (`model.PARAMETERS`).
             contact_capacity: contact slots of every world; enough for most scenes when None.
 
+        Warns:
+            UserWarning: a body may have to carry another of more than 1e5 times its mass.
+
         Raises:
             ModelError: the worlds, the device or the topology are not usable; says which and why.
         """
-        return Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
+        model = Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
+        refuse_idle_writes(model)
+        meets = frozenset(self.shapes[shape].body for shape in np.nonzero(model.shapes_that_meet)[0])
+        ratio = unsound_ratio(self, meets - {WORLD})
+        if ratio is not None:
+            warnings.warn(f"finalize: {ratio}", stacklevel=2)
+        return model
 
     # ---- checks --------------------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ from simwarp.kernels.dynamics.world import (
     make_scratch,
     measure_worlds,
 )
+from simwarp.model.active_entries import idle_changes
 from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.identity import run_parts
 from simwarp.model.layouts import run_layouts
@@ -268,7 +269,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             self._begin_sensors(mask)
 
     def measure_energy(self) -> wp.array:
-        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of linear springs."""
+        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of joint springs."""
         self._weighing.launch()
         return self.diagnostics.energy
 
@@ -276,10 +277,14 @@ class Simulation(Readable, Readings, FixedAttributes):
         """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
         model = self.model
         titles = coordinate_titles(model.joint_names, model.joint_dof_start)
+        told = [
+            crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count),
+            idle_changes(model, self.solver.contact_model),
+            non_finite_parameters({name: getattr(model, name) for name in PARAMETERS}, model.world_count),
+            *(part.world_problems() for part in self.elements if hasattr(part, "world_problems")),
+        ]
         return explain_worlds(
-            self.state, self.contacts, self.diagnostics, self.solver.tolerance, elements=self.elements,
-            parameters=crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count)
-            | non_finite_parameters({name: getattr(model, name) for name in PARAMETERS}, model.world_count),
+            model, self.state, self.contacts, self.diagnostics, self.solver.tolerance, told=told
         )  # fmt: skip
 
     def snapshot(self) -> Snapshot:

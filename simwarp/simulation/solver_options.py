@@ -45,7 +45,8 @@ class SolverOptions(ReadableFields):
             a dense Schur complement: islands with more rows than `dense_rows` are solved by "apgd" in their place.
         fallback: let the interior point solve what is left above the tolerance in islands with a dense Schur
             complement; when None, where models have contacts and masses that differ by more than 100.
-        friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
+        friction_law: "exact" (Coulomb) or "convex" (its relaxation: what slides hovers by friction x speed x step, and
+            what begins to slide at a closed gap is thrown off with friction x speed; docs/theory.md).
         contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
             Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
         restitution_threshold: restitution acts where the rebound is faster than this, >= 0 [m/s].

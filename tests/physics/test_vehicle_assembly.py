@@ -17,6 +17,8 @@ from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.spec.vehicle_files import vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import (
+    AntirollBar,
+    Bushing,
     PitmanArm,
     RigidPart,
     RigidSuspension,
@@ -272,6 +274,33 @@ def test_an_antiroll_bar_needs_springs():
     assert isinstance(gator.axles[1].suspension, RigidSuspension)
     with pytest.raises(SpecError, match="antiroll_bar"):
         add_vehicle(ModelBuilder(), with_antiroll_bars(gator))
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_an_antiroll_bar_on_the_hinge_line_is_an_error(soft):
+    """There its drop links do not move, and half a hand beside it they do."""
+    spec: Any = shipped("sedan")
+    axle = spec.axles[0]
+    suspension = axle.suspension
+    front, back = (np.array(point) for point in (suspension.lower_arm_front, suspension.lower_arm_back))
+    if soft:
+        bushing = Bushing(stiffness_linear=1e7, damping_linear=1e4, stiffness_rotational=1e5, damping_rotational=1e2)
+        suspension = dataclasses.replace(suspension, lower_arm_bushing=bushing)
+    for aside, is_error in ((0.0, True), (0.05, False)):
+        foot = 0.5 * (front + back) + (0.0, aside, 0.0)
+        bar = AntirollBar(
+            location=(axle.location[0] + foot[0] - 0.4, 0.0, axle.location[2] + foot[2] + 0.08), arm_mass=1.0,
+            arm_inertia=(0.03, 0.005, 0.03), arm_length=float(foot[1]), arm_width=0.4, droplink_height=-0.08,
+            stiffness=1e4,
+        )  # fmt: skip
+        axles = (dataclasses.replace(axle, suspension=suspension, antiroll_bar=bar), *spec.axles[1:])
+        if is_error:
+            with pytest.raises(
+                SpecError, match=r"antiroll_bar: its drop links must stand away .* got a lever of .* mm"
+            ):
+                add_vehicle(ModelBuilder(), dataclasses.replace(spec, axles=axles))
+        else:
+            add_vehicle(ModelBuilder(), dataclasses.replace(spec, axles=axles))
 
 
 def test_bushings_give_way_where_hinges_hold():

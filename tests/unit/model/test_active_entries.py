@@ -1,4 +1,6 @@
-"""Where a parameter acts: entries that are said to do nothing change no bit of a run, the others do."""
+"""Where a parameter acts: entries that are said to do nothing change no bit of a run, and a write that only reaches
+them is refused or told; the others change the run.
+"""
 
 from __future__ import annotations
 
@@ -115,6 +117,11 @@ def changed(built: np.ndarray, name: str) -> np.ndarray:
     return built * 1.3 + 0.01 * (np.abs(built) < 1e-12) * (built.ndim < 3 or built.shape[-1] > 9)
 
 
+def idle(model: sw.Model, name: str, contact_model: str) -> np.ndarray:
+    """Entries that do nothing, whatever else is written."""
+    return ~active_entries(model, name, contact_model=contact_model, also=PARAMETERS).entries
+
+
 SKIPPED = ("shape_asset", "shape_enabled")
 """Whole numbers, which no range draws."""
 
@@ -133,12 +140,78 @@ def test_entries_act_where_they_are_said_to(model, runs, name, contact_model):
         for entries, acts in ((~effect.entries, False), (effect.entries, True)):
             if entries.any():
                 mask = entries.reshape(1, -1, *(1,) * (built.ndim - 2)) if name != "gravity" else True
-                array.assign(np.where(mask, other, built))
+                values = np.where(mask, other, built)
+                changes = bool((values != built).any())
+                array.assign(values)
                 assert (end(sim) != reference) is acts, effect
+                told = [line for line in sim.problems() if f"{name}: a value for" in line]
+                assert bool(told) is (changes and bool(idle(model, name, contact_model)[entries].all())), told
     finally:
         array.assign(built)
     assert end(sim) == reference
     assert effect.rule or effect.entries.all()
+
+
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if name not in SKIPPED])
+def test_a_write_to_what_does_nothing_is_refused(model, name):
+    """Entry by entry: those that never act, with no contact model, and only those."""
+    array = getattr(model, name)
+    built = array.numpy().copy()
+    other = changed(built, name)
+    never = idle(model, name, "rigid") & idle(model, name, "smooth")
+    if name == "gravity":
+        assert not never.any()
+        return
+    for entry, nothing in enumerate(never):
+        if (other[:, entry] == built[:, entry]).all():
+            continue
+        try:
+            if nothing:
+                with pytest.raises(sw.ModelError, match=f"^model.{name}: a value for .* does nothing: .*; build it so"):
+                    array[:, entry] = other[:, entry]
+                assert np.array_equal(array.numpy(), built)
+            else:
+                array[:, entry] = other[:, entry]
+        finally:
+            array.assign(built)
+
+
+def test_a_write_that_reaches_others_as_well_is_no_mistake(model):
+    """A value for all, and values as built, pass; a slice of what does nothing, and zeros there, do not."""
+    array = model.joint_friction
+    built = array.numpy().copy()
+    acts = active_entries(model, "joint_friction").entries
+    idle, active = int(np.argmin(acts)), int(np.argmax(acts))
+    try:
+        array[:] = 0.3
+        array.fill_(0.2)
+        array[0, active] = 0.1
+        array[:, idle] = float(built[0, idle])
+        for write in (
+            lambda: array.__setitem__((slice(None), idle), 0.3),
+            lambda: array[0].__setitem__(idle, 0.3),
+            lambda: array[:, idle : idle + 1].fill_(0.3),
+        ):
+            with pytest.raises(sw.ModelError, match=r"model.joint_friction: a value for joint 'j0' does nothing: dry"):
+                write()
+        with pytest.raises(sw.ModelError, match="finite and >= 0"):
+            array[0, active] = -1.0
+    finally:
+        array.assign(built)
+
+
+def test_a_world_whose_parameters_do_nothing_is_named():
+    """Its own world alone, and not where another entry acts."""
+    model = build().finalize(3, "cpu", per_world=("shape_young_modulus", "joint_friction"))
+    sim = sw.Simulation(model, 2e-3)
+    model.shape_young_modulus[1] = 1e6  # acts with smooth contacts, which these are not
+    view = sw.to_torch(model.joint_friction)
+    view[2, 0] = 0.5
+    view[0] += 0.1  # everywhere, also where it acts
+    found = sim.problems()
+    assert [line.split(":")[0] for line in found] == ["world 1", "world 2"]
+    assert "shape_young_modulus: a value for shape 'ground' does nothing: it acts only with SolverOptions(" in found[0]
+    assert "joint_friction: a value for joint 'j0' does nothing: dry friction acts only on coordinates" in found[1]
 
 
 def test_what_is_changed_beside_it_counts(model):
