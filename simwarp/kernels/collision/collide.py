@@ -22,6 +22,7 @@ from simwarp.kernels.collision.placement import (
     pair_reach,
     place_shapes,
     placed,
+    reach_time,
 )
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.collision.surfaces import TriangleSurface, is_triangle_surface, triangle_surface_of
@@ -90,14 +91,15 @@ def collide_world(
     place_shapes(world, scratch_slot, topology, parameters, state, assets, scratch)
     contacts.contact_overflow[world] = 0
     near = near_distance(world, config, parameters)
+    time = reach_time(world, config, topology, parameters)
     we = world_row(world, parameters.shape_enabled.shape[0])
     if topology.grid_buckets > 0:
-        fill_world_grid(scratch_slot, near, config, topology, scratch, grid)
+        fill_world_grid(scratch_slot, near, time, topology, scratch, grid)
     progress = ContactProgress()
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
-            reach = pair_reach(scratch_slot, shape0, shape1, near, config.dt, scratch)
+            reach = pair_reach(scratch_slot, shape0, shape1, near, time, scratch)
             enabled = parameters.shape_enabled[we, shape0] * parameters.shape_enabled[we, shape1]
             if enabled != 0 and may_touch(scratch_slot, shape0, shape1, reach, scratch):
                 progress = collide_pair(

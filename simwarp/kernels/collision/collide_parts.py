@@ -27,6 +27,7 @@ from simwarp.kernels.collision.placement import (
     pair_reach,
     place_shapes,
     placed,
+    reach_time,
 )
 from simwarp.kernels.collision.search_lists import FoundContacts, Search, Searches
 from simwarp.kernels.collision.shape import (
@@ -70,11 +71,11 @@ def way_of(shape0: int, shape1: int, topology: Topology) -> int:
 
 @wp.func
 def reach_of(
-    world: int, scratch_slot: int, shape0: int, shape1: int, near: float, dt: float, parameters: Parameters,
+    world: int, scratch_slot: int, shape0: int, shape1: int, near: float, time: float, parameters: Parameters,
     scratch: CollisionScratch,
 ) -> float:  # fmt: skip
     """What two shapes may be apart and still touch [m]; negative if they cannot come that near."""
-    reach = pair_reach(scratch_slot, shape0, shape1, near, dt, scratch)
+    reach = pair_reach(scratch_slot, shape0, shape1, near, time, scratch)
     w = world_row(world, parameters.shape_enabled.shape[0])
     enabled = parameters.shape_enabled[w, shape0] * parameters.shape_enabled[w, shape1]
     if enabled == 0 or not may_touch(scratch_slot, shape0, shape1, reach, scratch):
@@ -121,7 +122,8 @@ def place_worlds(
     place_shapes(world, scratch_slot, topology, parameters, state, assets, scratch)
     if topology.grid_buckets > 0:
         near = near_distance(world, config, parameters)
-        fill_world_grid(scratch_slot, near, config, topology, scratch, pack_grid(scratch, scratch_slot))
+        time = reach_time(world, config, topology, parameters)
+        fill_world_grid(scratch_slot, near, time, topology, scratch, pack_grid(scratch, scratch_slot))
 
 
 @wp.kernel(**PART)
@@ -145,13 +147,14 @@ def touch_worlds(
     manifold = pack_manifold(scratch, scratch_slot)
     grid = pack_grid(scratch, scratch_slot)
     near = near_distance(world, config, parameters)
+    time = reach_time(world, config, topology, parameters)
     found.count[world, FORMULA] = 0
     found.lost[world, FORMULA] = 0
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
             if way_of(shape0, shape1, topology) == FORMULA:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, config.dt, parameters, scratch)
+                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
                 if reach >= 0.0:
                     origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
                     p = placed(shape0, world, origin, scratch_slot, topology, parameters, scratch)
@@ -184,13 +187,14 @@ def list_pairs(
     scratch_slot = scratch_slot_of(world, worlds)
     grid = pack_grid(scratch, scratch_slot)
     near = near_distance(world, config, parameters)
+    time = reach_time(world, config, topology, parameters)
     count = int(0)
     lost = int(0)
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
             if way_of(shape0, shape1, topology) == SEARCHED:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, config.dt, parameters, scratch)
+                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
                 if reach >= 0.0:
                     if count == searches.search.shape[1]:
                         lost += 1

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.core.types import ArrayLayout, ShapeType
+from simwarp.core.types import ArrayLayout, FrictionLaw, FrictionRule, ShapeType
 from simwarp.kernels.collision.broad import Grid, GridScratch, fill_grid
 from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldScratch, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
@@ -27,6 +27,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 HULL = wp.constant(int(ShapeType.HULL))
 PLANE = wp.constant(int(ShapeType.PLANE))
+CONVEX = wp.constant(int(FrictionLaw.CONVEX))
+PRODUCT = wp.constant(int(FrictionRule.PRODUCT))
 
 
 class ShapeScratch(ScratchGroup, packed=False):
@@ -171,28 +173,46 @@ def near_distance(world: int, config: StepConfig, parameters: Parameters) -> flo
 
 
 @wp.func
+def reach_time(world: int, config: StepConfig, topology: Topology, parameters: Parameters) -> float:
+    """Time that shapes are given to meet [s]: a step. With the convex law it is longer by the largest friction: what
+    slides has contacts at gaps of friction x speed x step.
+    """
+    if config.friction_law != CONVEX:
+        return config.dt
+    largest = float(0.0)
+    row = world_row(world, parameters.shape_friction.shape[0])
+    for shape in range(topology.shape_count):
+        largest = wp.max(largest, parameters.shape_friction[row, shape])
+    if topology.friction_rule == PRODUCT:
+        largest = wp.max(largest, largest * largest)
+    for pair in range(topology.given_count):
+        largest = wp.max(largest, topology.given_surface[pair, 0])
+    return config.dt * (1.0 + largest)
+
+
+@wp.func
 def pair_reach(
-    scratch_slot: int, shape0: int, shape1: int, near: float, dt: float, scratch: CollisionScratch
+    scratch_slot: int, shape0: int, shape1: int, near: float, time: float, scratch: CollisionScratch
 ) -> float:  # fmt: skip
-    """What two shapes may be apart and still touch within a step [m]."""
+    """What two shapes may be apart and still touch within a time [m]."""
     approach = (
         wp.length(scratch.velocity[scratch_slot, shape1] - scratch.velocity[scratch_slot, shape0])
         + scratch.sweep[scratch_slot, shape0]
         + scratch.sweep[scratch_slot, shape1]
     )
-    return near + dt * approach
+    return near + time * approach
 
 
 @wp.func
 def fill_world_grid(
-    scratch_slot: int, near: float, config: StepConfig, topology: Topology, scratch: CollisionScratch, grid: Grid
+    scratch_slot: int, near: float, time: float, topology: Topology, scratch: CollisionScratch, grid: Grid
 ):
     """Sorts the placed shapes into the grid."""
     fastest = float(0.0)
     for shape in range(topology.shape_count):
         fastest = wp.max(fastest, wp.length(scratch.velocity[scratch_slot, shape]) + scratch.sweep[scratch_slot, shape])
     fill_grid(
-        near + config.dt * fastest,
+        near + time * fastest,
         topology,
         scratch.x[scratch_slot],
         scratch.lower[scratch_slot],

@@ -26,6 +26,7 @@ from simwarp.kernels.collision.placement import (
     pack_raw,
     pair_origin,
     placed,
+    reach_time,
 )
 from simwarp.kernels.collision.search_lists import FoundContacts, Search, Searches, TriangleContacts
 from simwarp.kernels.collision.shape import (
@@ -103,13 +104,14 @@ def list_triangles(
     grid = pack_grid(scratch, scratch_slot)
     listed = pack_raw(scratch, scratch_slot).triangle
     near = near_distance(world, config, parameters)
+    time = reach_time(world, config, topology, parameters)
     searches.count[world] = 0
     searches.lost[world] = 0
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
             if way_of(shape0, shape1, topology) == GROUND:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, config.dt, parameters, scratch)
+                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
                 if reach >= 0.0:
                     g = surface_of(world, scratch_slot, shape0, shape1, reach, topology, parameters, scratch)
                     count = gather(g, 0, listed, assets)
