@@ -61,7 +61,7 @@ class TaskRun:
             problems.append(str(error))
         if broken:
             problems.append(f"{broken} episodes ended in a state that is not finite")
-        if not all(bool(torch.isfinite(group).all()) for group in self.task.observations().values()):
+        if not all(bool(torch.isfinite(group).all()) for group in self.task.contract.observations().values()):
             problems.append("an observation is not finite")
         sim = self.task.simulation
         if sim is None:

@@ -120,17 +120,22 @@ def input_errors() -> tuple[type[Exception], ...]:
 
 def exit_code_of(error: BaseException) -> int | None:
     """Return the exit code that goes with one line about an error; None for a mistake of ours."""
+    if _is_shortfall(error):
+        return FELL_SHORT
     if isinstance(error, input_errors()) or _is_out_of_memory(error):
         return WRONG_INPUT
     # Whatever the operating system refuses is no mistake of ours either: a full disk, a stream that ended
-    return FELL_SHORT if isinstance(error, OSError) or _is_shortfall(error) else None
+    return FELL_SHORT if isinstance(error, OSError) else None
 
 
 def _is_shortfall(error: BaseException) -> bool:
-    """Return True if the work began and could not be brought to its end: learning diverged, or a disk is full."""
+    """Return True if the work began and could not be brought to its end: learning diverged, a disk is full, a task
+    broke its contract in a step.
+    """
     kinds = (
         ("simwarp.train.algorithm.learner", "TrainingError"),
         ("simwarp.core.files", "OutputError"),
+        ("simwarp.tasks.framework.errors", "TaskStepError"),
         (__name__, "ShortfallError"),
     )
     return any(name in sys.modules and isinstance(error, getattr(sys.modules[name], kind)) for name, kind in kinds)
@@ -238,6 +243,9 @@ def _explained(arguments: list[str], *, alone: bool) -> int:
         # Argument parsers leave this way, their message is out already; and rich, when the reader of a pipe went away
         if isinstance(stop.__context__, BrokenPipeError):
             return DONE
+        left = _left_by_task(stop)
+        if left:
+            return _tell(left, FELL_SHORT)
         if isinstance(stop.code, str):
             return _tell(stop.code, WRONG_INPUT)
         return stop.code or DONE
@@ -250,6 +258,13 @@ def _explained(arguments: list[str], *, alone: bool) -> int:
         if code_of is None or "--debug" in arguments:
             raise
         return _tell(explanation(error), code_of)
+
+
+def _left_by_task(stop: SystemExit) -> str:
+    """Return the message on a task whose method ends the process; empty where none did."""
+    escapes = sys.modules.get("simwarp.tasks.framework.escapes")
+    named = None if escapes is None else escapes.escape_of(stop)
+    return "" if named is None else str(named)
 
 
 def _tell(text: str, code: int) -> int:

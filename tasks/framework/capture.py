@@ -19,6 +19,7 @@ import warp as wp
 
 from simwarp.core.interop import shared_stream
 
+from .errors import TaskError
 from .fixed_state import changed_state, state_of
 
 OutcomeT = TypeVar("OutcomeT")
@@ -151,6 +152,8 @@ class StepCapture:
         self.iteration_read = False
         try:
             replay, outcome = self._record(body)
+        except TaskError:
+            raise  # the task's own fault, not one of the capture
         except RuntimeError as error:  # of torch and Warp, for what a stream must not do while it is captured
             self._give_up(str(error).strip().partition("\n")[0])
             return

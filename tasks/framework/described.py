@@ -10,10 +10,13 @@ from simwarp.core.types import shown
 from .command import Command
 from .errors import TaskError
 from .mirror import Mirror
+from .statistics import EpisodeStatistics
 
 
 class Described:
-    """Names of a task's observations and actions, and where the task comes from. All of it is optional."""
+    """Names of a task's observations, actions, rewards and ends, and where the task comes from."""
+
+    _statistics: EpisodeStatistics
 
     name: ClassVar[str] = ""
     """Set by ``@register``; until then that of the class."""
@@ -49,6 +52,16 @@ class Described:
     def default_positions(self) -> Sequence[float]:
         """Coordinates of ``action_joints`` at rest, from which actions count [rad or m]; empty: as they are built."""
         return ()
+
+    @property
+    def reward_terms(self) -> list[str]:
+        """Names of the reward terms."""
+        return self._statistics.terms
+
+    @property
+    def end_reasons(self) -> list[str]:
+        """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
+        return self._statistics.reasons
 
     def mirror(self) -> Mirror | None:
         """Return what left-right reflection makes of observations and actions; None where there is no such symmetry.

@@ -26,6 +26,13 @@ class TaskError(RuntimeError):
     """A task broke its contract (shape, dtype, NaN); the message names the task and the term."""
 
 
+class TaskStepError(TaskError):
+    """A task that was built broke its contract later on; the message names method, worlds, step, expected and got.
+
+    The command line exits with code 1: the work began, and could not be brought to its end.
+    """
+
+
 def near_names(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean A or B?"`` for names close to ``name``, else ``"; known: ..."``."""
     known = sorted(known)

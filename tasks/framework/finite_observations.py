@@ -7,7 +7,9 @@ from collections.abc import Mapping
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import count_bad
+from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, count_bad
+
+from .statistics import EpisodeStatistics
 
 
 class FiniteObservations:
@@ -15,15 +17,23 @@ class FiniteObservations:
 
     Args:
         groups: name -> (W, ...), as the task returns them.
-        counts: (W, groups) int64, steps in which an observation was not finite; written here.
+        statistics: of the episodes: steps in which an observation was not finite are counted there, by world.
+        clocks: counters of the episodes.
+        recording: of the last steps; of no length: there is none.
     """
 
-    def __init__(self, groups: Mapping[str, torch.Tensor], counts: torch.Tensor) -> None:
+    def __init__(
+        self, groups: Mapping[str, torch.Tensor], statistics: EpisodeStatistics, clocks: Clocks, recording: Recording
+    ) -> None:  # fmt: skip
+        counts, first = statistics.bad_groups, len(statistics.terms)
         self._watches = {
-            name: TensorLaunch(count_bad, len(group), [_as_rows(group), index, counts], group.device)
+            name: TensorLaunch(
+                count_bad, len(group),
+                [_as_rows(group), index, counts, first + index, clocks, statistics.bad, recording], group.device,
+            )
             for index, (name, group) in enumerate(groups.items())
             if group.is_floating_point()
-        }
+        }  # fmt: skip
 
     def count(self, groups: Mapping[str, torch.Tensor]) -> None:
         """Count the worlds with NaN or infinity in a group (W, ...)."""

@@ -26,6 +26,7 @@ from ..randomisation.randomising import drawn_parameters
 from ..randomisation.randomness import WorldRandom
 from .argument_checks import check_room
 from .config import require
+from .contract import Contract
 from .interface_checks import Worlds
 from .launching import filled
 from .npz import write_arrays
@@ -55,6 +56,7 @@ class DumpAbout(Settings):
         iteration: of the training.
         device: device of the run.
         task_file: file and class of a task that is not installed.
+        value: that was not finite, such as ``reward 'speed'``; empty where the physics broke down.
     """
 
     format: int
@@ -70,6 +72,7 @@ class DumpAbout(Settings):
     iteration: Counted
     device: str
     task_file: str = ""
+    value: str = ""
 
     def validate(self) -> None:
         """Check that the steps fit together."""
@@ -113,8 +116,9 @@ class Guarded(Worlds, Protocol):
         """Parameters of which every world has its own."""
         ...
 
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """State of the task beside the simulation's."""
+    @property
+    def contract(self) -> Contract:
+        """Calls its methods."""
         ...
 
 
@@ -147,7 +151,7 @@ class _Keep:
 
 def _rows(task: Guarded) -> dict[str, torch.Tensor]:
     """Return the task's own state that each world has a row of."""
-    return {name: value for name, value in task.extra_state().items() if value.shape[:1] == (task.num_worlds,)}
+    return {name: value for name, value in task.contract.extra_state().items() if value.shape[:1] == (task.num_worlds,)}
 
 
 def _copying(broken_at: wp.array, present: wp.array, copy: wp.array, device: torch.device) -> TensorLaunch:
@@ -164,22 +168,29 @@ def _copying(broken_at: wp.array, present: wp.array, copy: wp.array, device: tor
 class Guard:
     """Recorder of the last steps of a task, which keeps the first break of its physics.
 
+    A reward or an observation that is not finite while the physics is sound is kept likewise: a run ends there.
+
     Args:
         task: the task; its simulation exists.
         steps: control steps remembered.
 
     Attributes:
         path: of the dump, written when the host looks after a break; None keeps it in memory.
-        dump: the kept arrays of the first break, or None.
+        dump: the kept arrays of the first break, or None; those of a value take the place of those of the physics.
+        values: names of the values that are looked at.
         recording: for the kernel that counts control steps.
     """
 
-    HOST_STATE: ClassVar[frozenset[str]] = frozenset({"path", "dump", "_keeps", "_until", "_turn"})
+    HOST_STATE: ClassVar[frozenset[str]] = frozenset(
+        {"path", "dump", "values", "_of_value", "_keeps", "_until", "_turn"}
+    )
     """Attributes that no captured step reads."""
 
     def __init__(self, task: Guarded, steps: int) -> None:
         self.path: Path | None = None
         self.dump: dict[str, np.ndarray[Any, Any]] | None = None
+        self.values: list[str] = []
+        self._of_value = False
         self._task = task
         self._half = max(1, (steps + 1) // 2)
         self._steps = 2 * self._half
@@ -196,12 +207,14 @@ class Guard:
             torch.zeros(worlds, dtype=torch.int64, device=device) for _ in range(3)
         )
         self._broken_at = torch.full((worlds,), -1, dtype=torch.int64, device=device)
+        self._value = torch.zeros(worlds, dtype=torch.int32, device=device)
         self._drawn_level = torch.ones(worlds, device=device)
         self._level = torch.ones(self._steps, worlds, device=device)
         self.recording = filled(
             Recording,
             count=self._counted,
             broken_at=self._broken_at,
+            value=self._value,
             episode=self._episode,
             steps=self._episode_steps,
             drawn_level=self._drawn_level,
@@ -224,25 +237,38 @@ class Guard:
 
     def notice(self) -> None:
         """Keep the part of the world that broke first. This waits for the device."""
-        broken_at = self._broken_at.cpu()
+        broken_at, value = self._broken_at.cpu(), self._value.cpu()
         broken = broken_at >= 0
-        if self.dump is not None or not bool(broken.any()):
+        of_value = broken & (value > 0)
+        ended = bool(of_value.any())
+        if self._of_value or not bool(broken.any()) or (self.dump is not None and not ended):
             return
-        world = int(torch.where(broken, broken_at, broken_at.max() + 1).argmin())
+        # What ended the run comes first
+        world = int(torch.where(of_value if ended else broken, broken_at, broken_at.max() + 1).argmin())
         episode, steps = int(self._episode[world]), int(self._episode_steps[world])
-        self.dump = self._cut_out(world, int(broken_at[world]), episode, steps)
+        name = self.values[value[world] - 1] if ended else ""
+        self.dump = self._cut_out(world, int(broken_at[world]), episode, steps, name)
+        self._of_value = ended
 
-    def look(self) -> None:
+    def look(self) -> Path | None:
         """Keep the part of the first broken world, and write it where ``path`` says. This waits for the device.
+
+        What a value has broken is written as ``NAME_value`` where a break of the physics was written before.
+
+        Returns:
+            The file that was written, if one was.
 
         Raises:
             OutputError: the disk did not take it.
         """
         self.notice()
-        if self.dump is None or self.path is None or self.path.exists():
-            return
+        if self.dump is None or self.path is None:
+            return None
+        path = self.path.with_stem(f"{self.path.stem}_value") if self._of_value and self.path.exists() else self.path
+        if path.exists():
+            return None
         try:
-            self.write(self.path)
+            return self.write(path)
         except FileError as error:
             # It could be written to when the work began
             raise OutputError(str(error)) from None
@@ -260,7 +286,9 @@ class Guard:
         write_arrays(path, self.dump)
         return path
 
-    def _cut_out(self, world: int, count: int, episode: int, steps: int) -> dict[str, np.ndarray[Any, Any]]:
+    def _cut_out(
+        self, world: int, count: int, episode: int, steps: int, value: str = ""
+    ) -> dict[str, np.ndarray[Any, Any]]:  # fmt: skip
         """Return the arrays of one world, from a snapshot or the beginning of its episode to the break."""
         task = self._task
         # The older one of the two that were taken before the break
@@ -284,6 +312,7 @@ class Guard:
             iteration=task.iteration,
             device=str(task.device),
             task_file=task.task_file,
+            value=value,
         )
         arrays = {
             "meta": np.array(json.dumps(dataclasses.asdict(about))),

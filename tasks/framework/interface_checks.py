@@ -1,4 +1,4 @@
-"""Checks of a task's return values, made once when it is built; every error names the task and the term."""
+"""Checks of what a task's methods return the first time; every error names the task and the term."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence, Set
 from typing import Any, Protocol
 
 import torch
+
+from simwarp.core.types import shown
 
 from .agents import lead_of
 from .errors import TaskError
@@ -46,7 +48,12 @@ def _named(task: Worlds, more: bool = False) -> str:
     return f"(W{end})" if task.agents == 1 else f"(W, N{end})".replace("N,)", "N)")
 
 
-def _check_batch(task: Worlds, what: str, value: object) -> torch.Tensor:
+def check_batch(task: Worlds, what: str, value: object) -> torch.Tensor:
+    """Check that a value is a tensor on the task's device, with its worlds, and agents if there are several, in front.
+
+    Raises:
+        TaskError: it is none.
+    """
     if not isinstance(value, torch.Tensor):
         raise TaskError(f"task '{task.name}': {what} must be a torch tensor, got {type(value).__name__}")
     lead = lead_of(task)
@@ -64,6 +71,9 @@ def _check_batch(task: Worlds, what: str, value: object) -> torch.Tensor:
 def _check_mapping(task: Worlds, what: str, value: object) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise TaskError(f"task '{task.name}': {what} must be a dict of named tensors, got {type(value).__name__}")
+    for name in value:
+        if not isinstance(name, str) or not name:
+            raise TaskError(f"task '{task.name}': {what} must have names that are text, got {shown(name)}")
     return value
 
 
@@ -73,13 +83,15 @@ def check_observations(task: Worlds, groups: object) -> Mapping[str, torch.Tenso
     if not checked:
         raise TaskError(f"task '{task.name}': observations() returned no group")
     for name, group in checked.items():
-        value = _check_batch(task, f"observation '{name}'", group)
+        value = check_batch(task, f"observation '{name}'", group)
         if value.dim() <= len(lead_of(task)):
             raise TaskError(
                 f"task '{task.name}': observation '{name}' must be {_named(task, True)}, got {tuple(value.shape)}"
             )
         if value.dtype == torch.float64:
             raise TaskError(f"task '{task.name}': observation '{name}' is float64; networks take float32")
+        if value.dtype.is_complex:
+            raise TaskError(f"task '{task.name}': observation '{name}' is complex; give its parts as float32")
     return checked
 
 
@@ -91,7 +103,7 @@ def check_terms(
     if kind == "reward" and not checked:
         raise TaskError(f"task '{task.name}': rewards() returned no term")
     for name, term in checked.items():
-        value = _check_batch(task, f"{kind} '{name}'", term)
+        value = check_batch(task, f"{kind} '{name}'", term)
         if value.dim() != len(lead_of(task)):
             raise TaskError(f"task '{task.name}': {kind} '{name}' must be {_named(task)}, got {tuple(value.shape)}")
         if floating and value.dtype != torch.float32:
@@ -99,8 +111,14 @@ def check_terms(
     return checked
 
 
-def check_success(task: Worlds, metrics: Mapping[str, torch.Tensor], reasons: Sequence[str]) -> set[str]:
-    """Check what tells a success; return the names in ``success_reasons`` that are no reasons."""
+def check_reasons(task: Worlds, metrics: Mapping[str, torch.Tensor], reasons: Sequence[str]) -> None:
+    """Check the names of all reasons to end, and what tells a success.
+
+    Raises:
+        TaskError: two reasons have one name, `success_reasons` names others, or the metric `success` is not bool.
+    """
+    if len(set(reasons)) != len(reasons):
+        raise TaskError(f"task '{task.name}': end reasons must have different names, got {list(reasons)}")
     told = metrics.get("success")
     if told is not None and told.dtype != torch.bool:
         raise TaskError(
@@ -109,14 +127,16 @@ def check_success(task: Worlds, metrics: Mapping[str, torch.Tensor], reasons: Se
     good = getattr(task, "success_reasons", ())
     if not isinstance(good, Set):
         raise TaskError(f"task '{task.name}': success_reasons must be a set of names, got {good!r}")
-    return set(good) - set(reasons)
+    unknown = sorted(set(good) - set(reasons))
+    if unknown:
+        raise TaskError(f"task '{task.name}': success_reasons names {unknown}, not among {list(reasons)}")
 
 
 def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Tensor]:
     """Check end reasons: each (W,) bool."""
     checked = _check_mapping(task, f"{kind}s()", flags)
     for name, flag in checked.items():
-        value = _check_batch(task, f"{kind} '{name}'", flag)
+        value = check_batch(task, f"{kind} '{name}'", flag)
         if value.dim() != len(lead_of(task)) or value.dtype != torch.bool:
             raise TaskError(
                 f"task '{task.name}': {kind} '{name}' must be {_named(task)} bool, got {tuple(value.shape)} "

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import Clocks, Rules, Verdict, judge, judge_agents
+from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, Rules, Verdict, judge, judge_agents
 
 from ..randomisation.uncertainty import Curriculum
 from .agents import Agents
-from .errors import TaskError
 from .launching import filled
 from .statistics import EpisodeStatistics
 from .step_result import VerdictViews, block_size
@@ -49,6 +48,7 @@ class Judge:
         level: (W,) float32, the curriculum's; moved where it climbs.
         statistics: that are kept.
         agents: of the worlds.
+        recording: of the last steps; of no length: there is none.
 
     Attributes:
         ended: (W,) bool, the worlds whose episode is over; the mask of a reset.
@@ -57,10 +57,9 @@ class Judge:
 
     def __init__(
         self, terms: Terms, status: torch.Tensor, clocks: Clocks, level: torch.Tensor, statistics: EpisodeStatistics,
-        agents: Agents,
+        agents: Agents, recording: Recording,
     ) -> None:  # fmt: skip
         worlds, device, count = len(level), level.device, len(statistics.terms)
-        self._terms, self._reasons = statistics.terms, statistics.reasons[1:-1]
         self._lead = tuple(agents.done.shape) if agents.several else (worlds,)
         rows = worlds * agents.count
         self._block = torch.zeros(block_size(rows, count), dtype=torch.uint8, device=device)
@@ -83,6 +82,7 @@ class Judge:
             down=terms.curriculum.down,
         )
         arguments = [status, self._flags, self._won, rules, clocks, level, verdict, statistics.tally]
+        arguments += [statistics.bad, recording]
         if agents.several:
             self._launch = TensorLaunch(judge_agents, worlds, [*arguments, agents.done, agents.acting], device)
         else:
@@ -93,27 +93,18 @@ class Judge:
         self._climbing.fill_(int(climbing))
 
     def judge(
-        self, rewards: Mapping[str, torch.Tensor], flags: Mapping[str, torch.Tensor], success: torch.Tensor | None
-    ) -> None:  # fmt: skip
+        self, rewards: Iterable[torch.Tensor], flags: Sequence[torch.Tensor], success: torch.Tensor | None
+    ) -> None:
         """Write the verdict on a step.
 
         Args:
-            rewards: terms by name, each (W,) float32; (W, N) of several agents, as all that follows.
-            flags: reasons to end, then reasons to cut off, by name, each (W,) bool.
-            success: (W,) the metric that tells it, if there is one.
-
-        Raises:
-            TaskError: they are not those that the task had when it was built.
+            rewards: terms in their order, each (W,) float32; (W, N) of several agents, as all that follows.
+            flags: reasons to end, then reasons to cut off, in their order, each (W,) bool.
+            success: (W,) bool, the metric that tells it, if there is one.
         """
-        for kind, known, found in (("reward terms", self._terms, rewards), ("reasons to end", self._reasons, flags)):
-            if known != list(found):  # what is recorded has a place for each of them
-                raise TaskError(
-                    f"the {kind} must stay {known}, got {list(found)}: return all of them always, of zeros where they "
-                    "do not count"
-                )
-        torch.stack([each.reshape(-1) for each in rewards.values()], dim=1, out=self.views.reward_terms)
+        torch.stack([each.reshape(-1) for each in rewards], dim=1, out=self.views.reward_terms)
         if flags:
-            torch.stack([each.reshape(-1) for each in flags.values()], dim=1, out=self._flags)
+            torch.stack([each.reshape(-1) for each in flags], dim=1, out=self._flags)
         if success is not None:
             self._won.copy_(success.reshape(-1))
         self._launch.launch()

@@ -7,8 +7,9 @@ from typing import Any, Protocol
 import torch
 
 from .config import obs_of
+from .contract import Contract
 from .errors import InputError
-from .interface_checks import Worlds, check_observations
+from .interface_checks import Worlds
 
 
 class Observed(Worlds, Protocol):
@@ -19,13 +20,8 @@ class Observed(Worlds, Protocol):
         """Of the task."""
         ...
 
-    def observations(self) -> dict[str, torch.Tensor]:
-        """Return the task's own observation groups."""
-        ...
-
-    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
-        """Return the groups of other observations; None of those that there are not."""
-        ...
+    contract: Contract
+    """Calls its methods."""
 
 
 def observed_as(task: Observed, obs: str | None) -> dict[str, torch.Tensor]:
@@ -40,11 +36,12 @@ def observed_as(task: Observed, obs: str | None) -> dict[str, torch.Tensor]:
         TaskError: a group is not as it has to be.
     """
     own = obs_of(task.config)
-    groups = task.observations() if obs in (None, own) else task.observations_of(obs)
+    contract = task.contract
+    groups = contract.observations() if obs in (None, own) else contract.observations_of(obs)
     if groups is None:
         besides = "" if own is None else f" with '{own}' observations"
         raise InputError(
             f"task '{task.name}'{besides} does not offer '{obs}' ones beside them: "
             f"its observations_of('{obs}') returns None"
         )
-    return dict(check_observations(task, groups))
+    return groups

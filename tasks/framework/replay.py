@@ -36,7 +36,8 @@ class ReplayReport:
         episode_step: control step of the episode in which it broke, the first is 1.
         steps: control steps repeated.
         from_reset: from the beginning of the episode; else from a snapshot within it.
-        reproduced: the physics broke down in the same step again.
+        value: of the task that was not finite, such as ``reward 'speed'``; empty where the physics broke down.
+        reproduced: the physics broke down in the same step again, or the value was not finite.
         broke_at: repeated step after which it broke, the first is 1; None if it did not.
         largest_difference: of joint coordinates and rates from the recorded ones before the break [m, rad, per s].
         largest_rate: largest joint rate that was recorded before the break.
@@ -51,6 +52,7 @@ class ReplayReport:
     episode_step: int
     steps: int
     from_reset: bool
+    value: str
     reproduced: bool
     broke_at: int | None
     largest_difference: float
@@ -96,11 +98,19 @@ class Rerun:
         self._begin()
 
     def advance(self, step: int) -> bool:
-        """Take a recorded step; True if the physics has broken down."""
+        """Take a recorded step; True if the physics has broken down, or the value is not finite that was not then."""
         # What is drawn in every step opens with the level, which may move within an episode
         self.task.level.fill_(float(self.level[step]))
         self.task.advance(torch.as_tensor(self.actions[step : step + 1], device=self.task.device))
-        return bool(self.task.views.broken()[0])
+        return bool(self.task.views.broken()[0]) or (self.about.value != "" and self._is_bad())
+
+    def _is_bad(self) -> bool:
+        """Whether the value that was not finite then is not finite now."""
+        contract = self.task.contract
+        kinds = {"reward": contract.rewards(), "observation": contract.observations()}
+        named = {f"{kind} '{name}'": value for kind, values in kinds.items() for name, value in values.items()}
+        value = named.get(self.about.value)
+        return value is not None and not bool(value.isfinite().all())
 
     def _begin(self) -> None:
         if not self.about.from_reset:
@@ -136,6 +146,7 @@ def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
         episode_step=about.episode_steps,
         steps=count,
         from_reset=about.from_reset,
+        value=about.value,
         reproduced=broke_at == count,
         broke_at=broke_at,
         largest_difference=difference,
@@ -196,7 +207,7 @@ def _restore(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> N
     packed = pack_snapshot(task.simulation.snapshot())
     saved = _nest(packed, arrays, "start/")
     start_action = _tensor(arrays.get("start_action"))
-    extra = {name: value.clone() for name, value in task.extra_state().items()}
+    extra = {name: value.clone() for name, value in task.contract.extra_state().items()}
     found = {name: _tensor(arrays[key]) for name in extra if (key := f"extra/{name}") in arrays}
     check_like(packed, saved, f"{where}: start")
     check_like(task.action[0].flatten(), start_action, f"{where}: start_action")

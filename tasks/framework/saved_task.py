@@ -12,6 +12,7 @@ from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import Sensors
 from .action_path import ActionPath
 from .agents import Agents
+from .contract import Contract
 from .errors import InputError
 from .named_contacts import Touching
 from .simulation_access import pack_snapshot, unpack_snapshot
@@ -34,6 +35,7 @@ class SavedTask(Touching):
     episode_index: torch.Tensor
     episode_steps: torch.Tensor
     episode_clock: torch.Tensor
+    contract: Contract
     _climbing: bool
     _agents: Agents
     _every_world: torch.Tensor
@@ -69,7 +71,7 @@ class SavedTask(Touching):
             "drawn_level": self.drawn_level.clone(),
             "climbing": self._climbing,
             "sensing": self._sensors.state() | self._path.state() | self._contacts_state(),
-            "extra": {key: value.clone() for key, value in self.extra_state().items()},
+            "extra": {key: value.clone() for key, value in self.contract.extra_state().items()},
             **self._agents.state(),
         }
         if self.simulation is not None:

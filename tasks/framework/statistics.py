@@ -7,9 +7,28 @@ import dataclasses
 import torch
 
 from simwarp.core.readable import ReadableFields
-from simwarp.kernels.tasks.framework.control_step import Tally
+from simwarp.kernels.tasks.framework.control_step import FirstBad, Tally
 
 from .launching import filled
+
+
+@dataclasses.dataclass(frozen=True)
+class BadValue:
+    """The first value of a task that was NaN or infinite while the physics was sound.
+
+    Attributes:
+        name: of the reward term or the observation group.
+        row: index of the world; of several agents, W * N rows, those of a world beside each other.
+        step: control step since the task was built, the first is 1.
+        episode: number of the world's episode, the first is 0.
+        episode_step: control step of the episode, the first is 1; 0 right after a reset.
+    """
+
+    name: str
+    row: int
+    step: int
+    episode: int
+    episode_step: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +46,8 @@ class EpisodeSummary(ReadableFields):
     """Number of episodes that count as a success."""
     bad_values: dict[str, int]
     """Number of times that a reward term or an observation group held NaN or infinity while the physics was sound."""
+    first_bad: BadValue | None = None
+    """The first of them."""
 
     @property
     def mean_return(self) -> float:
@@ -48,6 +69,8 @@ class EpisodeStatistics:
         running: (W, T) float32, each reward term summed over the running episode.
         bad_groups: (W, groups) int64, steps in which an observation was not finite.
         tally: the accumulators, for the kernel that judges a step.
+        bad: the first value that was not finite, for the kernels that look at values.
+        values: names of all values that are looked at: terms, then groups.
     """
 
     def __init__(
@@ -67,6 +90,11 @@ class EpisodeStatistics:
         self._successes = sums()
         self._bad_terms = sums(len(terms))
         self.bad_groups = sums(len(groups))
+        self.values = [*(f"reward '{term}'" for term in terms), *(f"observation '{group}'" for group in groups)]
+        self._seen = torch.zeros(1, dtype=torch.int32, device=device)
+        self._bad = {name: sums() for name in ("count", "at", "episode", "steps")} | {"value": sums(dtype=torch.int32)}
+        self._bad["at"].fill_(-1)
+        self.bad = filled(FirstBad, seen=self._seen, **self._bad)
         self.tally = filled(
             Tally,
             running=self.running,
@@ -77,12 +105,15 @@ class EpisodeStatistics:
             bad_terms=self._bad_terms,
         )
 
+    def any_bad(self) -> bool:
+        """Return True if a value was not finite since the last :meth:`drain`. This reads one number of the device."""
+        return bool(self._seen.item())
+
     def drain(self) -> EpisodeSummary:
         """Read and clear the sums. This waits for the device."""
         kept = (self._term_sums, self._reason_counts, self._bad_terms, self.bad_groups)
         sums, counts, bad_terms, bad_groups = (each.sum(dim=0).tolist() for each in kept)
-        bad = dict(zip((f"reward '{t}'" for t in self.terms), bad_terms, strict=True))
-        bad |= dict(zip((f"observation '{g}'" for g in self.groups), bad_groups, strict=True))
+        bad = dict(zip(self.values, [*bad_terms, *bad_groups], strict=True))
         summary = EpisodeSummary(
             episodes=sum(counts),
             return_sum=sum(sums),
@@ -91,7 +122,19 @@ class EpisodeStatistics:
             end_reasons=dict(zip(self.reasons, counts, strict=True)),
             successes=int(self._successes.sum()),
             bad_values={name: count for name, count in bad.items() if count},
+            first_bad=self._first_bad(),
         )
         for tensor in (*kept, self._length_sums, self._successes):
             tensor.zero_()
         return summary
+
+    def _first_bad(self) -> BadValue | None:
+        """Read and clear the first value that was not finite."""
+        if not self.any_bad():
+            return None
+        at, episode, steps, value = (self._bad[name].cpu() for name in ("at", "episode", "steps", "value"))
+        row = int(torch.where(at < 0, at.max() + 1, at).argmin())
+        found = BadValue(self.values[value[row]], row, int(at[row]), int(episode[row]), int(steps[row]))
+        self._seen.zero_()
+        self._bad["at"].fill_(-1)
+        return found

@@ -21,21 +21,23 @@ from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, begi
 from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import Sensors
-from ..randomisation.uncertainty import Driver
 from .action_path import ActionPath
 from .agents import Agents, lead_of
 from .argument_checks import check_room, whole
 from .capture import StepCapture, recorder_of
 from .command import Command
 from .config import TaskConfig
+from .contract import Contract, bad_value
 from .described import Described, check_described
 from .drawing import Drawing
 from .errors import TaskError
+from .escapes import ESCAPES, raise_named
 from .finite_observations import FiniteObservations
 from .guard import Guard
-from .interface_checks import check_action, check_flags, check_observations, check_success, check_terms
+from .interface_checks import check_action, check_reasons
 from .judge import Judge, Terms
 from .launching import filled, launch_over
+from .levels import Levelled
 from .other_observations import observed_as
 from .printed_task import PrintedTask
 from .saved_task import SavedTask
@@ -59,7 +61,7 @@ NON_FINITE = "non_finite"
 """End reason of an episode whose world became NaN or infinite."""
 
 
-class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
+class Task(SavedTask, Levelled, PrintedTask, Described, ABC, Generic[ConfigT]):
     """A batch of worlds with actions, observations, rewards and episodes.
 
     Where ``agents`` N is more than 1, what is (W, ...) below is (W, N, ...): actions, observations, reward terms,
@@ -122,6 +124,8 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """Whether sensors are launched only where they are due: a captured step is for one of the two."""
         self._iteration = 0
         self.first_world = first_world
+        self.contract = Contract(self)
+        """Calls the methods that return something, and holds the results to their form."""
         self.before_reset: Callable[[], None] | None = None
         """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
         with self._acting():
@@ -269,17 +273,6 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
 
-    def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor] | None:
-        """Hook of a curriculum, at the start of a training iteration: call ``super()``, return (W,) to log means of."""
-        self.iteration = iteration
-        curriculum = self.config.curriculum
-        if curriculum.driver is Driver.ITERATION:
-            self.level.fill_(curriculum.at_iteration(iteration))
-        elif curriculum.driver is Driver.PROGRESS and not self._climbing:
-            self._climb(True)
-            self.level.zero_()
-        return None if curriculum.driver is Driver.NONE else {"level": self.level}
-
     # ---- what runners and adapters call ------------------------------------------------------------------------
 
     def restart(self, seed: int | None = None) -> dict[str, torch.Tensor]:
@@ -289,34 +282,30 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """
         with self._acting():
             if seed is not None:
-                if self.guard is not None:
-                    self.guard.notice()  # while the seed is still that of the break
+                if self.guard is not None:  # while the seed is still that of the break
+                    self.guard.notice()
                 self.random.reseed(seed)
                 self.episode_index.fill_(-1)
             self._judge.ended.fill_(True)
             self._reset_worlds(self._judge.ended, every=True)
             self._statistics.running.zero_()
-            groups = self.observations()
-            self._sensors.begin(self._every_world, groups)
-            return self._sensors.sense(groups)
+            return self._observe_begun(self._every_world)
 
     def begin_episodes(self, world_mask: torch.Tensor) -> dict[str, torch.Tensor]:
         """Begin new episodes in the worlds of a mask ((W,) bool), as if theirs had ended; return the observations."""
         with self._acting():
             self._reset_worlds(world_mask)
-            groups = self.observations()
-            self._sensors.begin(world_mask, groups)
-            return self._sensors.sense(groups)
+            return self._observe_begun(world_mask)
 
     def observe(self) -> dict[str, torch.Tensor]:
         """Return the observations as a policy gets them, group name -> (W, ...): late and noisy where configured."""
         with self._acting():
-            return self._sensors.sense(self.observations())
+            return self._sensors.sense(self.contract.observations())
 
     def observe_privileged(self) -> torch.Tensor | None:
         """Return the privileged observations of a critic, (W, N) float32; None where the task has none."""
         with self._acting():
-            return self.privileged()
+            return self.contract.privileged()
 
     def observe_as(self, obs: str | None) -> dict[str, torch.Tensor]:
         """Return what a policy of other observations would see now, group name -> (W, ...), exact and at once.
@@ -337,6 +326,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
             TaskError: the action has the wrong shape or dtype.
         """
         check_action(self, action)
+        self.contract.step += 1
         with self._acting():
             self._path.asked.copy_(action.view_as(self._path.asked))
             if self.guard is not None:
@@ -361,15 +351,18 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """Read and clear the statistics of the episodes that ended. This waits for the device.
 
         Raises:
-            TaskError: a reward term or an observation held NaN or infinity while the physics was sound.
+            TaskStepError: a reward term or an observation held NaN or infinity while the physics was sound.
         """
         summary = self._statistics.drain()
-        if self.guard is not None:
-            self.guard.look()
-        if summary.bad_values:
-            name, count = next(iter(summary.bad_values.items()))
-            raise TaskError(f"task '{self.name}': {name} was NaN or infinite in {count} world-steps")
+        kept = None if self.guard is None else self.guard.look()
+        if summary.first_bad is not None:
+            raise bad_value(self, summary, kept)
         return summary
+
+    def check_values(self) -> None:
+        """Raise what :meth:`drain_statistics` raises, if there is a reason; this reads one number of the device."""
+        if self._statistics.any_bad():
+            self.drain_statistics()
 
     @property
     def iteration(self) -> int:
@@ -397,16 +390,6 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
             raise TaskError(f"task '{self.name}' has no physics")
         return self._views
 
-    @property
-    def reward_terms(self) -> list[str]:
-        """Names of the reward terms."""
-        return self._statistics.terms
-
-    @property
-    def end_reasons(self) -> list[str]:
-        """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
-        return self._statistics.reasons
-
     # ---- the loop ----------------------------------------------------------------------------------------------
 
     @contextlib.contextmanager
@@ -418,7 +401,11 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         with torch.inference_mode(False), torch.no_grad():
             apart = self.device.type != "cpu" and self.physics
             with shared_stream(str(self.device)) if apart else contextlib.nullcontext():
-                yield
+                try:
+                    yield
+                except ESCAPES as error:
+                    raise_named(error)
+                    raise
 
     def _allocate(self, seed: int, first_world: int) -> None:
         worlds, device = self.num_worlds, self.device
@@ -465,8 +452,8 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._status = nothing if views is None else views.world_status
         no_joints = torch.zeros(self.num_worlds, 0, device=self.device)
         joints = (no_joints, no_joints) if views is None else (views.joint_q, views.joint_qd)
-        recording = Recording() if self.guard is None else self.guard.recording
-        counted = [self._status, self.level, self._path.request, *joints, self._clocks, recording]
+        self._recording = Recording() if self.guard is None else self.guard.recording
+        counted = [self._status, self.level, self._path.request, *joints, self._clocks, self._recording]
         self._count = launch_over(self, count_step, *counted)
         self._begin = launch_over(self, begin_episodes, self._every_world, self.level, self._clocks, self._actions)
 
@@ -475,30 +462,26 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._reset_worlds(self._every_world, every=True)
         self.begin_step()
         self.apply(self.action)
-        groups = check_observations(self, self.observations())
+        contract = self.contract
+        groups = contract.observations()
         self._sensors = Sensors(self.config.uncertainty.sensing, groups, self.random, self.agents)
-        lead = len(lead_of(self))
-        self.observation_shapes = {name: tuple(group.shape[lead:]) for name, group in groups.items()}
+        self.observation_shapes = {name: tuple(group.shape[len(lead_of(self)) :]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
         check_described(self)
-        terms = list(check_terms(self, self.rewards()))
-        terminations = list(check_flags(self, "termination", self.terminations()))
-        truncations = list(check_flags(self, "truncation", self.truncations()))
-        metrics = check_terms(self, self.metrics(), kind="metric", floating=False)
-        reasons = [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
-        if len(set(reasons)) != len(reasons):
-            raise TaskError(f"task '{self.name}': end reasons must have different names, got {reasons}")
-        unknown = check_success(self, metrics, reasons)
-        if unknown:
-            raise TaskError(f"task '{self.name}': success_reasons names {sorted(unknown)}, not among {reasons}")
+        terms, terminations, truncations = list(contract.rewards()), contract.terminations(), contract.truncations()
+        metrics, reasons = contract.metrics(), [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
+        check_reasons(self, metrics, reasons)
         self._statistics = EpisodeStatistics(self._agents.done.numel(), terms, reasons, list(groups), self.device)
         wins = [reason in self.success_reasons for reason in reasons]
         judged = Terms(
             len(terminations), len(truncations), wins, self.config.max_episode_steps, "success" in metrics,
             self.config.curriculum,
         )  # fmt: skip
-        self._judge = Judge(judged, self._status, self._clocks, self.level, self._statistics, self._agents)
-        self._finite = FiniteObservations(groups, self._statistics.bad_groups)
+        kept = (self._statistics, self._agents, self._recording)
+        self._judge = Judge(judged, self._status, self._clocks, self.level, *kept)
+        self._finite = FiniteObservations(groups, self._statistics, self._clocks, self._recording)
+        if self.guard is not None:
+            self.guard.values = self._statistics.values
 
     def _control_step(self) -> tuple[Groups, Groups | None, Groups]:
         """A control step from the action that is asked for to the observations after the reset.
@@ -566,12 +549,12 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._agents.rest()
         self._path.delay()
         self._advance()
-        rewards = self.rewards()
-        flags = {**self.terminations(), **self.truncations()}
-        metrics = {name: value.clone() for name, value in self.metrics().items()}
-        self._judge.judge(rewards, flags, metrics.get("success"))
+        contract = self.contract
+        rewards, flags = contract.rewards(), [*contract.terminations().values(), *contract.truncations().values()]
+        metrics = {name: value.clone() for name, value in contract.metrics().items()}
+        self._judge.judge(rewards.values(), flags, metrics.get("success"))
         if self._sensors.late:
-            self._sensors.push(self.observations())
+            self._sensors.push(contract.observations())
         if not self.keep_final_observations:
             return metrics, None
         return metrics, self._finite.kept(self.observe(), self._judge.broken)
@@ -579,9 +562,13 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
     def _from_reset(self) -> Groups:
         """Reset the worlds that ended, and observe."""
         self._reset_worlds(self._judge.ended)
-        groups = self.observations()
+        return self._observe_begun(self._judge.ended)
+
+    def _observe_begun(self, mask: torch.Tensor) -> Groups:
+        """Observe, where the worlds of a mask (W,) bool have just begun an episode."""
+        groups = self.contract.observations()
         self._finite.count(groups)
-        self._sensors.begin(self._judge.ended, groups)
+        self._sensors.begin(mask, groups)
         return self._sensors.sense(groups)
 
     def _reset_worlds(self, mask: torch.Tensor, every: bool = False) -> None:

@@ -57,7 +57,7 @@ class TaskCamera:
             (S, height, width, 3) sRGB of the worlds that are seen.
         """
         lines = list(below)
-        for line in self._task.drawing().lines:
+        for line in self._task.contract.drawing().lines:
             if not line.only_maps:
                 points = line.points.double().cpu().numpy()[self._rows]
                 lines.append([Polyline(each, to_rgb(line.colour), line.width) for each in points])
@@ -82,7 +82,7 @@ def stage(task: Task[Any]) -> tuple[Simulation, Scene, Shot]:
 
     A step of the simulation is a control step of the task: nothing moves in it, but it has the time.
     """
-    drawing = task.drawing()
+    drawing = task.contract.drawing()
     if not drawing.lines:
         raise InputError(f"task '{task.name}' has nothing to draw; build bodies, or return lines from drawing()")
     builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))

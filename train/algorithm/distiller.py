@@ -87,7 +87,7 @@ class Distiller(Learner):
             most = f"--steps-per-iteration x --num-envs = {samples}"
             raise InputError(f"--distillation.mini-batches must be at most {most}, got {parts}")
         self.lesson = lesson
-        task.on_iteration(0)
+        task.contract.on_iteration(0)
         super().__init__(task, config, TaskVecEnv(task, teacher=lesson.obs or ""), group)
 
     def _make_algorithm(self, observations: TensorDict) -> SharedDistillation:

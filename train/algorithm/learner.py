@@ -21,7 +21,7 @@ from tensordict import TensorDict
 from simwarp.core.files import OutputError
 from simwarp.core.memory import check_fits
 from simwarp.core.threads import thread_count
-from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
+from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, TaskError, config_to_plain
 from simwarp.tasks.framework.plain import typed
 from simwarp.tasks.framework.registry import origin_of
 from simwarp.tasks.framework.saved_state import check_like
@@ -131,7 +131,7 @@ class Learner(ABC):
         self._window: deque[tuple[int, float, float]] = deque()
         if config.spread_start:
             chance = torch.rand(task.num_worlds, device=self.device)
-            self.env.episode_length_buf = (chance * task.step_limit()).long().repeat_interleave(task.agents)
+            self.env.episode_length_buf = (chance * task.contract.step_limit()).long().repeat_interleave(task.agents)
         self.algorithm.train_mode()
 
     @abstractmethod
@@ -188,7 +188,7 @@ class Learner(ABC):
             IterationLeftError: :attr:`interlude` of any process asked for it.
         """
         started = time.perf_counter()
-        logged = self.task.on_iteration(self.iteration) or {}
+        logged = self.task.contract.on_iteration(self.iteration)
         means = {LOGGED + name: float(each.float().mean()) for name, each in logged.items()}
         means = self.group.sums(means, self.device)
         with self._watched():
@@ -267,6 +267,8 @@ class Learner(ABC):
         except (RuntimeError, ValueError) as error:
             # Sampling from such a distribution fails with words about its deviation only, a task with its own
             if self._is_sound():
+                if not isinstance(error, TaskError):
+                    self.task.check_values()  # a sound policy cannot act on observations that are not finite
                 raise
             raise self._diverged() from error
 

@@ -41,7 +41,7 @@ class Trainer(Learner):
     def __init__(self, task: Task[Any], config: TrainConfig, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
-        task.on_iteration(0)  # the first episodes are as easy as a curriculum begins
+        task.contract.on_iteration(0)  # the first episodes are as easy as a curriculum begins
         env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
         self._acting = ActingRows(config.steps_per_iteration, env.num_envs, env.device) if task.agents > 1 else None
         super().__init__(task, config, env, group)

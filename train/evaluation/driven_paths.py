@@ -74,7 +74,7 @@ class PathRecorder(EvaluationCallback):
 
     def begin(self, task: Task[Any]) -> None:
         """Record the start positions and the surroundings."""
-        if task.map_position() is None:
+        if task.contract.map_position() is None:
             return
         self._task = task
         self._positions = []
@@ -83,7 +83,7 @@ class PathRecorder(EvaluationCallback):
         task.before_reset = self._look
 
     def _look(self) -> None:
-        position = self._task.map_position() if self._task is not None else None
+        position = self._task.contract.map_position() if self._task is not None else None
         if self._task is None or position is None:
             return
         if len(self._positions) <= self._task.config.max_episode_steps:
@@ -114,7 +114,7 @@ def _surroundings(
     task: Task[Any],
 ) -> tuple[tuple[DrawnObstacle, ...], tuple[tuple[float, float], tuple[float, float]] | None]:
     """Lines that a task draws, from above, and the window."""
-    drawing = task.drawing()
+    drawing = task.contract.drawing()
     lines = (line.points[:MAX_PATHS, :, :2].float().cpu().numpy().copy() for line in drawing.lines)
     return tuple(
         DrawnObstacle(points, line.colour) for points, line in zip(lines, drawing.lines, strict=True)

@@ -119,7 +119,7 @@ class Film:
 
     def _places(self) -> npt.NDArray[np.float64]:
         """(worlds, 3) where the bodies are: on the ground below what goes about, else where they are [m]."""
-        place = self._task.map_position()
+        place = self._task.contract.map_position()
         if place is None:
             return np.full((len(self.worlds), 3), np.nan)
         places: npt.NDArray[np.float64] = place.double().cpu().numpy()[list(self.worlds)].copy()

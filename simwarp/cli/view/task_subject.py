@@ -142,7 +142,9 @@ def _with_clock(loop: TaskLoop, clock: Simulation) -> tuple[Callable[[], None], 
 
 def lines_of(task: Task[Any]) -> list[Path]:
     """Lines of a task's drawing."""
-    return [Path(_host(line.points), _bytes(line.colour), max(1.0, line.width)) for line in task.drawing().lines]
+    return [
+        Path(_host(line.points), _bytes(line.colour), max(1.0, line.width)) for line in task.contract.drawing().lines
+    ]
 
 
 def _bytes(colour: str) -> tuple[int, int, int]:
@@ -153,11 +155,11 @@ def _bytes(colour: str) -> tuple[int, int, int]:
 
 
 def _metrics(task: Task[Any], world: int) -> dict[str, float]:
-    return {name.replace("_", " "): float(value[world]) for name, value in task.metrics().items()}
+    return {name.replace("_", " "): float(value[world]) for name, value in task.contract.metrics().items()}
 
 
 def _trail(task: Task[Any]) -> Floats:
-    place = task.map_position()
+    place = task.contract.map_position()
     return np.zeros((task.num_worlds, 3)) if place is None else _host(place)
 
 

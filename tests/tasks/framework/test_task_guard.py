@@ -8,7 +8,9 @@ import torch
 
 from simwarp.core.files import FileError
 from simwarp.tasks import Curriculum, Driver, InputError, Range, make
+from simwarp.tasks.framework.errors import TaskStepError
 from simwarp.tasks.framework.replay import replay
+from simwarp.tasks.pendulum import PendulumTask
 
 
 def guard_of(task):
@@ -141,3 +143,46 @@ def test_other_files_are_refused(tmp_path):
     np.savez(tmp_path / "future.npz", meta=np.array(json.dumps({"format": 99})))
     with pytest.raises(InputError, match="format 99, this version of simwarp reads 1"):
         replay(tmp_path / "future.npz")
+
+
+def spoiling(monkeypatch, method, name):
+    """Let a method of the pendulum return NaN in a world whose cart is beyond 0.5 m."""
+    plain = getattr(PendulumTask, method)
+
+    def spoilt(self):
+        values = plain(self)
+        far = self.views.joint_q[:, self.slide] > 0.5
+        value = values[name]
+        return values | {name: torch.where(far.view(-1, *(1,) * (value.dim() - 1)), torch.nan, value)}
+
+    monkeypatch.setattr(PendulumTask, method, spoilt)
+
+
+@pytest.mark.parametrize(("method", "name"), [("rewards", "alive"), ("observations", "policy")])
+@pytest.mark.parametrize("broken_before", [False, True])
+def test_a_value_that_is_not_finite_is_kept_and_repeated(tmp_path, monkeypatch, method, name, broken_before):
+    """Fails where only a break of the physics leaves a dump."""
+    spoiling(monkeypatch, method, name)
+    task = make("pendulum", 3, seed=5, guard_steps=20, max_angle=1e6, max_position=1e6, action_rise_time=0.0,
+                first_world=8)  # fmt: skip
+    guard_of(task).path = tmp_path / "broken.npz"
+    if broken_before:
+        task.step(torch.tensor([[-1.0], [torch.nan], [1.0]]))
+        task.drain_statistics()
+    steps = 0
+    while task.views.joint_q[2, task.slide] <= 0.5:
+        task.step(torch.tensor([[-1.0], [-1.0], [1.0]]))
+        steps += 1
+        assert steps < 1000, "the cart does not get there"
+    path = tmp_path / ("broken_value.npz" if broken_before else "broken.npz")
+    with pytest.raises(TaskStepError) as caught:
+        task.drain_statistics()
+    kind = method.removesuffix("s")
+    first = steps + int(broken_before)
+    assert f"{kind} '{name}' was NaN or infinite in 1 world-step of 3 worlds, first in world 10 at" in str(caught.value)
+    assert f"at control step {first} (step {first} of its episode 0)" in str(caught.value)
+    assert f"`simwarp replay {path}` repeats what led there" in str(caught.value)
+    report = replay(path)
+    assert report.value == f"{kind} '{name}'"
+    assert (report.world, report.episode_step, report.reproduced) == (10, first, True)
+    assert report.largest_difference == 0.0

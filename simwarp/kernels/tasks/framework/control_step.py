@@ -22,10 +22,13 @@ class Clocks:
 
 @wp.struct
 class Recording:
-    """The last control steps; a world's part stays as it is once its physics broke down. Of no length: none is made."""
+    """The last control steps; a world's part stays as it is once its physics broke down, or a value of the task was not
+    finite. Of no length: none is made.
+    """
 
     count: wp.array[wp.int64]  # (W,) control steps so far
     broken_at: wp.array[wp.int64]  # (W,) the count of the first break, -1 without one
+    value: wp.array[int]  # (W,) what broke then: 0 the physics, else 1 + the index of a value, as in `FirstBad`
     episode: wp.array[wp.int64]  # (W,) of the first break
     steps: wp.array[wp.int64]  # (W,)
     drawn_level: wp.array[float]  # (W,)
@@ -72,6 +75,18 @@ class Tally:
     reason_counts: wp.array2d[wp.int64]  # (W, R)
     successes: wp.array[wp.int64]  # (W,)
     bad_terms: wp.array2d[wp.int64]  # (W, T)
+
+
+@wp.struct
+class FirstBad:
+    """The first value of a task that was not finite while the physics was sound, a row for each agent."""
+
+    seen: wp.array[int]  # (1,) 1: there is one in any row
+    count: wp.array[wp.int64]  # (rows,) control steps judged so far
+    at: wp.array[wp.int64]  # (rows,) the count then, -1 without one
+    episode: wp.array[wp.int64]  # (rows,)
+    steps: wp.array[wp.int64]  # (rows,) of the episode
+    value: wp.array[int]  # (rows,) index of a reward term, or T + that of an observation group
 
 
 @wp.func
@@ -127,6 +142,16 @@ def move_actions(
         action[world, i] = request[world, i]
 
 
+@wp.func
+def hold_recording(world: int, count: wp.int64, value: int, clocks: Clocks, recording: Recording):
+    """Let the recording of a world stay as it is, for what broke in its step of this count."""
+    recording.broken_at[world] = count
+    recording.value[world] = value
+    recording.episode[world] = clocks.episode[world]
+    recording.steps[world] = clocks.steps[world]
+    recording.drawn_level[world] = clocks.drawn_level[world]
+
+
 @wp.kernel
 def count_step(
     status: wp.array[int], level: wp.array[float], request: wp.array2d[float], joint_q: wp.array2d[float],
@@ -151,10 +176,22 @@ def count_step(
         recording.joint_q[row, world, i] = joint_q[world, i]
         recording.joint_qd[row, world, i] = joint_qd[world, i]
     if is_broken(status, world):
-        recording.broken_at[world] = count
-        recording.episode[world] = clocks.episode[world]
-        recording.steps[world] = clocks.steps[world]
-        recording.drawn_level[world] = clocks.drawn_level[world]
+        hold_recording(world, count, 0, clocks, recording)
+
+
+@wp.func
+def note_bad(row: int, world: int, value: int, clocks: Clocks, bad: FirstBad, recording: Recording):
+    """Note a value that is not finite, and end the recording of its world: what led there is kept."""
+    if bad.at[row] < wp.int64(0):
+        bad.at[row] = bad.count[row]
+        bad.episode[row] = clocks.episode[world]
+        bad.steps[row] = clocks.steps[world]
+        bad.value[row] = value
+        bad.seen[0] = 1
+    # Right after a reset there is no step that could be repeated
+    if recording.request.shape[0] > 0 and clocks.steps[world] > wp.int64(0):
+        if recording.broken_at[world] < wp.int64(0):
+            hold_recording(world, recording.count[world] - wp.int64(1), 1 + value, clocks, recording)
 
 
 @wp.func
@@ -183,13 +220,14 @@ def is_terminal(row: int, broken: bool, terminal_count: int, flags: wp.array2d[w
 
 @wp.func
 def judge_row(
-    row: int, broken: bool, late: bool, steps: wp.int64, flags: wp.array2d[wp.bool], won: wp.array[wp.bool],
-    rules: Rules, verdict: Verdict, tally: Tally,
+    row: int, world: int, broken: bool, late: bool, flags: wp.array2d[wp.bool], won: wp.array[wp.bool], rules: Rules,
+    clocks: Clocks, verdict: Verdict, tally: Tally, bad: FirstBad, recording: Recording,
 ) -> bool:  # fmt: skip
     """Add up the rewards of a row, find out whether its episode is over and why, and keep statistics.
 
-    Args: row, whether the physics of its world broke down, whether its time is over, control steps of the episode.
+    Args: row, its world, whether the physics of it broke down, whether its time is over.
     """
+    bad.count[row] = bad.count[row] + wp.int64(1)
     reason = first_reason(row, broken, late, flags)
     ended = reason >= 0
     terminated = is_terminal(row, broken, rules.terminal_count, flags)
@@ -199,6 +237,7 @@ def judge_row(
         if not wp.isfinite(term) or broken:
             if not broken:
                 tally.bad_terms[row, i] = tally.bad_terms[row, i] + wp.int64(1)
+                note_bad(row, world, i, clocks, bad, recording)
             term = 0.0
         verdict.terms[row, i] = term
         reward = reward + term
@@ -209,7 +248,7 @@ def judge_row(
         tally.running[row, i] = running
     success = False
     if ended:
-        tally.length_sums[row] = tally.length_sums[row] + steps
+        tally.length_sums[row] = tally.length_sums[row] + clocks.steps[world]
         tally.reason_counts[row, reason] = tally.reason_counts[row, reason] + wp.int64(1)
         if rules.judged == 1:
             success = won[row] and not broken  # NaN makes every comparison false, and its negation true
@@ -227,8 +266,9 @@ def judge_row(
 
 
 @wp.func
-def leave_out(row: int, verdict: Verdict):
+def leave_out(row: int, verdict: Verdict, bad: FirstBad):
     """The verdict on an agent that was done before: nothing paid, nothing ended."""
+    bad.count[row] = bad.count[row] + wp.int64(1)
     for i in range(verdict.terms.shape[1]):
         verdict.terms[row, i] = 0.0
     verdict.rewards[row] = 0.0
@@ -251,13 +291,13 @@ def climbed(level: float, success: bool, rules: Rules, share: float) -> float:
 @wp.kernel
 def judge(
     status: wp.array[int], flags: wp.array2d[wp.bool], won: wp.array[wp.bool], rules: Rules, clocks: Clocks,
-    level: wp.array[float], verdict: Verdict, tally: Tally,
+    level: wp.array[float], verdict: Verdict, tally: Tally, bad: FirstBad, recording: Recording,
 ):  # fmt: skip
     """Judge a step of worlds of one agent each."""
     world = wp.tid()
     late = clocks.limit[world] >= rules.step_limit
     ended = judge_row(
-        world, is_broken(status, world), late, clocks.steps[world], flags, won, rules, verdict, tally
+        world, world, is_broken(status, world), late, flags, won, rules, clocks, verdict, tally, bad, recording
     )  # fmt: skip
     if rules.climbing[0] == 1 and ended:
         level[world] = climbed(level[world], verdict.success[world], rules, 1.0)
@@ -267,7 +307,8 @@ def judge(
 @wp.kernel
 def judge_agents(
     status: wp.array[int], flags: wp.array2d[wp.bool], won: wp.array[wp.bool], rules: Rules, clocks: Clocks,
-    level: wp.array[float], verdict: Verdict, tally: Tally, done: wp.array2d[wp.bool], acting: wp.array2d[wp.bool],
+    level: wp.array[float], verdict: Verdict, tally: Tally, bad: FirstBad, recording: Recording,
+    done: wp.array2d[wp.bool], acting: wp.array2d[wp.bool],
 ):  # fmt: skip
     """Judge a step of worlds of several agents: a world's episode is over once all of its agents are done.
 
@@ -284,13 +325,15 @@ def judge_agents(
         part = not done[world, agent]
         acting[world, agent] = part
         if part:
-            over = judge_row(row, broken, late, clocks.steps[world], flags, won, rules, verdict, tally)
+            over = judge_row(
+                row, world, broken, late, flags, won, rules, clocks, verdict, tally, bad, recording
+            )  # fmt: skip
             done[world, agent] = over
             all_done = all_done and over
             if rules.climbing[0] == 1 and over:
                 level[world] = climbed(level[world], verdict.success[row], rules, 1.0 / float(agents))
         else:
-            leave_out(row, verdict)
+            leave_out(row, verdict, bad)
     verdict.ended[world] = all_done
 
 
@@ -326,18 +369,25 @@ def begin_episodes(mask: wp.array[wp.bool], level: wp.array[float], clocks: Cloc
 
 
 @wp.kernel
-def count_bad(group: wp.array2d[float], column: int, counts: wp.array2d[wp.int64]):
-    """Count the worlds whose observation is not finite."""
+def count_bad(
+    group: wp.array2d[float], column: int, counts: wp.array2d[wp.int64], value: int, clocks: Clocks, bad: FirstBad,
+    recording: Recording,
+):  # fmt: skip
+    """Count the worlds whose observation is not finite.
+
+    Args: observation, its column of the counts and those, its index among the values of the task.
+    """
     world = wp.tid()
     for i in range(group.shape[1]):
         if not wp.isfinite(group[world, i]):
             counts[world, column] = counts[world, column] + wp.int64(1)
+            note_bad(world * (bad.at.shape[0] // group.shape[0]), world, value, clocks, bad, recording)
             return
 
 
 @wp.func
 def is_kept(broken_at: wp.array[wp.int64], row: int, rows: int) -> bool:
-    """Whether a row of an array, of which each world has the same number, belongs to a world that still runs well."""
+    """Whether a row of an array, of which each world has the same number, belongs to a world that is recorded."""
     return broken_at[row * broken_at.shape[0] // rows] < wp.int64(0)
 
 
