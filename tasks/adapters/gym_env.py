@@ -18,6 +18,7 @@ from gymnasium.vector.utils import batch_space
 from ..framework.registry import make, task_names
 from ..framework.rows import refuse_agents
 from ..framework.task import StepResult, Task
+from .iterations import Iterations
 from .rendering import RENDER_MODES, RENDER_SIZE, Frames, TaskRenderer, check_rendering, metadata_of
 
 Observation = Any
@@ -71,10 +72,13 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         max_episode_steps: replaces the task's own limit.
         render_mode: ``rgb_array``: :meth:`render` returns frames; None: it does not.
         render_size: width and height of a frame [pixels], even.
+        level: of the curriculum in [0, 1], held until :meth:`set_level`; None: 1, or as `steps_per_iteration` moves it.
+        steps_per_iteration: control steps after which a training iteration begins, so that the curriculum moves as in
+            ``simwarp train``; None: none begins.
         overrides: fields of the task's configuration.
 
     Raises:
-        InputError: there is no such task, device or render mode, or a field or size is wrong.
+        InputError: there is no such task, device or render mode, or a field, size or level is wrong.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium looks at the class, each environment has its own
@@ -92,6 +96,8 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
         render_size: tuple[int, int] = RENDER_SIZE,
+        level: float | None = None,
+        steps_per_iteration: int | None = None,
         **overrides: Any,
     ) -> None:
         check_rendering(render_mode, render_size)
@@ -110,16 +116,30 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+        self._iterations = Iterations(self.task, level, steps_per_iteration)
+
+    def set_level(self, level: float | Any) -> None:
+        """Hold the curriculum's level from the next episodes on: one number in [0, 1], or (W,) of them."""
+        self._iterations.hold(level)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin new episodes everywhere; with a seed the same ones again."""
+        """Begin new episodes everywhere; with a seed the same ones again.
+
+        Args:
+            seed: of the episodes; None goes on with that of before.
+            options: ``level`` is that of :meth:`set_level`.
+        """
         super().reset(seed=seed)
+        if options and "level" in options:
+            self.set_level(options["level"])
         self._returns[:] = 0.0
         self._lengths[:] = 0
         self._renderer.restart()
-        return to_numpy(self.task.restart(seed=seed)), {}
+        groups = self.task.restart(seed=seed)
+        self.task.check_values()
+        return to_numpy(groups), {}
 
     def render(self) -> tuple[Frames, ...] | None:
         """Return a frame, (height, width, 3) uint8 sRGB, of every world; None without a render mode.
@@ -134,8 +154,10 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Advance all worlds; ``actions`` is (W, A)."""
+        self._iterations.advance()
         batch = torch.as_tensor(np.asarray(actions, dtype=np.float32), device=self.task.device)
         result = self.task.step(batch)
+        self.task.check_values()
         self._renderer.advance()
         rewards = result.rewards.cpu().numpy().copy()
         terminated = result.terminated.cpu().numpy().copy()
@@ -179,10 +201,12 @@ class TaskEnv(gym.Env[Any, Any]):
         seed: seed; ``reset(seed=...)`` replaces it.
         render_mode: ``rgb_array``: :meth:`render` returns frames; None: it does not.
         render_size: width and height of a frame [pixels], even.
+        level: of the curriculum in [0, 1], held until :meth:`set_level`; None: 1, or as `steps_per_iteration` moves it.
+        steps_per_iteration: control steps after which a training iteration begins, as of a `TaskVectorEnv`.
         overrides: fields of the task's configuration.
 
     Raises:
-        InputError: there is no such task, device or render mode, or a field or size is wrong.
+        InputError: there is no such task, device or render mode, or a field, size or level is wrong.
     """
 
     metadata: dict[str, Any] = {"render_modes": [*RENDER_MODES]}  # noqa: RUF012 - as above
@@ -195,6 +219,8 @@ class TaskEnv(gym.Env[Any, Any]):
         seed: int = 0,
         render_mode: str | None = None,
         render_size: tuple[int, int] = RENDER_SIZE,
+        level: float | None = None,
+        steps_per_iteration: int | None = None,
         **overrides: Any,
     ) -> None:
         check_rendering(render_mode, render_size)
@@ -206,6 +232,11 @@ class TaskEnv(gym.Env[Any, Any]):
         self._last_frame: Frames | None = None
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
+        self._iterations = Iterations(self.task, level, steps_per_iteration)
+
+    def set_level(self, level: float) -> None:
+        """Hold the curriculum's level from the next episode on, in [0, 1]."""
+        self._iterations.hold(level)
 
     def __repr__(self) -> str:
         return f"TaskEnv of task '{self.task.name}' on {self.task.device}, render mode {self.render_mode}"
@@ -218,11 +249,20 @@ class TaskEnv(gym.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a new episode; with a seed the same one again."""
+        """Begin a new episode; with a seed the same one again.
+
+        Args:
+            seed: of the episode; None goes on with that of before.
+            options: ``level`` is that of :meth:`set_level`.
+        """
         super().reset(seed=seed)
+        if options and "level" in options:
+            self.set_level(options["level"])
         self._renderer.restart()
         self._last_frame = None
-        return self._first(to_numpy(self.task.restart(seed=seed))), {}
+        groups = self.task.restart(seed=seed)
+        self.task.check_values()
+        return self._first(to_numpy(groups)), {}
 
     def render(self) -> Frames | None:
         """Return a frame, (height, width, 3) uint8 sRGB; None without a render mode.
@@ -253,9 +293,11 @@ class TaskEnv(gym.Env[Any, Any]):
             Observation, reward, terminated, truncated and info, as ``gymnasium.Env.step``.
         """
         batch = torch.as_tensor(np.asarray(action, dtype=np.float32), device=self.task.device).reshape(1, -1)
+        self._iterations.advance()
         self._last_frame = None
         self._renderer.advance()
         result = self.task.step(batch)
+        self.task.check_values()
         terminated, truncated = bool(result.terminated.item()), bool(result.truncated.item())
         info: dict[str, Any] = {}
         groups = result.observations

@@ -110,6 +110,7 @@ class TaskParallelEnv(_Base):  # type: ignore[misc,unused-ignore]
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Values, Values]:
         """Begin a new episode, with a seed the same one again; return observations and infos by agent."""
         groups = self.task.restart(seed=seed)
+        self.task.check_values()
         self.agents = [*self.possible_agents]
         self._renderer.restart()
         return self._by_agent(to_numpy(groups), self.agents), {agent: {} for agent in self.agents}
@@ -139,6 +140,7 @@ class TaskParallelEnv(_Base):  # type: ignore[misc,unused-ignore]
             rows[0, self._index(agent)] = self._numbers(agent, actions[agent])
         batch = torch.as_tensor(rows, device=self.task.device).view(self.task.action.shape)
         result = self.task.step(batch)
+        self.task.check_values()
         self._renderer.advance()
         ended = (result.terminated | result.truncated).view(-1).tolist()
         self.agents = [agent for agent in acting if not ended[self._index(agent)]]

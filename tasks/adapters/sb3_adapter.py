@@ -13,7 +13,7 @@ so that no ``VecMonitor`` is needed; and ``is_success``.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,8 @@ class SB3VecEnv(VecEnv):
         num_envs: number of worlds, for a name.
         device: device of the physics, for a name.
         seed: seed, for a name; ``seed(...)`` before a reset replaces it.
-        overrides: fields of the task's configuration.
+        overrides: fields of the task's configuration, and what :class:`~simwarp.tasks.TaskVectorEnv` takes beside them:
+            ``level`` and ``steps_per_iteration`` of the curriculum, ``render_mode`` and ``render_size``.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class SB3VecEnv(VecEnv):
         self._started = time.monotonic()
         self._actions: npt.NDArray[np.float32] | None = None
         super().__init__(self.batch.num_envs, self.batch.single_observation_space, self.batch.single_action_space)
+        self.metadata["render_fps"] = self.batch.metadata["render_fps"]  # of films
 
     def reset(self) -> Observation:
         """Begin new episodes everywhere and return the observations; after ``seed(n)`` the same ones again."""
@@ -80,6 +82,21 @@ class SB3VecEnv(VecEnv):
                 "end_reason": facts["end_reason"][world],
             }
         return observations, rewards, done, infos
+
+    def set_level(self, level: float | npt.NDArray[Any]) -> None:
+        """Hold the curriculum's level from the next episodes on: one number in [0, 1], or (W,) of them."""
+        self.batch.set_level(level)
+
+    def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
+        """Return a frame, (height, width, 3) uint8 sRGB, of every world; None of each without a render mode.
+
+        ``render()`` tiles them to one picture, and `VecVideoRecorder` writes that as a film.
+
+        Raises:
+            InputError: the task has neither bodies nor a drawing.
+        """
+        frames = self.batch.render()
+        return [None] * self.num_envs if frames is None else list(frames)
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -14,6 +14,7 @@ import warp as wp
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import ReadableFields
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
+from simwarp.tasks.framework.errors import TaskStepError
 from simwarp.tasks.framework.registry import agents_in_world
 from simwarp.tasks.framework.rows import Rows
 
@@ -202,10 +203,22 @@ class EvaluationCallback:
 
 
 def evaluate(
-    task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: EvaluationCallback | None = None
-) -> Evaluation:
-    """Run exactly ``episodes`` episodes, of agents, from a fresh start and return their statistics."""
+    task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: EvaluationCallback | None = None,
+    level: float | None = None,
+) -> Evaluation:  # fmt: skip
+    """Run exactly ``episodes`` episodes, of agents, from a fresh start and return their statistics.
+
+    Args:
+        task: its worlds.
+        policy: that acts.
+        episodes: that count.
+        seed: of the worlds.
+        watcher: who looks on.
+        level: of the curriculum, held from here on; None: as it is, which is 1 outside training.
+    """
     _check_episodes(episodes)
+    if level is not None:
+        task.set_level(level)
     task.keep_final_observations = False
     rows = Rows(task)
     observations = rows.restart(seed)
@@ -229,13 +242,23 @@ def evaluate(
             warned = True
             watcher.warn(f"the policy returns NaN or infinity, since step {step} or before")
     watcher.end(tally)
-    # What follows from such actions is not the task's fault
-    with contextlib.suppress(*((TaskError,) if int(bad) else ())):
+    try:
         task.drain_statistics()
+    except TaskError:
+        # What follows from such actions is not the task's fault, unless they follow from what it shows
+        if not int(bad) or _acts_well(policy, observations):
+            raise
     evaluation = dataclasses.replace(tally.evaluation(task.end_reasons), bad_actions=int(bad))
     if evaluation.problem and not warned:
         watcher.warn(evaluation.problem)
     return evaluation
+
+
+def _acts_well(policy: Policy, observations: dict[str, torch.Tensor]) -> bool:
+    """Whether a policy returns finite actions for observations (W, ...) once these are finite."""
+    reset_memory(policy)
+    finite = {name: group.nan_to_num(0.0, 0.0, 0.0) for name, group in observations.items()}
+    return not int(bad_actions(policy(finite)))
 
 
 def _check_episodes(episodes: int) -> None:
@@ -255,6 +278,8 @@ def evaluate_policies(
     baselines: bool = True,
     capture: bool = True,
     watch: Callable[[str], EvaluationCallback] | None = None,
+    kept: Path | None = None,
+    level: float | None = None,
 ) -> Iterator[tuple[str, Evaluation]]:
     """Evaluate a policy and then, on the same worlds, the one that does nothing and the random one.
 
@@ -269,6 +294,11 @@ def evaluate_policies(
         baselines: True if the other two are evaluated at all.
         capture: capture control steps into a CUDA graph, where there is a CUDA device.
         watch: given a name, returns who looks on.
+        kept: file for the steps that led to a value of the task that is not finite; None keeps none.
+        level: of the curriculum in [0, 1]; None: 1.
+
+    Raises:
+        TaskStepError: the task broke its contract.
 
     Yields:
         Name (``policy``, ``zero`` or ``random``) and evaluation, as soon as it is known.
@@ -282,8 +312,14 @@ def evaluate_policies(
     if baselines:
         policies |= {"zero": zero_policy(task), "random": random_policy(task)}
     for name, policy in policies.items():
-        watcher = None if watch is None else watch(name)
-        yield name, evaluate(task, policy, episodes, seed, watcher=watcher)
+        watcher = EvaluationCallback() if watch is None else watch(name)
+        try:
+            evaluation = evaluate(task, policy, episodes, seed, watcher=watcher, level=level)
+        except TaskStepError:
+            if kept is not None and task.guard is not None and task.guard.dump is not None:
+                watcher.warn(f"`simwarp replay {task.guard.write(kept)}` repeats what led to the error")
+            raise
+        yield name, evaluation
 
 
 def evaluate_with_baselines(

@@ -6,12 +6,13 @@ import dataclasses
 import functools
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from simwarp.core.stopping import StopRequest
-from simwarp.tasks import Task, TaskConfig
+from simwarp.tasks import Driver, Task, TaskConfig
 
 from ..networks.policies import Policy
 from ..runs.progress import LiveLine, duration
@@ -20,6 +21,9 @@ from .evaluation import CHECK_INTERVAL, EpisodeRecords, Evaluation, EvaluationCa
 
 POLICY_NAMES = {"policy": "policy", "zero": "zero action", "random": "random"}
 """Labels of the policies of :func:`evaluate_policies`."""
+
+LEVEL = "level"
+"""Key of a grid, and of results, that stands for the curriculum's level, unless a task has a field of that name."""
 
 _LEAST = 0.02
 """Share of an evaluation from which its time is judged: before, kernels are compiled."""
@@ -32,15 +36,23 @@ class GridPoint:
     Attributes:
         values: field of the task's configuration -> its value; empty where there is no grid.
         config: the whole configuration.
+        level: of the curriculum in [0, 1].
     """
 
     values: Mapping[str, Any]
     config: TaskConfig
+    level: float = 1.0
 
     @property
     def label(self) -> str:
         """``obstacles = 30, hills = 0.5``."""
         return ", ".join(f"{key} = {shown(value)}" for key, value in self.values.items())
+
+
+def has_curriculum(config: TaskConfig) -> bool:
+    """Return True if a training moves the level of a task, or a range opens with it."""
+    grows = any(each.grows for each in config.uncertainty.randomise.values())
+    return grows or config.curriculum.driver is not Driver.NONE
 
 
 @dataclasses.dataclass
@@ -71,7 +83,10 @@ class PointResult:
         # A metric of the same name as a key gives way
         plain = {key: value for key, value in plain.items() if key in usual or key not in self.point.values}
         baselines = {name: value.as_json() for name, value in self.evaluations.items() if name != "policy"}
-        return {**self.point.values, **plain, **({"baselines": baselines} if baselines else {})}
+        # A task without a curriculum may have a metric of that name, which has it still where no level was asked for
+        own = LEVEL in plain and self.point.level == 1.0 and not has_curriculum(self.point.config)
+        level = {} if own or LEVEL in self.point.values else {LEVEL: self.point.level}
+        return {**self.point.values, **plain, **level, **({"baselines": baselines} if baselines else {})}
 
 
 class EvaluationStoppedError(Exception):
@@ -232,6 +247,7 @@ class GridSettings:
         baselines: True if doing nothing and chance are evaluated too.
         capture: control steps are captured into a CUDA graph, where there is a CUDA device.
         paths_driven: True if the paths of the policy's first episodes are noted.
+        kept: file for the steps that led to a value of the task that is not finite; None keeps none.
     """
 
     episodes: int
@@ -241,6 +257,7 @@ class GridSettings:
     baselines: bool = False
     capture: bool = True
     paths_driven: bool = True
+    kept: Path | None = None
 
 
 def _watch(
@@ -288,7 +305,8 @@ def evaluate_grid(
         for policy, evaluation in evaluate_policies(
             task_name, make_policy, config=point.config, episodes=settings.episodes, seed=settings.seed,
             device=settings.device, num_envs=settings.num_envs, baselines=settings.baselines, capture=settings.capture,
-            watch=functools.partial(_watch, point, settings, display, stop, recorder),
+            watch=functools.partial(_watch, point, settings, display, stop, recorder), kept=settings.kept,
+            level=point.level,
         ):  # fmt: skip
             if found is None:
                 found = PointResult(point, {}, recorder.paths_driven if recorder is not None else None, 0.0)

@@ -19,12 +19,14 @@ from simwarp.core.files import check_output, output_error
 from simwarp.tasks import config_to_plain
 from simwarp.train.evaluation.evaluation import Evaluation
 from simwarp.train.evaluation.grid import (
+    LEVEL,
     POLICY_NAMES,
     EvaluationStoppedError,
     GridPoint,
     GridSettings,
     PointResult,
     axes_of,
+    has_curriculum,
     shown,
     words,
 )
@@ -70,6 +72,14 @@ class Report:
         """True if there are keys."""
         return bool(self.points[0].values)
 
+    @property
+    def at_level(self) -> str:
+        """`` at level 0.2``, where a task has a curriculum or a level was asked for, the same at all points."""
+        point = self.points[0]
+        if LEVEL in point.values or (point.level == 1.0 and not has_curriculum(point.config)):
+            return ""
+        return f" at level {shown(point.level)}"
+
     def content(self) -> dict[str, Any]:
         """Return the content of ``--json``."""
         head: dict[str, Any] = {"task": self.task, "checkpoint": str(self.source.path), "seed": self.settings.seed}
@@ -100,22 +110,37 @@ class Report:
             return False
         self.show(console)
         self.draw()
+        trained = self._trained_level()
+        if trained is not None:
+            text = f"training ended at a mean level of {trained:.2g}; --level {trained:.2g} evaluates there"
+            console.print(text, highlight=False, markup=False, soft_wrap=True)
         console.print(f"policy: {self.source.origin}", highlight=False, markup=False, soft_wrap=True)
         if self.written:
             names = ", ".join(path.name for path in self.written)
             console.print(f"wrote {self.folder}: {names}", highlight=False, markup=False, soft_wrap=True)
         return True
 
+    def _trained_level(self) -> float | None:
+        """Return the mean level at which the policy's training ended, if it was below that of the evaluation."""
+        worlds = self.source.content.get("worlds") if self.source.content else None
+        level = worlds.get("level") if isinstance(worlds, Mapping) else None
+        if level is None or not has_curriculum(self.points[0].config):
+            return None
+        mean = round(float(level.mean()), 2)
+        return mean if mean < min(point.level for point in self.points) else None
+
     # ---- tables ------------------------------------------------------------------------------------------------
 
     def show(self, console: Console) -> None:
         """Print the tables, and what was left unfinished."""
         if self.results and not self.is_grid:
-            _show_point(console, f"{self.task}, {self.settings.episodes} episodes", self.results[0])
+            _show_point(console, f"{self.task}, {self.settings.episodes} episodes{self.at_level}", self.results[0])
         elif self.results:
             keys = axes_of(self.points)
             for policy in dict.fromkeys(name for result in self.results for name in result.evaluations):
-                title = f"{self.task}: {POLICY_NAMES[policy]}, {self.settings.episodes} episodes per point"
+                title = (
+                    f"{self.task}: {POLICY_NAMES[policy]}, {self.settings.episodes} episodes per point{self.at_level}"
+                )
                 found = {
                     tuple(result.point.values.values()): result.evaluations[policy]
                     for result in self.results
@@ -149,7 +174,7 @@ class Report:
 
         origin = self.source.origin.replace(str(self.source.path), "/".join(self.source.path.parts[-4:]))
         each = " per point" if self.is_grid else ""
-        note = f"{self.settings.episodes} episodes{each}, seed {self.settings.seed}, {origin}"
+        note = f"{self.settings.episodes} episodes{each}{self.at_level}, seed {self.settings.seed}, {origin}"
         if self.is_grid:
             target = self._note_file("success.png")
             draw_success(target, f"{self.task}: success rate, 95 % intervals", note, self.points, self.results)

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.evaluation.grids import grid_points
+from simwarp.cli.evaluation.grids import grid_points, level_of
 from simwarp.cli.options import CommonOptions, option_value
 from simwarp.cli.policy_command import policy_command
 from simwarp.core.files import OutputError
@@ -36,10 +36,14 @@ class EvalOptions(CommonOptions):
     """Seed of the worlds, other than that of training."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
+    level: float = 1.0
+    """Level of the curriculum in [0, 1], held throughout: 1 is the whole difficulty, at which tasks are outside of
+    training."""
     capture: bool = True
     """Capture each control step into a CUDA graph; of no effect on a CPU."""
     grid: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KEY=a,b,c")] = ()
-    """Evaluate for each value of a field of the task's configuration; given again, for every combination."""
+    """Evaluate for each value of a field of the task's configuration, or of `level`; given again, for every
+    combination."""
     baselines: bool = True
     """Evaluate the zero-action and the random policy too; with --grid by default not: it takes thrice the time."""
     plot: Path | None = None
@@ -70,7 +74,8 @@ def run(arguments: list[str]) -> int:
     options.check(source.path)
     _check_counts(options)
     # All points are checked before the first one is evaluated
-    points = grid_points(options.grid, options.task, lambda words: _task_of(command.options(words)))
+    level = level_of("--level", options.level)
+    points = grid_points(options.grid, options.task, lambda words: _task_of(command.options(words)), level)
     settings = GridSettings(
         episodes=options.episodes,
         seed=options.seed,
@@ -81,6 +86,7 @@ def run(arguments: list[str]) -> int:
         paths_driven=bool(options.grid) or options.plot is not None,
     )
     folder = open_folder(options.plot, name, bool(options.grid))
+    settings = dataclasses.replace(settings, kept=(folder or Path()) / f"{name}-broken.npz")
     report, console = Report(name, source, settings, points, folder), options.console()
     with stop_on_signals() as stop:
         try:

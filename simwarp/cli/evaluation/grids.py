@@ -57,23 +57,31 @@ def refuse_twice(key: str, values: Sequence[str]) -> None:
         raise UsageError(f"--grid {shortened(key)} has the value {shortened(twice)} twice: leave one away")
 
 
-def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[str]], TaskConfig]) -> list[GridPoint]:
+def grid_points(
+    texts: Sequence[str], base: TaskConfig, parse: Callable[[list[str]], TaskConfig], level: float = 1.0
+) -> list[GridPoint]:
     """Return every combination of the values of some grids; one point without values where there are none.
+
+    The key ``level`` stands for the curriculum's, unless the task has a field of that name.
 
     Args:
         texts: of ``--grid``.
         base: the configuration without them.
         parse: returns the configuration with further words of the command line, so that values are typed and checked
             like those of any other option.
+        level: of the curriculum where no grid has it.
 
     Raises:
         UsageError: a text is wrong, or one of its values.
+        InputError: a level is none.
     """
-    from simwarp.train.evaluation.grid import GridPoint
+    from simwarp.train.evaluation.grid import LEVEL, GridPoint
 
     axes = with_new_names("--grid", grid_axes(texts), getattr(base, RENAMED, {}))
     if not axes:
-        return [GridPoint({}, base)]
+        return [GridPoint({}, base, level)]
+    keys = list(axes)
+    levels = axes.pop(LEVEL, None) if field_of(base, LEVEL) is None else None
     if "obs" in axes:
         raise UsageError("--grid obs: a policy knows one kind of observations; evaluate once per policy, with --obs")
     for key in axes:
@@ -86,7 +94,34 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
         return option_words(f"task.{key}", word, field_of(base, key), f"--grid {key}")
 
     points = combinations(axes, words_of, lambda words: parse(with_named(words, base)), field_of, told_value)
-    return [GridPoint(values, config) for values, config in points]
+    if levels is None:
+        return [GridPoint(values, config, level) for values, config in points]
+    wanted = [level_of(f"--grid {LEVEL}", word) for word in levels]
+    refuse_twice(LEVEL, [f"{each:g}" for each in wanted])
+    pairs = [(each, point) for each in wanted for point in points]
+    if keys[0] != LEVEL:
+        pairs = [(each, point) for point in points for each in wanted]
+    return [
+        GridPoint({key: each if key == LEVEL else values[key] for key in keys}, config, each)
+        for each, (values, config) in pairs
+    ]
+
+
+def level_of(told: str, word: str | float) -> float:
+    """Return a level of a curriculum.
+
+    Raises:
+        UsageError: it is no number.
+        InputError: it is not in [0, 1].
+    """
+    from simwarp.tasks.framework.levels import checked_level
+
+    try:
+        level = float(word)
+    except ValueError:
+        raise UsageError(f"{told} must be a number in [0, 1], got '{shortened(str(word))}'") from None
+    checked_level(told, level)
+    return level
 
 
 def named_of(config: TaskConfig, key: str) -> bool:
