@@ -28,8 +28,8 @@ CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, -5.0, 2.0), "fov": 1.0, "near": 0.01,
     "far": 1000.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0),
 }  # fmt: skip
-PATIENCE = 20.0
-"""Longest wait for anything to arrive [s]."""
+PATIENCE = 200.0
+"""Longest wait for anything to arrive [s]: kernels may have to be compiled, and the machine may have other work."""
 
 
 def with_arrays(message: Any, content: dict[str, Any], data: bytes, place: int) -> Any:

@@ -262,6 +262,11 @@ def picture(page: ViserClient, label: str) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(bytes(data))))
 
 
+def charts(page: ViserClient) -> list[dict[str, Any]]:
+    """Properties of the charts that have reached a page."""
+    return [each["props"] for each in [*page.gui.values()] if "series" in each["props"]]
+
+
 def test_pictures_points_and_lines_of_sensors():
     simulation, scene = sensed_scene(2)
     with opened(simulation, scene) as (view, page):
@@ -284,13 +289,12 @@ def test_pictures_points_and_lines_of_sensors():
         assert ahead[:, 0] == pytest.approx(np.full(len(ahead), 0.5 + DISTANCE), abs=2e-3)
         page.set("Sensor", "imu")
         page.wait(lambda: "/world/returns" not in page.nodes)
-        charts = [each["props"] for each in page.gui.values() if "series" in each["props"]]
-        page.wait(lambda: any(len(each["props"]["data"][0]) for each in page.gui.values() if "series" in each["props"]))
-        assert [line["label"] for line in charts[0]["series"]][1] == "ax m/s²"
+        page.wait(lambda: any(len(chart["data"][0]) for chart in charts(page)))
+        assert [line["label"] for line in charts(page)[0]["series"]][1] == "ax m/s²"
         page.set("Sensor", "gps")
         page.wait(lambda: any("° N" in text for text in page.texts()))
         page.set("Sensor", "none")
-        page.wait(lambda: not [each for each in page.gui.values() if "series" in each["props"]])
+        page.wait(lambda: not charts(page))
 
 
 # ---- plots
@@ -310,25 +314,26 @@ def test_lines_are_read_only_when_they_are_chosen():
 
     subject.series = {name: counted(name, read) for name, read in subject.series.items()}
     with opened(subject) as (view, page):
+        chart = page.wait(lambda: charts(page))[0]  # elements of a page come one after the other
+        page.wait(lambda: page.has("Series") and page.has("Line"))
         page.set("Series", "q slide")
-        charts = [each["props"] for each in page.gui.values() if "series" in each["props"]]
-        assert [chart["visible"] for chart in charts] == [False]
+        assert not chart["visible"]
         page.click("Line", "add")
-        page.wait(lambda: charts[0]["visible"])
+        page.wait(lambda: chart["visible"])
         simulation.set_joint_state(None, np.array([[0.0, 0.3], [0.0, 0.0]]), None)
         for _ in range(3):
             asked["q slide"] = 0
             step(view, page)
             page.wait(lambda: asked["q slide"] > 0)
-        page.wait(lambda: len(charts[0]["data"][0]) >= 2)
-        assert charts[0]["data"][1][-1] == pytest.approx(0.3, abs=1e-6)
+        # Points are drawn some times a second: the last one follows the last step in its own time
+        page.wait(lambda: len(chart["data"][0]) >= 2 and chart["data"][1][-1] == pytest.approx(0.3, abs=1e-6))
         assert asked["q hinge"] == 0
         page.set("Series", "q hinge")
         page.click("Line", "add")  # the same chart: one that is removed would still be sent points
-        page.wait(lambda: len(charts[0]["series"]) == 3)
-        assert any(each["props"] is charts[0] for each in page.gui.values())
+        page.wait(lambda: len(chart["series"]) == 3)
+        assert any(each["props"] is chart for each in page.gui.values())
         page.click("Line", "clear")
-        page.wait(lambda: not charts[0]["visible"])
+        page.wait(lambda: not chart["visible"])
 
 
 def test_a_task_names_rewards_observations_and_joints():

@@ -22,7 +22,7 @@ from simwarp.train.runs.training import train
 from simwarp.viewer.live import LiveView
 from simwarp.viewer.live.training_panel import TrainingPanel
 
-PATIENCE = 10.0
+PATIENCE = 200.0
 """Longest wait, on a machine that has other things to do [s]."""
 
 
