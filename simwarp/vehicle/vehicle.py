@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -202,6 +203,7 @@ class Vehicles(Readable):
             outputs=[self._powertrain_state, self._motion, control],
         )  # fmt: skip
         if not isinstance(self.tires, Tires):
+            self._warn_of_missing_ground(simulation)
             return [inputs, *self.tires.record(simulation)]
         tires = simulation.shares.record(
             apply_tires, self.tires.shape[1],
@@ -212,6 +214,14 @@ class Vehicles(Readable):
             outputs=[control.element_force, control.element_torque],
         )  # fmt: skip
         return [inputs, tires]
+
+    def _warn_of_missing_ground(self, simulation: StepContext) -> None:
+        assert not isinstance(self.tires, Tires)  # these have a plane at least
+        missing = self.tires.missing_ground(simulation, {body for each in self.parts for body in each.bodies})
+        if missing:
+            spec = self.parts[0].spec
+            text = f"vehicle '{spec.name}': its {spec.axles[0].tire.template} tires have nothing to stand on: {missing}"
+            warnings.warn(text, stacklevel=5)
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motions after a sub-step."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any, Self
 
 import warp as wp
@@ -71,6 +71,19 @@ class RigidTires(WheelReports):
         frictions = model.shape_friction.numpy()
         self._own_friction: wp.array = wp.array(frictions[0, list(shapes)], dtype=float, device=device)
         self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
+
+    def missing_ground(self, simulation: StepContext, own: Container[int]) -> str:
+        """Return what is missing for the wheels to stand on, in words; empty if nothing is.
+
+        Args:
+            simulation: of the vehicle.
+            own: bodies of the vehicles, on whose shapes they do not stand.
+        """
+        model = simulation.model
+        bodies = model.topology.shape_body.numpy()[model.shapes_that_meet]
+        if any(int(body) not in own for body in bodies):
+            return ""
+        return "the model has no other shape that could meet their wheels; add one, such as builder.add_shape_plane()"
 
     def of(self, first: int, count: int) -> Self:
         """`count` wheels of these from number `first` on: views of the same memory."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import warp as wp
@@ -60,6 +60,17 @@ class SoilTires(WheelReports):
         for name, told in (("load", "load"), ("slip_ratio", "slip_ratio"), ("deflection", "sinkage")):
             setattr(self, name, getattr(soil, told)[:, wheels])
         self.force_w, self.torque_w = soil.force_w[:, wheels], soil.torque_w[:, wheels]
+
+    def missing_ground(self, simulation: StepContext, own: Container[int]) -> str:
+        """Return what is missing for the wheels to stand on, in words; empty if nothing is.
+
+        Args:
+            simulation: of the vehicle.
+            own: of no effect: soil is no shape.
+        """
+        if any(hasattr(element, "sinkage") for element in simulation.elements):
+            return ""
+        return "the Simulation has no Soil; give it elements=[vehicle, soil_under(vehicle)]"
 
     def record(self, simulation: StepContext) -> Sequence[Any]:
         """Nothing comes before a sub-step: the soil records its own launches."""

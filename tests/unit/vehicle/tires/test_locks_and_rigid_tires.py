@@ -1,11 +1,13 @@
 """Clutches across differentials, and tires that are shapes in contact."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.soil.vehicle_wheels import soil_under
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
@@ -126,3 +128,25 @@ def test_mixed_tires_and_unknown_parameters_are_refused():
     wrong = dataclasses.replace(other, axles=tuple(dataclasses.replace(axle, tire=tire) for axle in other.axles))
     with pytest.raises(SpecError, match=r"axles\[0\]\.tire\.parameters\.grip: unknown key"):
         add_vehicle(sw.ModelBuilder(), wrong)
+
+
+@pytest.mark.parametrize("tire", ["rigid", "soil-rigid", "tmeasy"])
+@pytest.mark.parametrize("grounded", [False, True])
+def test_tires_that_have_nothing_to_stand_on_are_told(tire, grounded):
+    """Fails where such a vehicle falls for ever without a word. Tires with a law of their own have a plane."""
+    builder = sw.ModelBuilder()
+    parts = add_vehicle(builder, with_options(load_vehicle("hmmwv-reduced"), tire=tire))
+    if grounded and tire == "rigid":
+        builder.add_shape_plane()
+    model = builder.finalize(1, "cpu", per_world=per_world())
+    vehicle = Vehicle(parts, model)
+    soil = [soil_under(vehicle)] if grounded and tire == "soil-rigid" else []
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        sw.Simulation(model, DT, elements=[vehicle, *soil], solver=VEHICLE_SOLVER)
+    found = [str(each.message) for each in told if "stand on" in str(each.message)]
+    if grounded or tire == "tmeasy":
+        assert found == []
+    else:
+        assert len(set(found)) == 1
+        assert found[0].startswith(f"vehicle 'hmmwv-reduced': its {tire} tires have nothing to stand on: the ")
