@@ -16,7 +16,8 @@ from simwarp.core.readable import plural
 from simwarp.core.types import shown
 
 from .drawing import Drawing, Line
-from .errors import TaskError, TaskStepError
+from .errors import TaskError, TaskStepError, broken
+from .escapes import named_escapes
 from .interface_checks import Worlds, check_batch, check_flags, check_observations, check_terms
 from .statistics import EpisodeSummary
 
@@ -111,28 +112,34 @@ class Contract:
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the task's own state, name -> (...)."""
-        return self._held("extra_state", "state", self._task.extra_state(), _check_state)
+        with named_escapes():
+            state = self._task.extra_state()
+        return self._held("extra_state", "state", state, _check_state)
 
     def on_iteration(self, iteration: int) -> dict[str, torch.Tensor]:
         """Begin a training iteration; return what is logged, name -> (W,)."""
-        logged = self._task.on_iteration(iteration)
+        with named_escapes():
+            logged = self._task.on_iteration(iteration)
         return self._held("on_iteration", "value", {} if logged is None else logged, _check_logged)
 
     def step_limit(self) -> torch.Tensor:
         """Return the control steps after which episodes are over, (W,)."""
-        value = {"step_limit": self._task.step_limit()}
+        with named_escapes():
+            value = {"step_limit": self._task.step_limit()}
         return self._held("step_limit", "limit", value, _check_limit)["step_limit"]
 
     def map_position(self) -> torch.Tensor | None:
         """Return the agent's position, (W, 3) [m]; None if it has none."""
-        value = self._task.map_position()
+        with named_escapes():
+            value = self._task.map_position()
         if value is None and "map_position" not in self._forms:
             return None
         return self._held("map_position", "position", {"map_position": value}, _check_position)["map_position"]
 
     def drawing(self) -> Drawing:
         """Return the lines of pictures and maps; their number and their points may change."""
-        drawing = self._task.drawing()
+        with named_escapes():
+            drawing = self._task.drawing()
         if not isinstance(drawing, Drawing) or not all(isinstance(line, Line) for line in drawing.lines):
             raise self._error("drawing", f"must return a Drawing of Lines, got {shown(drawing)}")
         worlds = self._task.num_worlds
@@ -183,21 +190,6 @@ class Contract:
 
     def _error(self, method: str, what: str) -> TaskStepError:
         return broken(self._task, method, what)
-
-
-def broken(task: Any, method: str, what: str) -> TaskStepError:
-    """Return the error of a method that broke the contract.
-
-    Args:
-        task: whose it is; it may not be built yet.
-        method: its name.
-        what: it did.
-    """
-    contract = getattr(task, "contract", None)
-    step = 0 if contract is None else contract.step
-    when = f"in control step {step}" if step else "before the first control step"
-    call = method if "(" in method else f"{method}()"
-    return TaskStepError(f"task '{task.name}': {call} {when} of {plural(task.num_worlds, 'world')}: {what}")
 
 
 def bad_value(task: Any, summary: EpisodeSummary, kept: Path | None) -> TaskStepError:

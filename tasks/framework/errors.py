@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Any, Final
 
+from simwarp.core.readable import plural
 from simwarp.core.wording import close_names
 
 MOST_LISTED: Final = 24
@@ -31,6 +32,21 @@ class TaskStepError(TaskError):
 
     The command line exits with code 1: the work began, and could not be brought to its end.
     """
+
+
+def broken(task: Any, method: str, what: str) -> TaskStepError:
+    """Return the error of a method that broke the contract.
+
+    Args:
+        task: whose it is; it may not be built yet.
+        method: its name.
+        what: it did.
+    """
+    contract = getattr(task, "contract", None)
+    step = 0 if contract is None else contract.step
+    when = f"in control step {step}" if step else "before the first control step"
+    call = method if "(" in method else f"{method}()"
+    return TaskStepError(f"task '{task.name}': {call} {when} of {plural(task.num_worlds, 'world')}: {what}")
 
 
 def near_names(name: str, known: Iterable[str]) -> str:

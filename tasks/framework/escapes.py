@@ -6,14 +6,15 @@ the task. ``KeyboardInterrupt`` stays what it is.
 
 from __future__ import annotations
 
+import contextlib
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Final
 
-from .contract import broken
 from .described import Described
-from .errors import TaskStepError
+from .errors import TaskStepError, broken
 
 ESCAPES: Final = (SystemExit, GeneratorExit, StopIteration, StopAsyncIteration)
 HOOKS: Final = (
@@ -59,6 +60,16 @@ def raise_named(error: BaseException) -> None:
     named = escape_of(error)
     if named is not None:
         raise named  # without a cause: contextlib takes an error caused by StopIteration for that itself
+
+
+@contextlib.contextmanager
+def named_escapes() -> Iterator[None]:
+    """Context in which a method of a task is called: what it lets out is named."""
+    try:
+        yield
+    except ESCAPES as error:
+        raise_named(error)
+        raise
 
 
 def _hook(frame: FrameType) -> tuple[Any, str]:

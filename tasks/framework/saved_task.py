@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, ClassVar, Final, NoReturn
 
 import torch
 
@@ -25,6 +25,7 @@ NEW_STATE: Final = frozenset({"drawn_level"})
 class SavedTask(Touching):
     """Saving and loading of a task; see :class:`~simwarp.tasks.Task` for the attributes."""
 
+    name: ClassVar[str]
     num_worlds: int
     iteration: int
     simulation: Any
@@ -43,6 +44,13 @@ class SavedTask(Touching):
     _randomiser: Any
     _sensors: Sensors
     _statistics: EpisodeStatistics
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            f"task '{self.name}' cannot be pickled or copied: it refers to memory of a device; make it again with "
+            f"make('{self.name}', {self.num_worlds}, config=task.config) and bring its state over with state_dict() "
+            "and load_state_dict()"
+        )
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the task's own state, such as a curriculum level, that a checkpoint must keep: name -> (...)."""

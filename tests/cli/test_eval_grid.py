@@ -175,7 +175,7 @@ def test_a_point_that_fails_does_not_take_the_others_with_it(evaluate, tmp_path,
 
     monkeypatch.setattr(task, "rewards", broken)
     code, _, err = evaluate("--grid", "bound=1.5,3.0")
-    assert code == 2
+    assert code == 1
     assert "reward 'near' was NaN" in err
     content = json.loads((tmp_path / "fast-eval" / "results.json").read_text())
     assert (len(content["grid"]), content["interrupted"]) == (1, True)

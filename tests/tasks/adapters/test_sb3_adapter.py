@@ -10,7 +10,7 @@ from tests.tasks.framework.samples import counter
 pytest.importorskip("stable_baselines3", reason="the extra sb3 is not installed")
 
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 
 from simwarp.tasks.adapters.sb3_adapter import SB3VecEnv
 
@@ -105,3 +105,36 @@ def test_ppo_learns():
     before = np.mean([episode["r"] for episode in model.ep_info_buffer]) if model.ep_info_buffer else 0.0
     model.learn(20_000, reset_num_timesteps=False)
     assert np.mean([episode["r"] for episode in model.ep_info_buffer]) > before + 15.0
+
+
+def test_frames_of_all_worlds_and_one_picture_of_them():
+    """Fails where `get_images` is not there."""
+    env = SB3VecEnv("fast", 3, render_mode="rgb_array", render_size=(64, 48))
+    env.reset()
+    images = [image for image in env.get_images() if image is not None]
+    assert len(images) == 3
+    assert all(image.shape == (48, 64, 3) and image.dtype == np.uint8 for image in images)
+    assert not np.array_equal(images[0], images[1])  # each shows its own point
+    assert env.render_mode == "rgb_array"
+    picture = env.render()
+    assert picture.shape == (96, 128, 3)  # a square of four, the last of which is empty
+    np.testing.assert_array_equal(picture[:48, :64], images[0])
+    assert env.metadata["render_fps"] == env.batch.metadata["render_fps"]
+
+
+def test_without_a_render_mode_there_are_no_frames():
+    env = SB3VecEnv("fast", 2)
+    env.reset()
+    with pytest.warns(UserWarning, match="render"):
+        assert list(env.get_images()) == [None, None]
+
+
+def test_stable_baselines_films_the_worlds(tmp_path):
+    pytest.importorskip("moviepy", reason="Stable-Baselines3 makes films with it")
+    env = SB3VecEnv("fast", 2, render_mode="rgb_array", render_size=(64, 48))
+    filmed = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=4)
+    filmed.reset()
+    for _ in range(5):
+        filmed.step(still(env))
+    filmed.close()
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]

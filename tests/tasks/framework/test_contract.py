@@ -10,6 +10,7 @@ from simwarp import cli
 from simwarp.tasks import InputError, TaskError, register
 from simwarp.tasks.adapters.gym_env import TaskVectorEnv
 from simwarp.tasks.framework.errors import TaskStepError
+from simwarp.tasks.pendulum import PendulumTask
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import CriticSees, NetworkConfig, TrainConfig
 from simwarp.train.evaluation.evaluation import evaluate
@@ -211,6 +212,23 @@ def test_what_would_end_a_program_in_silence_is_named(hook, escape, since):
     assert f"of 3 worlds: raised {kind}(" in text
     assert "test_contract.py, line" in text
     assert ("before the first control step" in text) is (since == 0)
+
+
+@pytest.mark.parametrize("escape", ESCAPES)
+@pytest.mark.parametrize("hook", ["extra_state", "on_iteration"])
+def test_so_it_is_in_methods_that_are_asked_now_and_then(hook, escape):
+    task = faulty(hook, raising(ESCAPES[escape]), LATER)
+    assert f"{hook}() before the first control step of 3 worlds: raised" in message(task, OTHERS[hook])
+
+
+@pytest.mark.parametrize("hook", ["build", "setup", "attach", "solver_options"])
+def test_so_it_is_where_a_task_is_built(hook):
+    def leave(self, *given):
+        raise SystemExit(0)
+
+    kind = type("Faulty", (PendulumTask,), {"name": "faulty", hook: leave})
+    with pytest.raises(TaskStepError, match=rf"task 'faulty': {hook}\(\) before the first .* of 2 worlds: raised Sys"):
+        kind(PendulumTask.config_type(), 2)
 
 
 def test_interrupts_and_errors_of_a_method_stay_what_they_are():

@@ -1,5 +1,8 @@
 """The loop of the base class: episodes, their ends, what is reported of them, and the contract with a task author."""
 
+import copy
+import pickle
+
 import pytest
 import torch
 
@@ -341,3 +344,17 @@ def test_a_task_must_write_its_methods():
 
     with pytest.raises(TypeError, match="abstract"):
         Empty(TaskConfig(), 1)  # type: ignore[abstract]
+
+
+@pytest.mark.parametrize("name", ["fast", "pendulum"])
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_copy_of_a_task_says_what_to_do(name, copied):
+    task = tasks.make(name, 2)
+    simulations = [] if task.simulation is None else [task.simulation]
+    for owner in (task, tasks.TaskVectorEnv(task) if copied is not copy.copy else task, *simulations):
+        with pytest.raises(TypeError) as caught:
+            copied(owner)
+        text = str(caught.value)
+        assert "cannot be pickled or copied: it refers to memory of a device" in text
+        assert "\n" not in text
+        assert "state over" in text

@@ -165,6 +165,7 @@ def test_a_value_that_is_not_finite_is_kept_and_repeated(tmp_path, monkeypatch, 
     spoiling(monkeypatch, method, name)
     task = make("pendulum", 3, seed=5, guard_steps=20, max_angle=1e6, max_position=1e6, action_rise_time=0.0,
                 first_world=8)  # fmt: skip
+    assert isinstance(task, PendulumTask)
     guard_of(task).path = tmp_path / "broken.npz"
     if broken_before:
         task.step(torch.tensor([[-1.0], [torch.nan], [1.0]]))
