@@ -72,7 +72,8 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         max_episode_steps: replaces the task's own limit.
         render_mode: ``rgb_array``: :meth:`render` returns frames; None: it does not.
         render_size: width and height of a frame [pixels], even.
-        level: of the curriculum in [0, 1], held until :meth:`set_level`; None: 1, or as `steps_per_iteration` moves it.
+        level: of the curriculum, dimensionless in [0, 1], held until :meth:`set_level`; None: 1, or as
+            `steps_per_iteration` moves it.
         steps_per_iteration: control steps after which a training iteration begins, so that the curriculum moves as in
             ``simwarp train``; None: none begins.
         overrides: fields of the task's configuration.
@@ -119,7 +120,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         self._iterations = Iterations(self.task, level, steps_per_iteration)
 
     def set_level(self, level: float | Any) -> None:
-        """Hold the curriculum's level from the next episodes on: one number in [0, 1], or (W,) of them."""
+        """Hold the curriculum's level from the next episodes on: dimensionless, one number in [0, 1], or (W,)."""
         self._iterations.hold(level)
 
     def reset(
@@ -201,7 +202,8 @@ class TaskEnv(gym.Env[Any, Any]):
         seed: seed; ``reset(seed=...)`` replaces it.
         render_mode: ``rgb_array``: :meth:`render` returns frames; None: it does not.
         render_size: width and height of a frame [pixels], even.
-        level: of the curriculum in [0, 1], held until :meth:`set_level`; None: 1, or as `steps_per_iteration` moves it.
+        level: of the curriculum, dimensionless in [0, 1], held until :meth:`set_level`; None: 1, or as
+            `steps_per_iteration` moves it.
         steps_per_iteration: control steps after which a training iteration begins, as of a `TaskVectorEnv`.
         overrides: fields of the task's configuration.
 
@@ -235,7 +237,7 @@ class TaskEnv(gym.Env[Any, Any]):
         self._iterations = Iterations(self.task, level, steps_per_iteration)
 
     def set_level(self, level: float) -> None:
-        """Hold the curriculum's level from the next episode on, in [0, 1]."""
+        """Hold the curriculum's level from the next episode on, dimensionless, in [0, 1]."""
         self._iterations.hold(level)
 
     def __repr__(self) -> str:

@@ -84,7 +84,7 @@ class SB3VecEnv(VecEnv):
         return observations, rewards, done, infos
 
     def set_level(self, level: float | npt.NDArray[Any]) -> None:
-        """Hold the curriculum's level from the next episodes on: one number in [0, 1], or (W,) of them."""
+        """Hold the curriculum's level from the next episodes on: dimensionless, one number in [0, 1], or (W,)."""
         self.batch.set_level(level)
 
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:

@@ -40,7 +40,7 @@ class Levelled:
         """Hold the curriculum's level from here on: episodes that begin draw by it, and no success moves it.
 
         Args:
-            level: in [0, 1], of all worlds; or (W,) of each.
+            level: dimensionless, in [0, 1], of all worlds; or (W,) of each.
 
         Raises:
             InputError: it is none.

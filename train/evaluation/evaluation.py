@@ -214,7 +214,7 @@ def evaluate(
         episodes: that count.
         seed: of the worlds.
         watcher: who looks on.
-        level: of the curriculum, held from here on; None: as it is, which is 1 outside training.
+        level: of the curriculum, dimensionless, held from here on; None: as it is, which is 1 outside training.
     """
     _check_episodes(episodes)
     if level is not None:
