@@ -1,4 +1,4 @@
-"""What every test needs: quiet Warp, one thread, and no CUDA test without a CUDA device."""
+"""What every test needs: quiet Warp, one thread, the CPU by default, and no CUDA test without a CUDA device."""
 
 import os
 
@@ -16,8 +16,12 @@ import pytest
 import torch
 import warp as wp
 
+from simwarp.core.warp_start import start_warp
+
 wp.config.log_level = wp.LOG_WARNING
 torch.set_num_threads(1)
+start_warp()
+wp.set_device("cpu")  # also where there is a GPU: a test that is for one says so, and is marked `cuda`
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -279,7 +279,7 @@ class NewtonRun:
             self.control = self.model.control()
             self.found = self.model.contacts()
             self._joint_q, self._joint_qd = wp.zeros_like(self.model.joint_q), wp.zeros_like(self.model.joint_qd)
-            self._time = wp.zeros(self.worlds, dtype=wp.float32)
+            self._time = wp.zeros(self.worlds, dtype=wp.float32, device="cpu")
         self._bodies = self.model.body_count // self.worlds
         qpos = start.qpos.copy()
         qpos[:, 3:7] = np.roll(start.qpos[:, 3:7], -1, axis=1)  # wxyz to xyzw

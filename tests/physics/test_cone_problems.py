@@ -235,7 +235,7 @@ def test_results_come_in_the_kind_of_array_that_was_given():
     done = solve_cone_problems(*tensors)
     assert isinstance(done.impulse, torch.Tensor)
     np.testing.assert_array_equal(done.impulse.numpy(), expected.impulse)
-    arrays: list[Any] = [wp.array(a[None], dtype=wp.float64) for a in (p.n, p.r, p.mu)]
+    arrays: list[Any] = [wp.array(a[None], dtype=wp.float64, device="cpu") for a in (p.n, p.r, p.mu)]
     done = solve_cone_problems(*arrays)
     assert isinstance(done.impulse, wp.array)
     np.testing.assert_array_equal(done.impulse.numpy()[0], expected.impulse)

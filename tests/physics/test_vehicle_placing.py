@@ -87,7 +87,7 @@ def test_tensors_and_warp_arrays_do_as_well(kind):
     rolling, same = Rolling(), Rolling()
     values: list[Any] = [torch.as_tensor(PLACES).float(), torch.as_tensor(HEADINGS)]
     if kind == "warp":
-        values = [wp.array(PLACES, dtype=wp.vec2d), wp.array(HEADINGS, dtype=wp.float64)]
+        values = [wp.array(PLACES, dtype=wp.vec2d, device="cpu"), wp.array(HEADINGS, dtype=wp.float64, device="cpu")]
     place_vehicle(rolling.sim, rolling.vehicle, *values)
     place_vehicle(same.sim, same.vehicle, PLACES, HEADINGS)
     assert rolling.positions() == pytest.approx(same.positions(), abs=1e-12)

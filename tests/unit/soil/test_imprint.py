@@ -106,7 +106,7 @@ def test_worlds_that_are_not_in_the_mask_stay_bit_by_bit():
 def test_a_recorded_imprint_reads_its_mask_when_it_runs():
     simulation, vehicle, element = settled(worlds=2)
     place_vehicle(simulation, vehicle, np.array([8.0, 8.0]), 0.3)
-    mask: wp.array = wp.array([False, False], dtype=wp.bool)
+    mask: wp.array = wp.array([False, False], dtype=wp.bool, device="cpu")
     launches = element.record_imprint(simulation, mask)
     kept = simulation.snapshot()
     mask.assign(np.array([False, True]))

@@ -36,14 +36,14 @@ def rutted(hilly: bool) -> Rut:
 def cast(rut: Rut, start: np.ndarray, direction: np.ndarray, reach: float = 100.0) -> tuple[np.ndarray, np.ndarray]:
     """Distances (2, R), -1 without a hit, and normals of rays in both worlds."""
     shape = (2, len(start))
-    outputs: list[Any] = [wp.zeros(shape, dtype=dtype) for dtype in (float, wp.vec3, wp.int32)]
+    outputs: list[Any] = [wp.zeros(shape, dtype=dtype, device="cpu") for dtype in (float, wp.vec3, wp.int32)]
     tables = rut.scene.tables()
     rut.scene.place(rut.simulation.state, tables)
     rays = [np.broadcast_to(values, (2, *values.shape)).copy() for values in (start, direction)]
     wp.launch(
         cast_rays, dim=shape, outputs=outputs,
-        inputs=[WorldRange(), tables, rut.model.assets, wp.array(rays[0], dtype=wp.vec3d),
-                wp.array(rays[1].astype(np.float32), dtype=wp.vec3), reach],
+        inputs=[WorldRange(), tables, rut.model.assets, wp.array(rays[0], dtype=wp.vec3d, device="cpu"),
+                wp.array(rays[1].astype(np.float32), dtype=wp.vec3, device="cpu"), reach], device="cpu",
     )  # fmt: skip
     return outputs[0].numpy(), outputs[1].numpy()
 
@@ -221,7 +221,7 @@ def test_heights_take_points_of_several_forms():
     points = np.stack([np.linspace(-0.2, 1.0, 7), np.linspace(-0.1, 0.1, 7)], axis=1)
     shared = rut.soil.height(points).numpy()
     own = rut.soil.height(np.stack([points, points])).numpy()
-    on_device = rut.soil.height(wp.array(points[None], dtype=wp.vec2d, ndim=2)).numpy()
+    on_device = rut.soil.height(wp.array(points[None], dtype=wp.vec2d, ndim=2, device="cpu")).numpy()
     assert shared.shape == (2, 7)
     assert np.array_equal(shared, own)
     assert np.array_equal(shared, on_device)

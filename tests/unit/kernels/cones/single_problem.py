@@ -65,10 +65,10 @@ class Single:
 
     def __init__(self, n, r, blocks, entries=None, block_loops=None):
         def floats(values):
-            return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float)
+            return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float, device="cpu")
 
         def ints(values):
-            return wp.array(np.ascontiguousarray(values, dtype=np.int32), dtype=int)
+            return wp.array(np.ascontiguousarray(values, dtype=np.int32), dtype=int, device="cpu")
 
         rows = len(r)
         p: Any = ConeProblem()
@@ -86,7 +86,7 @@ class Single:
         p.diagonal, p.s, p.gamma = floats(np.diag(n)), floats(n), floats(np.zeros(rows))
         p.scale, p.vectors = floats(np.full(rows, np.nan)), floats(np.full((SOLVER_VECTORS, rows), np.nan))
         p.factor = floats(np.full(n.shape, np.nan))
-        p.wide = wp.array(np.full((WIDE_VECTORS, rows), np.nan), dtype=wp.float64)
+        p.wide = wp.array(np.full((WIDE_VECTORS, rows), np.nan), dtype=wp.float64, device="cpu")
         if entries is not None:
             y, slots, w, compliance = entries
             table = np.tile([0, w.shape[1], 0, 0], (len(blocks), 1)) if block_loops is None else block_loops
@@ -107,8 +107,8 @@ class Single:
         config.friction_law, config.solver = int(law), int(solver)
         config.max_iterations, config.tolerance = iterations, tolerance
         self.problem.gamma.assign(np.asarray(gamma, dtype=np.float32))
-        results = wp.zeros(2, dtype=float)
-        wp.launch(run_problem, dim=1, inputs=[operation, config, self.problem, results])
+        results = wp.zeros(2, dtype=float, device="cpu")
+        wp.launch(run_problem, dim=1, inputs=[operation, config, self.problem, results], device="cpu")
         return self.problem.gamma.numpy().astype(float), results.numpy()
 
 

@@ -72,11 +72,11 @@ def test_products_and_the_dense_matrix(seed):
     s, compliance = half + half.T, rng.uniform(0.0, 1.0, rows).astype(np.float32)
     sums = np.full(STARTS[-1], np.nan, np.float32)
     given = [sums, ax, s, np.zeros(1, np.float32)]
-    out: list[wp.array] = [wp.array(each, dtype=float) for each in given]
+    out: list[wp.array] = [wp.array(each, dtype=float, device="cpu") for each in given]
     starts = np.array([*(block.row for block in blocks), rows], np.int32)
-    inputs: list[wp.array] = [wp.array(starts, dtype=int), wp.array(table, dtype=int)]
-    floats: list[wp.array] = [wp.array(each, dtype=float) for each in (packed, compliance, x)]
-    wp.launch(take_loops, dim=1, inputs=[len(blocks), STARTS[-1], *inputs, *floats, *out])
+    inputs: list[wp.array] = [wp.array(starts, dtype=int, device="cpu"), wp.array(table, dtype=int, device="cpu")]
+    floats: list[wp.array] = [wp.array(each, dtype=float, device="cpu") for each in (packed, compliance, x)]
+    wp.launch(take_loops, dim=1, inputs=[len(blocks), STARTS[-1], *inputs, *floats, *out], device="cpu")
     found = [each.numpy() for each in out]
     exact = whole @ (whole.T @ x)
     np.testing.assert_allclose(found[0], whole.T @ x, atol=2e-6)

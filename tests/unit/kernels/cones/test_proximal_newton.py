@@ -90,7 +90,7 @@ def test_a_tall_stack_takes_few_iterations(law):
         # Measured in double, what the kernel says in float: 1e-6 m/s is the rounding of impulses of 0.8 N·s over 0.5 m
         assert reference.residual(n, r, blocks, gamma, exact=law is FrictionLaw.EXACT) <= 1.2e-5
         with_newton.append(iterations)
-        single.problem.wide = wp.zeros((0, 0), dtype=wp.float64)
+        single.problem.wide = wp.zeros((0, 0), dtype=wp.float64, device="cpu")
         without.append(single.run(SOLVE, before, law=law, tolerance=1e-5)[1][1])
     # 141 and 826 with the exact law, 145 and 837 with the convex one
     assert max(with_newton) < 60
@@ -102,7 +102,7 @@ def test_a_tree_too_large_for_newton_steps_goes_without():
     n, r, blocks, entries = stacked_boxes(43, np.random.default_rng(1))
     single = Single(n, r, blocks, entries)
     gamma, results = single.run(SOLVE, np.zeros(len(r)), iterations=100)
-    single.problem.wide = wp.zeros((0, 0), dtype=wp.float64)
+    single.problem.wide = wp.zeros((0, 0), dtype=wp.float64, device="cpu")
     without, same = single.run(SOLVE, np.zeros(len(r)), iterations=100)
     np.testing.assert_array_equal(gamma, without)
     assert results.tolist() == same.tolist()

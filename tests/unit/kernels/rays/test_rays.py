@@ -40,13 +40,15 @@ class Cast:
         start = np.broadcast_to(start, (worlds, *np.shape(start)[-2:]))
         direction = np.broadcast_to(direction, start.shape)
         rays = start.shape[1]
-        arrays: list[Any] = [wp.zeros((worlds, rays), dtype=dtype) for dtype in (float, wp.vec3, wp.vec3i)]
+        arrays: list[Any] = [
+            wp.zeros((worlds, rays), dtype=dtype, device="cpu") for dtype in (float, wp.vec3, wp.vec3i)
+        ]
         tables = scene.tables(mask)
         scene.place(simulation.state, tables)
         wp.launch(
             cast, dim=(worlds, rays), outputs=arrays,
-            inputs=[tables, scene.model.assets, wp.array(np.array(start), dtype=wp.vec3d),
-                    wp.array(np.array(direction), dtype=wp.vec3)],
+            inputs=[tables, scene.model.assets, wp.array(np.array(start), dtype=wp.vec3d, device="cpu"),
+                    wp.array(np.array(direction), dtype=wp.vec3, device="cpu")], device="cpu",
         )  # fmt: skip
         self.t, self.normal, found = (array.numpy() for array in arrays)
         self.instance, self.triangle, self.any = found[..., 0], found[..., 1], found[..., 2]

@@ -42,7 +42,10 @@ def reduced(mode, ranges, intensities):
     found = wp.zeros(len(ranges), dtype=wp.vec4, device="cpu")
     wp.launch(
         reduce_bundles, dim=len(ranges), device="cpu", outputs=[found],
-        inputs=[int(ReturnMode[mode.upper()]), wp.array(ranges, dtype=float), wp.array(intensities, dtype=float)],
+        inputs=[
+            int(ReturnMode[mode.upper()]),
+            *(wp.array(each, dtype=float, device="cpu") for each in (ranges, intensities)),
+        ],
     )  # fmt: skip
     return found.numpy()
 
