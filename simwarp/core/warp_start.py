@@ -12,6 +12,9 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 import warp as wp
+from warp._src import context
+
+from simwarp.core.thread_captures import record_per_thread
 
 COMPILING_SHOWS: Final = 0.5
 """Time between two looks for kernels that are compiled [s]."""
@@ -20,6 +23,7 @@ COMPILING: Final = "compiling kernels, once per machine: 1 to 3 minutes"
 # Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
 _NO_DRIVER: Final = "Could not find or load the NVIDIA CUDA driver"
 _started = threading.Event()
+_starting = threading.Lock()
 _telling = threading.Lock()
 
 
@@ -30,7 +34,15 @@ def start_warp() -> None:
     """
     if _started.is_set():
         return
-    _started.set()
+    with _starting:
+        if not _started.is_set():
+            _initialise()
+            record_per_thread(context.runtime)
+            _started.set()
+
+
+def _initialise() -> None:
+    """`wp.init()` without what it would print."""
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_WARNING
     with contextlib.suppress(AttributeError, OSError, ValueError):  # there may be no standard error

@@ -149,8 +149,8 @@ class WorldShares:
                     command.launch()
 
     def share(self, chunks: Sequence[Callable[[], None]], times: int) -> None:
-        """Calls each of `chunks` `times` over, different ones side by side."""
-        if self._workers is None or len(chunks) == 1:
+        """Calls each of `chunks` `times` over, different ones side by side; a thread that records a graph does all."""
+        if self._workers is None or len(chunks) == 1 or self.device.is_capturing:
             for chunk in chunks:
                 for _ in range(times):
                     chunk()

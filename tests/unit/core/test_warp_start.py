@@ -4,7 +4,9 @@ import os
 import subprocess
 import sys
 import textwrap
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import pytest
 import warp as wp
@@ -85,3 +87,23 @@ def test_a_silent_warp_is_silent(cache, capsys, monkeypatch):
     with told_compiling():
         compile_something(cache)
     assert capsys.readouterr().err == ""
+
+
+def test_nobody_goes_on_before_warp_is_initialised(monkeypatch):
+    """A second thread would otherwise make a runtime of its own, whose devices are others."""
+    begun, go = threading.Event(), threading.Event()
+
+    def init():
+        begun.set()
+        go.wait(60.0)
+
+    monkeypatch.setattr(warp_start, "_started", threading.Event())
+    monkeypatch.setattr(wp, "init", init)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(warp_start.start_warp)
+        assert begun.wait(60.0)
+        second = pool.submit(warp_start.start_warp)
+        early, _ = wait([second], timeout=0.2)
+        go.set()
+        assert early == set()
+        assert first.result(60.0) is second.result(60.0) is None
