@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 from unittest import mock
 
@@ -90,26 +91,43 @@ class TaskRun:
         parts |= {} if sim is None else dict.fromkeys(itertools.chain.from_iterable(sim.sensor_commands), "sensors")
 
         def run(program: StepProgram, steps: int) -> None:
-            for command in program.launches(steps):
-                if command in parts:
-                    timed(parts[command], command.launch)
+            for part, commands in itertools.groupby(program.launches(steps), parts.get):
+                launch = functools.partial(_launch, tuple(commands))
+                if part is None:
+                    launch()
                 else:
-                    command.launch()
+                    timed(part, launch)
 
-        with mock.patch.object(StepProgram, "run", run):
-            begin = time.perf_counter()
-            steps = 0
-            while steps < _SPLIT_STEPS and time.perf_counter() - begin < _SPLIT_SECONDS:
-                self.step()
-                timed("policy", lambda: policy(self.task.observe()))
-                steps += 1
-            self.wait()
-            total = time.perf_counter() - begin
-        shares = {part: seconds / total for part, seconds in spent.items()}
+        def act() -> None:
+            timed("policy", lambda: policy(self.task.observe()))
+
+        captured = not self.task.not_captured
+        # a step that is replayed from a graph calls no program: its parts are timed in steps without
+        with mock.patch.object(StepProgram, "run", run), mock.patch.object(self.task, "capture", False):
+            steps, total = self._acting_steps(act)
+        shares = {part: seconds / steps for part, seconds in spent.items()}
+        whole = total / steps
+        if captured:
+            steps, total = self._acting_steps(act)
+            whole = total / steps
+        around = max(0.0, whole - sum(shares.values()))
+        whole = around + sum(shares.values())
         return {
-            "physics": shares["physics"], "sensors": shares["sensors"], "task": max(0.0, 1.0 - sum(shares.values())),
-            "policy": shares["policy"],
+            "physics": shares["physics"] / whole, "sensors": shares["sensors"] / whole, "task": around / whole,
+            "policy": shares["policy"] / whole,
         }  # fmt: skip
+
+    def _acting_steps(self, act: Callable[[], None]) -> tuple[int, float]:
+        """Steps in which a policy acts: how many, and how long they took [s]."""
+        self.wait()
+        begin = time.perf_counter()
+        steps = 0
+        while steps < _SPLIT_STEPS and time.perf_counter() - begin < _SPLIT_SECONDS:
+            self.step()
+            act()
+            steps += 1
+        self.wait()
+        return steps, time.perf_counter() - begin
 
     def _policy(self) -> Callable[[dict[str, torch.Tensor]], None]:
         """A network such as training makes, untrained."""
@@ -129,6 +147,11 @@ class TaskRun:
                 actor(TensorDict(dict(observations), batch_size=[task.num_worlds]))
 
         return act
+
+
+def _launch(commands: Sequence[Any]) -> None:
+    for command in commands:
+        command.launch()
 
 
 def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds: float, obs: str | None = None) -> Row:

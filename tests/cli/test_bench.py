@@ -10,10 +10,12 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.bench import health, measure, motion
+from simwarp.bench import health, measure, motion, task_rows
 from simwarp.bench import vehicle_rows as vehicles
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene, bench_scenes
+from simwarp.tasks import task_class
+from tests.tasks.framework.graph_emulation import Emulator
 
 RATES = ("steps_per_s", "steps_per_cpu_s", "steps_per_s_range", "steps_per_cpu_s_range", "split")
 
@@ -348,3 +350,19 @@ def test_a_task_is_split_into_its_parts(bench, row_keys, name, least):
     assert sum(row["split"].values()) == pytest.approx(1.0)
     assert row["split"]["physics"] > least if least is not None else row["split"]["physics"] == 0.0
     assert (row["bytes_per_world"] is not None) == (least is not None)
+
+
+def test_a_task_whose_steps_are_a_graph_is_split_into_its_parts(monkeypatch):
+    """A graph that is replayed calls no program: its physics took 0 % of a step."""
+    monkeypatch.setattr(task_rows, "_SPLIT_STEPS", 4)
+    run = task_rows.TaskRun("pendulum", 4, "cpu", task_class("pendulum").config_type())
+    emulator = Emulator()
+    run.task._captured._record, run.task._captured.reason = emulator.record, ""
+    for _ in range(4):
+        run.step()
+    assert (emulator.recorded, emulator.replayed) == (1, 2)
+    split = run.split()
+    assert split["physics"] > 0.0
+    assert sum(split.values()) == pytest.approx(1.0)
+    assert (emulator.recorded, emulator.replayed) == (1, 6)  # the whole step is timed as it runs
+    assert run.task.capture
