@@ -294,16 +294,12 @@ def _run(arguments: list[str], *, alone: bool) -> int:
     if alone:
         leave_compiler_out()
     run = command.load()
-    from simwarp.core.warp_start import start_warp  # Warp takes a while to import: help texts do without
+    from simwarp.core.warp_start import cache_trouble, start_warp  # Warp takes a while to import: help texts do without
 
     try:
         start_warp()
     except OSError as error:
-        place = f"'{error.filename}' " if error.filename else ""
-        remedy = "set WARP_CACHE_PATH to a folder of your own"
-        raise ShortfallError(
-            f"the folder {place}of compiled kernels cannot be used: {error.strerror}; {remedy}"
-        ) from error
+        raise ShortfallError(cache_trouble(error)) from error
     return run(arguments[1:])
 
 

@@ -27,10 +27,40 @@ _starting = threading.Lock()
 _telling = threading.Lock()
 
 
+class CacheError(OSError):
+    """Warp's folder of compiled kernels cannot be made or written, as in a home that is read-only."""
+
+    def __str__(self) -> str:
+        return cache_trouble(self)
+
+
+def cache_trouble(error: OSError) -> str:
+    """What is wrong with the folder of compiled kernels, and the remedy, in one line."""
+    place = f"'{error.filename}' " if error.filename else ""
+    remedy = "set WARP_CACHE_PATH to a folder of your own"
+    return f"the folder {place}of compiled kernels cannot be used: {error.strerror}; {remedy}"
+
+
+@contextlib.contextmanager
+def _cache_errors(folder: str | None = None) -> Iterator[None]:
+    """Raise errors of files below a folder, or of all files, as those of the cache."""
+    try:
+        yield
+    except CacheError:
+        raise
+    except OSError as error:
+        if folder is not None and not str(error.filename).startswith(folder):
+            raise
+        raise CacheError(error.errno, error.strerror, error.filename) from error
+
+
 def start_warp() -> None:
     """Initialise Warp, once; its warnings still show, but neither its banner nor that there is no GPU.
 
     Who has set `warp.config.log_level` keeps it: `warp.LOG_DEBUG` before the first model shows all.
+
+    Raises:
+        CacheError: there can be no folder for compiled kernels.
     """
     if _started.is_set():
         return
@@ -50,13 +80,15 @@ def _initialise() -> None:
     try:
         kept = os.dup(2)
     except OSError:  # standard error is closed: nothing to tidy
-        wp.init()
+        with _cache_errors():
+            wp.init()
         return
     # The message comes from C, so that only the file descriptor can be redirected
     with tempfile.TemporaryFile() as caught:
         os.dup2(caught.fileno(), 2)
         try:
-            wp.init()
+            with _cache_errors():
+                wp.init()
         finally:
             os.dup2(kept, 2)
             os.close(kept)
@@ -75,7 +107,16 @@ def told_compiling(say: Callable[[str], None] | None = None) -> Iterator[None]:
     Args:
         say: prints a line; by default standard error, where a terminal also sees how long it has taken, unless Warp
             itself is to be silent (`warp.config.log_level` above `warp.LOG_WARNING`).
+
+    Raises:
+        CacheError: a kernel had to be compiled, and cannot be written.
     """
+    with _cache_errors(wp.config.kernel_cache_dir or ""), _told(say):
+        yield
+
+
+@contextlib.contextmanager
+def _told(say: Callable[[str], None] | None) -> Iterator[None]:
     if (say is None and wp.config.log_level > wp.LOG_WARNING) or not _telling.acquire(blocking=False):
         yield
         return

@@ -107,3 +107,37 @@ def test_nobody_goes_on_before_warp_is_initialised(monkeypatch):
         go.set()
         assert early == set()
         assert first.result(60.0) is second.result(60.0) is None
+
+
+def fails(code, **variables):
+    environment = os.environ | variables
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=300, env=environment
+    )
+    assert done.returncode == 1
+    return done.stderr.splitlines()[-1]
+
+
+def test_a_home_without_room_for_compiled_kernels_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    place = tmp_path / "file" / "cache"  # below a file there can be no folder, whoever asks for it
+    told = fails(FOUR_BAR, WARP_CACHE_PATH=str(place))
+    assert told.startswith(f"simwarp.core.warp_start.CacheError: the folder '{place}")
+    assert told.endswith(
+        "of compiled kernels cannot be used: Not a directory; set WARP_CACHE_PATH to a folder of your own"
+    )
+
+
+def test_a_kernel_that_cannot_be_written_is_one_line():
+    """A cache that is read-only serves as long as all kernels are in it."""
+    folder = wp.config.kernel_cache_dir
+    place = os.path.join(folder, "wp_module_p1_t1")
+    with pytest.raises(warp_start.CacheError) as caught, told_compiling():
+        raise OSError(30, "Read-only file system", place)
+    assert str(caught.value) == (
+        f"the folder '{place}' of compiled kernels cannot be used: Read-only file system; "
+        "set WARP_CACHE_PATH to a folder of your own"
+    )
+    with pytest.raises(FileNotFoundError) as other, told_compiling():
+        raise FileNotFoundError(2, "No such file or directory", "/some/mesh.stl")
+    assert not isinstance(other.value, warp_start.CacheError)
