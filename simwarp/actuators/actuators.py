@@ -12,6 +12,7 @@ import warp as wp
 
 from simwarp.actuators.actuator_checks import checked_specs
 from simwarp.actuators.actuator_spec import ActuatorSpec, Law, SitePull
+from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.arrays import (
     ANY,
     NOT_NEGATIVE,
@@ -163,14 +164,14 @@ class Actuators(Readable, FixedAttributes):
                 allocated and nothing waited for; or numbers of the host.
 
         Raises:
-            ModelError: it has another shape or type.
+            ModelError: it has another shape or type, or is an array of another device: to move it in every step would
+                wait each time.
         """
         shape = tuple(self.ctrl.shape)
-        if isinstance(action, wp.array):
-            source: Any = action
-        elif hasattr(action, "data_ptr"):
-            tensor = action.detach()
-            source = wp.from_torch(tensor, requires_grad=False)
+        if isinstance(action, wp.array) or hasattr(action, "data_ptr"):
+            refuse_elsewhere("set_from_action: action must", action, self.model.device)
+            warps = isinstance(action, wp.array)
+            source: Any = action if warps else wp.from_torch(action.detach(), requires_grad=False)
         else:
             self.ctrl[...] = action  # checks what it gets
             wp.copy(self._given, self.ctrl)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.array_devices import refuse_in_capture
 from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, numbers, shown
 from simwarp.core.wording import close_names
 
@@ -122,7 +123,7 @@ class WritableArray(wp.array):
             data = self._broadcast(self._converted(value), view)
             self._check(data, view)
             source = wp.array(data, dtype=self.dtype, device="cpu", copy=False)
-        wp.copy(view, source)
+        self._copy_in(view, source)
 
     def assign(self, src: Any) -> None:
         """Copies values in, one for each: nothing broadcasts."""
@@ -133,7 +134,7 @@ class WritableArray(wp.array):
                 )
             if self.domain is not None and on_host(src):
                 self._check(src.numpy().reshape(self._value_shape(self)), self)
-            super().assign(src)
+            self._copy_in(self, src)
             return
         values = src if hasattr(src, "data_ptr") else self._converted(src)
         shape = self._value_shape(self)
@@ -152,6 +153,12 @@ class WritableArray(wp.array):
         if self.domain is not None:
             self._check(np.zeros(getattr(self.dtype, "_shape_", ())), self)
         super().zero_()
+
+    def _copy_in(self, view: wp.array, source: wp.array) -> None:
+        """Copies values in, also from another device; but a graph would copy later from where they no longer are."""
+        if source.device != self.device:
+            refuse_in_capture(f"{self.label}: values must", self.device, f"some on {source.device}")
+        wp.copy(view, source)
 
     def _slices(self, key: Any) -> tuple[int | slice, ...]:
         """`key` as what Warp indexes with; a key of integers alone keeps its last axis, of length 1."""

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Final
 import torch
 import warp as wp
 
+from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
 from simwarp.core.warp_start import start_warp
 
 THREADS: Final = 32
@@ -53,6 +54,14 @@ def array_over(tensor: torch.Tensor, dtype: Any = None) -> wp.array:
     return array
 
 
+def missing_in_torch(device: wp.Device) -> str:
+    """Why torch has no tensors on a GPU of Warp's; empty where it has."""
+    if device.ordinal < torch.cuda.device_count():
+        return ""
+    build = "a CPU build" if torch.version.cuda is None else f"for CUDA {torch.version.cuda}"
+    return f"torch {torch.__version__}, {build}, does not see"
+
+
 class TensorLaunch:
     """A recorded launch of a kernel whose arguments may be torch tensors, of any strides.
 
@@ -62,12 +71,18 @@ class TensorLaunch:
         arguments: of the kernel: numbers, structs, Warp arrays, and tensors; one of vectors has their components last.
             They are kept alive.
         device: name of the device.
+
+    Raises:
+        ModelError: an array or tensor lies on another device.
     """
 
     HOST_STATE: ClassVar[frozenset[str]] = frozenset({"_shown"})
     """Attributes that a launch itself does not read."""
 
     def __init__(self, kernel: wp.Kernel, dim: int | Sequence[int], arguments: Sequence[Any], device: Any) -> None:
+        start_warp()  # where this is the first that is asked of it
+        self._kernel, self._device = kernel, wp.get_device(str(device))
+        refuse_arguments_elsewhere(kernel, arguments, self._device)
         self._shown: dict[int, tuple[Any, ...]] = {}
         self._dtypes: dict[int, Any] = {}
         values = []
@@ -79,7 +94,7 @@ class TensorLaunch:
                 value = array_over(value, self._dtypes[index])
             values.append(value)
         self._command: Any = wp.launch(
-            kernel, dim=dim, inputs=values, device=str(device), block_dim=THREADS, record_cmd=True
+            kernel, dim=dim, inputs=values, device=self._device, block_dim=THREADS, record_cmd=True
         )  # fmt: skip
 
     def launch(self) -> None:
@@ -90,10 +105,15 @@ class TensorLaunch:
         """Launch with other tensors in place of the first tensors among the arguments, of the same dtypes and shapes.
 
         The launch keeps them until it gets others; they are looked at anew only where their memory is another one.
+
+        Raises:
+            ModelError: a tensor lies on another device.
         """
         for index, tensor in zip(self._shown, tensors, strict=False):
             memory = _memory(tensor)
             if memory != self._shown[index]:
+                label = self._kernel.adj.args[index].label
+                refuse_elsewhere(f"{self._kernel.key}: {label} must", tensor, self._device)
                 self._command.set_param_at_index(index, array_over(tensor, self._dtypes[index]))
                 self._shown[index] = memory
         self._command.launch()

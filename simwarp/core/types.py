@@ -300,10 +300,19 @@ def number(value: Any) -> float:
         return math.nan
 
 
+def host_values(value: Any) -> Any:
+    """A tensor or Warp array of whatever device, which is waited for, as NumPy can read it; anything else as it is."""
+    if hasattr(value, "data_ptr"):
+        return value.detach().cpu()
+    if hasattr(value, "numpy") and not hasattr(value, "__array_interface__"):
+        return value.numpy()
+    return value
+
+
 def numbers(value: Any) -> npt.NDArray[np.float64]:
     """`value` as an array of float64: NaN where something is no number, a single NaN where it is no array."""
     try:
-        given = np.asarray(value)
+        given = np.asarray(host_values(value))
         if given.dtype.kind in "iuf":
             with np.errstate(over="ignore"):
                 return given.astype(np.float64)

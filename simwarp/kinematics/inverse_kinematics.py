@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import warp as wp
 
+from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.readable import Readable
 from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.core.tables import StepConfig
@@ -113,7 +114,7 @@ class InverseKinematics(Readable):
                 None.
 
         Raises:
-            ModelError: the start has another shape or dtype.
+            ModelError: the start has another shape or dtype, or lies on another device.
         """
         if start is None:
             start = self.simulation.state.joint_q
@@ -123,6 +124,7 @@ class InverseKinematics(Readable):
                 f"InverseKinematics: start must be a Warp array of float32 of shape {self.q.shape} (worlds, dofs), got "
                 f"{given}; leave it out to begin at the present coordinates"
             )
+        refuse_elsewhere("InverseKinematics: start must", start, self.simulation.model.device)
         self._command.use(1, start)
         self.simulation.shares.run([self._command])
 

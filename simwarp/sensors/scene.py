@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.readable import Names, Readable, Row, plural
@@ -469,8 +470,13 @@ class Scene(Readable):
         return scene
 
     def place(self, state: State, tables: RayScene, due: wp.array | None = None) -> None:
-        """Places the instances of the worlds that are due, (W,) int32, as the state has them, for rays to follow."""
+        """Places the instances of the worlds that are due, (W,) int32, as the state has them, for rays to follow.
+
+        Raises:
+            ModelError: an array lies on another device than the scene.
+        """
         inputs = [WorldRange(), *self._place_inputs(state, due)]
+        refuse_arguments_elsewhere(place_instances, [*inputs, tables], self.model.device)
         wp.launch(
             place_instances, dim=self.model.world_count, device=self.model.device, inputs=inputs, outputs=[tables]
         )

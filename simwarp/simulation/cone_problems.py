@@ -100,7 +100,8 @@ def solve_cone_problems(
         max_iterations: per solver when None (`ITERATIONS`).
         warm_start: (problems, rows) impulses to start from [N·s or N·m·s].
         fallback: let the interior point solve what "apgd" leaves above the tolerance.
-        device: device of the solve; Warp's default when None.
+        device: device of the solve, on which the results are; None: that of r (of the jacobian without r), and for
+            NumPy's the default.
 
     Raises:
         ValueError: an argument breaks a rule that the message names, with the value received and the remedy.
@@ -123,7 +124,8 @@ def solve_cone_problems(
         )
     fall_back = checked_flag("solve_cone_problems", "fallback", fallback)
     batch_fallback = 1 if fall_back and chosen == ConeSolver.APGD else 0
-    outputs = _launch(given, int(bilateral_count), int(limit_count), config, batch_fallback, resolve_device(device))
+    where = resolve_device(_home(jacobian if r is None else r) if device is None else device)
+    outputs = _launch(given, int(bilateral_count), int(limit_count), config, batch_fallback, where)
     return _wrapped(outputs, given)
 
 
@@ -225,6 +227,11 @@ class _Given:
                 f"N must be symmetric, got |N - N^T| up to {skew[worst]:g} in problem {worst}; pass 0.5 (N + N^T)"
             )
         self.n = 0.5 * (self.n + np.swapaxes(self.n, 1, 2))
+
+
+def _home(value: Any) -> str | None:
+    """Name of the device that a Warp array or tensor lies on."""
+    return str(value.device) if _kind(value) != "numpy" else None
 
 
 def _kind(value: Any) -> str:

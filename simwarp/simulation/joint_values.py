@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.array_devices import array_from_host, array_on, is_on
 from simwarp.core.arrays import on_host
 from simwarp.core.types import ModelError, numbers, shown
 from simwarp.model.model import Model
@@ -25,28 +26,29 @@ def joint_values(name: str, values: Any, model: Model, mask: wp.array | None) ->
         mask: (W,) bool, worlds whose values count; all when None.
 
     Raises:
-        ModelError: shapes do not fit, or a value that counts is no finite number. Values on a GPU are not read back.
+        ModelError: shapes do not fit, or a value that counts is no finite number, or they lie elsewhere while a
+            graph is captured. Values on a GPU are not read back.
     """
     thing = f"set_joint_state: {name} must"
     shape = (model.world_count, model.dof_count)
     if isinstance(values, wp.array) and values.dtype == wp.float32 and values.is_contiguous:
-        array = values
+        given: Any = values
     elif hasattr(values, "data_ptr"):
         if "complex" in kind_of_tensor(values):
-            given = f"a tensor of {kind_of_tensor(values)} {tuple(values.shape)}"
-            raise ModelError(
-                f"{thing} be real numbers of shape {shape} (worlds, dofs), got {given}; take its real part"
-            )
-        array = cast(wp.array, wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32))
+            kind = f"a tensor of {kind_of_tensor(values)} {tuple(values.shape)}"
+            raise ModelError(f"{thing} be real numbers of shape {shape} (worlds, dofs), got {kind}; take its real part")
+        given = values.detach().float()
     else:
         return _from_host(name, values, model, mask)
-    if tuple(array.shape) != shape:
+    if tuple(given.shape) != shape:
         raise ModelError(
-            f"{thing} have shape {shape} (worlds, dofs), got {array.shape}; tensors and Warp arrays need one row for "
-            "each world"
+            f"{thing} have shape {shape} (worlds, dofs), got {tuple(given.shape)}; tensors and Warp arrays need one "
+            "row for each world"
         )
-    if on_host(array):
-        _check_finite(name, np.asarray(array), mask)  # not numpy(): nothing waits for a device here
+    array = array_on(thing, given, model.device, wp.float32)
+    at_hand = given if is_on("cpu", given) else array
+    if is_on("cpu", at_hand):
+        _check_finite(name, np.asarray(at_hand), mask)  # not numpy(): nothing waits for a device here
     return array
 
 
@@ -54,7 +56,7 @@ def _from_host(name: str, values: Any, model: Model, mask: wp.array | None) -> w
     """What NumPy reads, one row for all worlds or one for each."""
     thing = f"set_joint_state: {name} must"
     shape = (model.world_count, model.dof_count)
-    given = numbers(values.numpy() if isinstance(values, wp.array) else values)
+    given = numbers(values)
     if given.ndim == 0 and not np.isfinite(given):
         raise ModelError(
             f"{thing} be finite numbers of shape {shape} (worlds, dofs), got {shown(values)}; pass an array"
@@ -68,7 +70,7 @@ def _from_host(name: str, values: Any, model: Model, mask: wp.array | None) -> w
     with np.errstate(over="ignore"):  # told below
         single = np.ascontiguousarray(data, dtype=np.float32)
     _check_finite(name, single, mask)
-    return wp.array(single, dtype=wp.float32, device=model.device)
+    return array_from_host(thing, single, model.device, wp.float32)
 
 
 def _check_finite(name: str, values: npt.NDArray[np.float32], mask: wp.array | None) -> None:

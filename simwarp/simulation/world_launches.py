@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Final, TypeAlias
 
 import warp as wp
 
+from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
 from simwarp.core.threads import Workers, number_told
 from simwarp.kernels.core.world_range import WorldRange
 
@@ -65,9 +66,15 @@ class WorldLaunch:
         self._used: dict[int, tuple[Any, ...]] = {}
 
     def use(self, index: int, array: wp.array) -> None:
-        """From now on it takes this array for input `index`; not for launches that a `WorldProgram` runs."""
+        """From now on it takes this array for input `index`; not for launches that a `WorldProgram` runs.
+
+        Raises:
+            ModelError: the array lies on another device than the worlds.
+        """
         memory = (array.ptr, array.shape, array.strides)
         if self._used.get(index) != memory:
+            label = self.kernel.adj.args[1 + index].label
+            refuse_elsewhere(f"{self.kernel.key}: {label} must", array, self._shares.device)
             self._used[index] = memory
             for part in self.parts:
                 part.set_param_at_index(1 + index, array)
@@ -119,7 +126,11 @@ class WorldShares:
             inputs: its parameters after the `WorldRange`.
             outputs: and those that it writes.
             in_turn: one thread of the kernel goes through all worlds of its `WorldRange`.
+
+        Raises:
+            ModelError: an array lies on another device than the worlds.
         """
+        refuse_arguments_elsewhere(kernel, [None, *inputs, *outputs], self.device)
         block = block_threads()
         each = () if threads_per_world is None else (threads_per_world,)
         parts = [

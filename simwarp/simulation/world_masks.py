@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
 
+from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
 
@@ -14,7 +15,7 @@ REMEDY: Final = "give one bool for each world"
 
 
 def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "world_mask") -> wp.array:
-    """A (W,) mask as a Warp array of bool on the model's device; a Warp array or tensor keeps its memory.
+    """A (W,) mask as a Warp array of bool on the model's device; a Warp array or tensor there keeps its memory.
 
     Args:
         call: what the user called: errors begin with it.
@@ -23,7 +24,7 @@ def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "wor
         name: of the argument.
 
     Raises:
-        ModelError: it is not of bool, or has another shape.
+        ModelError: it is not of bool, has another shape, or lies elsewhere while a graph is captured.
     """
     shape = (model.world_count,)
     thing = f"{call}: {name} must"
@@ -31,13 +32,13 @@ def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "wor
         if world_mask.dtype != wp.bool:
             given = f"a Warp array of {world_mask.dtype.__name__} {world_mask.shape}"
             raise ModelError(f"{thing} be of bool, got {given}; make it with dtype=wp.bool")
-        mask = world_mask
+        values = world_mask
     elif hasattr(world_mask, "data_ptr"):
         kind = kind_of_tensor(world_mask)
         if kind != "bool":
             given = f"a tensor of {kind} {tuple(world_mask.shape)}"
             raise ModelError(f"{thing} be of bool, got {given}; compare it, as in `mask > 0`")
-        mask = cast(wp.array, wp.from_torch(world_mask.contiguous(), dtype=wp.bool))
+        values = world_mask
     else:
         try:
             values = np.asarray(world_mask)
@@ -48,12 +49,11 @@ def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "wor
             given = f"{values.dtype.name} {values.shape}" if are_numbers else shown(world_mask)
             advice = f"{REMEDY}, not indices of worlds" if are_numbers else REMEDY
             raise ModelError(f"{thing} be of bool, got {given}; {advice}")
-        if values.shape != shape:  # here: Warp makes an axis for a single value
-            raise ModelError(f"{thing} have shape {shape} (worlds), got {values.shape}; {REMEDY}")
-        mask = wp.array(values, dtype=wp.bool, device=model.device)
-    if tuple(mask.shape) != shape:
-        raise ModelError(f"{thing} have shape {shape} (worlds), got {tuple(mask.shape)}; {REMEDY}")
-    return mask
+    if tuple(values.shape) != shape:
+        raise ModelError(f"{thing} have shape {shape} (worlds), got {tuple(values.shape)}; {REMEDY}")
+    if isinstance(values, np.ndarray):
+        return array_from_host(thing, values, model.device, wp.bool)
+    return array_on(thing, values, model.device, wp.bool)
 
 
 def kind_of_tensor(tensor: Any) -> str:

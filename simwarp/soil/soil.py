@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import warp as wp
 
+from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
@@ -208,7 +209,8 @@ class Soil(Readable):
         are undeformed. A node lies as far below as it stays pressed: what springs back under a wheel is left out.
 
         Args:
-            points: (N, 2), (W, N, 2), or an array (1 or W, N) of vec2d on the device: x and y, world [m].
+            points: (N, 2), (W, N, 2), or a Warp array (1 or W, N) of vec2d: x and y, world [m]. An array of another
+                device is moved to the soil's.
 
         Returns:
             (W, N) float64, world [m]; NaN where there is no ground.
@@ -417,17 +419,19 @@ def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
 def _checked_points(points: Any, model: Model) -> wp.array:
     """(1 or W, N) vec2d on the model's device."""
     worlds = model.world_count
-    rule = f"soil: points must be (N, 2), ({worlds}, N, 2), or vec2d (1 or {worlds}, N) on {model.device}"
+    rule = f"soil: points must be (N, 2), ({worlds}, N, 2), or vec2d (1 or {worlds}, N)"
     if isinstance(points, wp.array):
         if points.dtype is not wp.vec2d or points.ndim != 2 or points.shape[0] not in (1, worlds):
             raise ModelError(f"{rule}, got {shown(points)}; make a wp.array of dtype vec2d")
-        return points
-    values = numbers(points)
+        return array_on("soil: points must", points, model.device)
+    values = points.detach().double() if hasattr(points, "data_ptr") else numbers(points)
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] != 2 or values.shape[0] not in (1, worlds):
-        got = values.shape if values.ndim else shown(points)
+        got = tuple(values.shape) if values.ndim else shown(points)
         raise ModelError(f"{rule}, got {got}; give x and y of each")
-    return wp.array(values, dtype=wp.vec2d, ndim=2, device=model.device)
+    if isinstance(values, np.ndarray):
+        return array_from_host("soil: points must", values, model.device, wp.vec2d)
+    return array_on("soil: points must", values, model.device, wp.vec2d)
 
 
 def _nodes(worlds: int, pages: int, shapes: int, bulldozing: bool, device: Any) -> Any:

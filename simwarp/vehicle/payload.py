@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Vec3, finite_vector, pose, shown
+from simwarp.core.types import ModelError, Vec3, finite_vector, host_values, pose, shown
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.world_masks import mask_of_worlds
@@ -131,7 +131,7 @@ def set_payload(
 def _per_world(name: str, value: Any, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """One value for all worlds, or one for each."""
     try:
-        return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+        return np.broadcast_to(np.asarray(host_values(value), dtype=np.float64), shape)
     except (TypeError, ValueError):
         one = "three numbers" if len(shape) > 1 else "one"
         rule = f"{one}, or {one} for each of {shape[0]} worlds"

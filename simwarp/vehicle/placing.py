@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import warp as wp
 
+from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.types import ModelError, numbers, shown
 from simwarp.kernels.vehicle.placing import move_vehicles
 from simwarp.model.model import Model
@@ -21,7 +22,7 @@ def place_vehicle(
 
     The vehicle moves as one rigid whole: it is turned about the vertical and shifted. Its height (unless given), lean,
     turns of wheels, shafts and gear stay; velocities turn with it: a rolling vehicle rolls along its new heading.
-    Arrays on the simulation's device are not copied through the host. Sensors take a frame there; a path
+    Arrays on the simulation's device are not copied, others are moved there. Sensors take a frame there; a path
     tracker looks for its place anew.
 
     Args:
@@ -40,10 +41,7 @@ def place_vehicle(
     if vehicle.model is not model:
         raise ModelError("place_vehicle: the vehicle is of another model than the simulation; pass one of its elements")
     worlds = model.world_count
-    position, heading = (
-        wp.to_torch(value, requires_grad=False) if isinstance(value, wp.array) else value
-        for value in (position, heading)
-    )
+    position, heading = map(_by_numbers, (position, heading))
     columns = 2 if np.shape(position)[-1:] == (2,) else 3
     place = _doubles("position", position, (worlds, columns), model)
     angle = _doubles("heading", heading, (worlds,), model)
@@ -60,13 +58,22 @@ def place_vehicle(
             part.restart(mask)  # a tracker of paths, which looks around from where it was
 
 
+def _by_numbers(value: Any) -> Any:
+    """A Warp array of vectors or of other numbers than float64 as a tensor, which converts them where they lie."""
+    if isinstance(value, wp.array) and (value.dtype != wp.float64 or not value.is_contiguous):
+        return wp.to_torch(value, requires_grad=False)
+    return value
+
+
 def _doubles(name: str, value: Any, shape: tuple[int, ...], model: Model) -> wp.array:
-    """Numbers for every world on the model's device; those of a tensor are not copied through the host."""
+    """Numbers for every world on the model's device; those of a tensor or Warp array there stay there."""
     thing, remedy = f"place_vehicle: {name} must", "give one for all worlds, or one for each"
+    if isinstance(value, wp.array) and value.shape == shape and value.is_contiguous:
+        return array_on(thing, value, model.device)
     if hasattr(value, "data_ptr"):
         if tuple(value.shape) not in (shape, shape[1:]):
             raise ModelError(f"{thing} have shape {shape}, got {tuple(value.shape)}; {remedy}")
-        return cast(wp.array, wp.from_torch(value.detach().double().expand(shape).contiguous(), dtype=wp.float64))
+        return array_on(thing, value.detach().double().expand(shape), model.device, wp.float64)
     given = numbers(value)
     if not np.isfinite(given).all():
         raise ModelError(f"{thing} be finite numbers of shape {shape}, got {shown(value)}; {remedy}")
@@ -74,4 +81,4 @@ def _doubles(name: str, value: Any, shape: tuple[int, ...], model: Model) -> wp.
         rows = np.ascontiguousarray(np.broadcast_to(given, shape))
     except ValueError:
         raise ModelError(f"{thing} have shape {shape}, got {given.shape}; {remedy}") from None
-    return wp.array(rows, dtype=wp.float64, device=model.device)
+    return array_from_host(thing, rows, model.device, wp.float64)

@@ -15,6 +15,8 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from simwarp.core.types import host_values
+
 from ..framework.registry import make, task_names
 from ..framework.rows import refuse_agents
 from ..framework.task import StepResult, Task
@@ -156,7 +158,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Advance all worlds; ``actions`` is (W, A)."""
         self._iterations.advance()
-        batch = torch.as_tensor(np.asarray(actions, dtype=np.float32), device=self.task.device)
+        batch = torch.as_tensor(np.asarray(host_values(actions), dtype=np.float32), device=self.task.device)
         result = self.task.step(batch)
         self.task.check_values()
         self._renderer.advance()
@@ -294,7 +296,8 @@ class TaskEnv(gym.Env[Any, Any]):
         Returns:
             Observation, reward, terminated, truncated and info, as ``gymnasium.Env.step``.
         """
-        batch = torch.as_tensor(np.asarray(action, dtype=np.float32), device=self.task.device).reshape(1, -1)
+        row = np.asarray(host_values(action), dtype=np.float32)
+        batch = torch.as_tensor(row, device=self.task.device).reshape(1, -1)
         self._iterations.advance()
         self._last_frame = None
         self._renderer.advance()

@@ -177,7 +177,7 @@ def unpack_snapshot(saved: Mapping[str, Any], snapshot: Any) -> Any:
         if not isinstance(part, wp.array):
             unpack_snapshot(saved[name], part)
             continue
-        values = saved[name].numpy()
+        values = saved[name].cpu().numpy()
         if values.shape != part.numpy().shape:
             raise InputError(
                 f"saved simulation state: '{name}' has shape {values.shape}, this simulation {part.numpy().shape}"

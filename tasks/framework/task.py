@@ -293,6 +293,7 @@ class Task(SavedTask, Levelled, PrintedTask, Described, ABC, Generic[ConfigT]):
 
     def begin_episodes(self, world_mask: torch.Tensor) -> dict[str, torch.Tensor]:
         """Begin new episodes in the worlds of a mask ((W,) bool), as if theirs had ended; return the observations."""
+        world_mask = world_mask.to(self.device)
         with self._acting():
             self._reset_worlds(world_mask)
             return self._observe_begun(world_mask)

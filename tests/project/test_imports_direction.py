@@ -1,9 +1,9 @@
 """Imports go one way, and never in a circle:
 
 warp <- kernels <- core, geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, soil, scenery,
-scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share five leaves,
-`SHARED`: types, arrays, their declarations, near names, and how objects print. Measurement and commands may import each
-other's modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
+scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share six leaves,
+`SHARED`: types, arrays, their devices and declarations, near names, and how objects print. Measurement and commands may
+import each other's modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
 (`if TYPE_CHECKING:`) counts for directions and circles too.
 """
 
@@ -24,8 +24,8 @@ RANKS = {
     "verify": 10, "cli": 10, "__main__": 11,
 }  # fmt: skip
 SHARED = {
-    "simwarp.core.types", "simwarp.core.arrays", "simwarp.core.fields", "simwarp.core.wording",
-    "simwarp.core.readable",
+    "simwarp.core.types", "simwarp.core.arrays", "simwarp.core.array_devices", "simwarp.core.fields",
+    "simwarp.core.wording", "simwarp.core.readable",
 }  # fmt: skip
 """What kernels may import of the host."""
 ONLY_IMPORTER = {"torch": "simwarp.core.interop", "trimesh": "simwarp.geometry.mesh_files"}

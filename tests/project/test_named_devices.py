@@ -20,7 +20,7 @@ def unnamed(source: str) -> list[str]:
     if "wp." not in source:
         return []
     tree = ast.parse(source)
-    compiled = set()
+    compiled: set[ast.AST] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
             decorators = (each.func if isinstance(each, ast.Call) else each for each in node.decorator_list)

@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import warp as wp
 
+from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
 from simwarp.core.arrays import WritableArray, writable, writable_from
 from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
@@ -201,18 +202,23 @@ class Tires(Readable):
             assets: of the model; None on a plane.
             force: (W, B) vec3 that receives the forces instead of `self.force`; entries of other bodies stay.
             torque: the same for the torques.
+
+        Raises:
+            ModelError: an array lies on another device than the tires.
         """
-        wp.launch(
-            apply_tires,
-            self.shape,
-            inputs=[
-                WorldRange(), dt, self.tables, self.parameter, self.ground_friction, self.terrain,
-                Assets() if assets is None else assets, state, self.state, self.reports,
-            ],
-            outputs=[self.force if force is None else force, self.torque if torque is None else torque],
-            device=self.device,
-        )  # fmt: skip
+        inputs = [
+            WorldRange(), dt, self.tables, self.parameter, self.ground_friction, self.terrain,
+            Assets() if assets is None else assets, state, self.state, self.reports,
+        ]  # fmt: skip
+        outputs = [self.force if force is None else force, self.torque if torque is None else torque]
+        refuse_arguments_elsewhere(apply_tires, [*inputs, *outputs], self.device)
+        wp.launch(apply_tires, self.shape, inputs=inputs, outputs=outputs, device=self.device)
 
     def reset(self, world_mask: wp.array) -> None:
-        """Zero the state of the worlds in a (W,) bool mask."""
+        """Zero the state of the worlds in a (W,) bool mask on the tires' device.
+
+        Raises:
+            ModelError: it lies on another one.
+        """
+        refuse_elsewhere("Tires.reset: world_mask must", world_mask, self.device)
         wp.launch(reset_tires, self.shape, inputs=[world_mask, self.state], device=self.device)
