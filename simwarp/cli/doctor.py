@@ -108,7 +108,10 @@ def examine_devices() -> tuple[dict[str, Any], list[Problem]]:
     if (gpus or in_warp) and not in_torch:
         why = "is a CPU build" if torch.version.cuda is None else f"(CUDA {torch.version.cuda}) does not see it"
         problems.append(
-            Problem(f"there is a GPU, but torch {torch.__version__} {why}", "install a CUDA build: see pytorch.org")
+            Problem(
+                f"there is a GPU, but torch {torch.__version__} {why}: models that name no device are on the CPU",
+                "install a CUDA build: see pytorch.org",
+            )
         )
     return facts, problems
 

@@ -491,9 +491,10 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         self, world_count: int, device: str | None = None, *, per_world: Iterable[str] = (),
         contact_capacity: int | None = None,
     ) -> Model:  # fmt: skip
-        """The Model of `world_count` worlds on `device` ("cpu", "cuda:0"; the best there is when None).
+        """The Model of `world_count` worlds on `device` ("cpu", "cuda:0").
 
         Args:
+            device: when None the first GPU, unless torch does not see it, else the CPU.
             per_world: names of Model arrays that get a copy per world, to be randomised (`model.PARAMETERS`).
             contact_capacity: contact slots of every world; enough for most scenes when None.
 

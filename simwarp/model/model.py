@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 from typing import Any, Final, NoReturn
 
@@ -272,17 +273,34 @@ class Model(ParameterFields):
 
 
 def resolve_device(device: str | None) -> Any:
-    """The Warp device of a name; the preferred one when None.
+    """The Warp device of a name; when None that which Warp prefers, unless it is a GPU that torch has no tensors on.
 
     Raises:
         ModelError: there is no such device; lists those there are.
     """
     start_warp()
     try:
-        return wp.get_device(device)
+        found = wp.get_device(device)
     except Exception as error:  # warp raises several kinds for unknown names and absent drivers
         known = ", ".join(str(each) for each in wp.get_devices())
         raise ModelError(f"device {shown(device)} is not available; use one of: {known}") from error
+    return found if device is not None else _usable_by_torch(found)
+
+
+def _usable_by_torch(device: Any) -> Any:
+    """A device that nobody asked for, or the CPU where torch could not look at its arrays."""
+    if not device.is_cuda:
+        return device
+    from simwarp.core.interop import missing_in_torch  # torch only where there is a GPU: it takes seconds to import
+
+    missing = missing_in_torch(device)
+    if not missing:
+        return device
+    warnings.warn(
+        f"device: cpu, not {device}, which {missing}; name one, as device='{device}' where no tensors are needed",
+        stacklevel=5,
+    )
+    return wp.get_device("cpu")
 
 
 def _index(name: str, names: tuple[str, ...], kind: str) -> int:
