@@ -174,7 +174,7 @@ class Eyes:
         self.scene = visuals.finalize(self.model)
         beams = sensors.beam_grid(4, 2)
         mount, rate = sensors.Mount("upper"), sensors.Schedule(rate=100.0)
-        self.sensors = {
+        self.sensors: dict[str, Any] = {
             "camera": sensors.Camera(self.scene, mount, sensors.CameraConfig(width=4, height=3)),
             "lidar": sensors.Lidar(self.scene, mount, sensors.LidarConfig(schedule=rate, beams=beams)),
             "radar": sensors.Radar(self.scene, mount, sensors.RadarConfig(schedule=rate, rays=beams)),
@@ -301,14 +301,14 @@ def _recorded_on_soil(ground: Ground, record: Callable[[soil.Soil], Any]) -> Any
 
 
 def _placed_scene(eyes: Eyes, due: Any) -> Any:
-    tables = eyes.scene.tables()
+    tables: Any = eyes.scene.tables()
     tables.lower.zero_()
     eyes.scene.place(eyes.sim.state, tables, due)
     return tables.lower.numpy()
 
 
 def _recorded_scene(eyes: Eyes, due: Any) -> Any:
-    tables = eyes.scene.tables()
+    tables: Any = eyes.scene.tables()
     tables.lower.zero_()
     eyes.sim.shares.run([eyes.scene.record_place(eyes.sim, tables, due)])
     return tables.lower.numpy()
@@ -507,7 +507,7 @@ def _seen(add: Callable[[sensors.Visuals, Any], object]) -> Callable[[Any], Any]
 
 
 def _turned(lens: Any) -> Callable[[Any], Any]:
-    return lambda values: np.asarray(lens.points(values, 0.75))
+    return lambda values: np.asarray(lens.points(values))
 
 
 HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
@@ -520,10 +520,10 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
     "ShapeList.add_shape_mesh": (_built(lambda b, v: b.add_shape_mesh(sw.WORLD, v, FACES)), TETRAHEDRON),
     "ShapeList.add_mesh_asset": (_built(lambda b, v: b.add_mesh_asset(v, FACES)), TETRAHEDRON),
     "ShapeList.add_shape_height_field": (
-        _built(lambda b, v: b.add_shape_height_field(sw.WORLD, v, (2.0, 2.0))), HEIGHTS
+        _built(lambda b, v: b.add_shape_height_field(sw.WORLD, v, size=(2.0, 2.0))), HEIGHTS
     ),
-    "ShapeList.add_height_field_asset": (_built(lambda b, v: b.add_height_field_asset(v, (2.0, 2.0))), HEIGHTS),
-    "Visuals.add_mesh": (_seen(lambda s, v: s.add_mesh(v, FACES)), TETRAHEDRON),
+    "ShapeList.add_height_field_asset": (_built(lambda b, v: b.add_height_field_asset(v, size=(2.0, 2.0))), HEIGHTS),
+    "Visuals.add_mesh": (_seen(lambda s, v: s.add_mesh(0, v, FACES)), TETRAHEDRON),
     "Visuals.add_mesh_asset": (_seen(lambda s, v: s.add_mesh_asset(v, FACES)), TETRAHEDRON),
     "Pinhole.points": (_turned(sensors.Pinhole()), TETRAHEDRON[1:]),
     "FishEye.points": (_turned(sensors.FishEye()), TETRAHEDRON[1:]),
