@@ -32,7 +32,7 @@ def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "wor
         if world_mask.dtype != wp.bool:
             given = f"a Warp array of {world_mask.dtype.__name__} {world_mask.shape}"
             raise ModelError(f"{thing} be of bool, got {given}; make it with dtype=wp.bool")
-        values = world_mask
+        values: Any = world_mask
     elif hasattr(world_mask, "data_ptr"):
         kind = kind_of_tensor(world_mask)
         if kind != "bool":

@@ -130,8 +130,7 @@ def test_a_home_without_room_for_compiled_kernels_is_one_line(tmp_path):
 
 def test_a_kernel_that_cannot_be_written_is_one_line():
     """A cache that is read-only serves as long as all kernels are in it."""
-    folder = wp.config.kernel_cache_dir
-    place = os.path.join(folder, "wp_module_p1_t1")
+    place = os.path.join(str(wp.config.kernel_cache_dir), "wp_module_p1_t1")
     with pytest.raises(warp_start.CacheError) as caught, told_compiling():
         raise OSError(30, "Read-only file system", place)
     assert str(caught.value) == (
