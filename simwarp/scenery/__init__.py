@@ -33,6 +33,7 @@ from simwarp.scenery.vehicle_visuals import (
     VehicleVisuals,
     add_vehicle_visual,
     convoy_visuals,
+    has_body,
     vehicle_visual,
     vehicle_visuals_of,
 )
@@ -43,9 +44,9 @@ __all__ = [
     "Detour", "GroundKind", "GroundPatch", "Label", "Proxy", "Track", "VehicleVisuals", "Visual", "VisualMesh",
     "add_collision", "add_vehicle_visual", "add_visual", "arranged", "barrier", "barrier_chain", "beside", "bush",
     "cone", "convoy_path", "convoy_visuals", "corridor", "crate", "detour", "flattened", "ground_patch",
-    "ground_texture", "height_at", "hills", "indoor_track", "joined", "level_colors", "pillar", "race_course",
-    "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree", "vehicle_visual", "vehicle_visuals_of",
-    "yaw_pose",
+    "ground_texture", "has_body", "height_at", "hills", "indoor_track", "joined", "level_colors", "pillar",
+    "race_course", "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree", "vehicle_visual",
+    "vehicle_visuals_of", "yaw_pose",
 ]  # fmt: skip
 
 __getattr__ = renamed_names(

@@ -243,6 +243,8 @@ STYLES: Final = {
     "artcar": BodyStyle(_artcar, tone("d3261f"), tone("e6e6e6"), 0.62, (0.81, 0.42, 0.26), (-0.037, -0.035)),
     "sedan": BodyStyle(_sedan, tone("2f66b0"), tone("c9ccd0"), 0.7, (4.85, 1.86, 1.46), (0.161, 0.035)),
 }
+PLAIN_STYLE: Final = BodyStyle(lambda _: [], _DARK, _STEEL, 0.55, (0.0, 0.0, 0.0), (0.0, 0.0))
+"""Of a vehicle without a body: its wheels."""
 
 
 def wheel_mesh(style: BodyStyle, radius: float, width: float) -> VisualMesh:

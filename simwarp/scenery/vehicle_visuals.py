@@ -10,7 +10,7 @@ import numpy as np
 from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.solids import Array, mirrored, moved
-from simwarp.scenery.vehicle_bodies import STYLES, BodyStyle, wheel_mesh
+from simwarp.scenery.vehicle_bodies import PLAIN_STYLE, STYLES, BodyStyle, wheel_mesh
 from simwarp.scenery.visual import Label, Proxy, Visual
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
@@ -39,23 +39,34 @@ class VehicleVisuals:
     places: Array
 
 
-def vehicle_visuals_of(name: str, *, color: Vec3 | None = None) -> VehicleVisuals:
+PLAIN: Final[Vec3] = (0.5, 0.1, 0.05)
+"""Paint of a vehicle that is drawn from its shapes."""
+ALIKE: Final = 0.02
+"""Wheelbase, track and tires that differ by a smaller share are those of the shipped vehicle."""
+
+
+def vehicle_visuals_of(name: str, *, color: Vec3 | None = None, spec: VehicleSpec | None = None) -> VehicleVisuals:
     """The picture of a shipped vehicle: 430 to 700 triangles for its body, 280 for a wheel.
 
     Args:
         name: one of `VEHICLES`, or that with a hyphen and more, such as "hmmwv-reduced".
         color: of its paint, linear; None: its own.
+        spec: of another vehicle in its form: length, width and height follow its wheelbase, track and tires, and it
+            stands on its wheels as built. None: the shipped one.
     """
-    style, spec = _style(name), load_vehicle(_kind(name))
+    style, shipped = _style(name), load_vehicle(_kind(name))
+    factors = None if spec is None else _factors(spec, shipped)
+    spec = shipped if spec is None or factors is None else spec
     places = _places(spec)
-    axles = np.array([(places[index, 0], style.axles[index // 2]) for index in (0, 2)])
+    if factors is None:  # the shipped ones sag on their springs: the heights are measured
+        places[:, 2] = np.repeat(style.axles, 2)
     radii = [spec.axles[axle].tire.radius for axle in (0, -1)]
     body = joined(style.parts(_paint(style, color)))
     # the body stands level over its wheels, which need not be level in the frame of reference
-    (front, rear), (high, low) = axles[:, 0], axles[:, 1] - radii
-    points = body.vertices + np.array([0.5 * (front + rear), 0.0, 0.0])
-    points[:, 2] += low + (high - low) * (points[:, 0] - rear) / (front - rear)
-    places[:, 2] = np.repeat(axles[:, 1], 2)
+    (front, high), (rear, low) = places[0, [0, 2]], places[-1, [0, 2]]
+    high, low = high - radii[0], low - radii[1]
+    points = body.vertices * (1.0 if factors is None else factors) + np.array([0.5 * (front + rear), 0.0, 0.0])
+    points[:, 2] += low + (high - low) * (points[:, 0] - rear) / (front - rear) if front > rear else low
     return VehicleVisuals(body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec), places=places)
 
 
@@ -87,27 +98,55 @@ def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:
 
 def add_vehicle_visual(
     visuals: Visuals, parts: VehicleParts, *, like: str | None = None, color: Vec3 | None = None,
-    prefix: str | None = None, **appearance: Unpack[PlainAppearanceOptions],
+    prefix: str | None = None, box: int | None = None, **appearance: Unpack[PlainAppearanceOptions],
 ) -> list[int]:  # fmt: skip
     """The body on the chassis and a wheel on every spindle, so that wheels spin and steer; returns the instances.
+
+    A vehicle that is none of `VEHICLES`, nor said to be like one, is drawn from its shapes: the box that stands for it
+    in contacts, or one of its description's `chassis.size`, and wheels as large as its tires.
 
     Args:
         visuals: of the builder that `parts` was added to.
         parts: from `simwarp.vehicle.construction.add_vehicle`.
-        like: name of the body; None: that of the vehicle's description.
+        like: name of the body, in the vehicle's own size; None: that of the vehicle's description.
         color: of the paint, linear; None: the body's own.
         prefix: of the names of the instances, "body" and "wheel_0" to "wheel_3"; the vehicle's own when None.
+        box: shape that stands for the chassis in contacts, from `simwarp.vehicle.add_chassis_box`: the body takes its
+            place. Instances that were added before it get other indices.
         appearance: fields of `Appearance`; label and reflectance are those of vehicles unless given.
+
+    Raises:
+        ModelError: there is no body of the name `like`.
     """
-    name = parts.spec.name if like is None else like
+    spec = parts.spec
+    name = spec.name if like is None else _kind(like)
     prefix = parts.prefix if prefix is None else prefix
     own: PlainAppearanceOptions = {"label": int(Label.VEHICLE), "reflectance": 0.6}
     appearance = own | appearance
-    body = vehicle_visuals_of(name, color=color).body
-    instances = [visuals.add_mesh(parts.chassis, body, name=f"{prefix}body", pose=pose(parts.reference), **appearance)]
-    for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(_style(name), parts.spec), strict=True)):
+    if has_body(name):
+        if box is not None:
+            visuals.hide(box)
+        body, place = vehicle_visuals_of(name, color=color, spec=spec).body, pose(parts.reference)
+        instances = [visuals.add_mesh(parts.chassis, body, name=f"{prefix}body", pose=place, **appearance)]
+    else:
+        instances = [_show_box(visuals, parts, box, f"{prefix}body", PLAIN if color is None else color, appearance)]
+    style = STYLES[_kind(name)] if has_body(name) else PLAIN_STYLE
+    for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(style, spec), strict=True)):
         instances.append(visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", **appearance))
     return instances
+
+
+def _show_box(
+    visuals: Visuals, parts: VehicleParts, box: int | None, name: str, color: Vec3, appearance: PlainAppearanceOptions
+) -> int:
+    """Show a vehicle's chassis as a box: the one in contacts, or that of its description."""
+    if box is not None:
+        visuals.show(box, color=color, **appearance)
+        return visuals.index_of(box)
+    chassis = parts.spec.chassis
+    half = tuple(0.5 * length for length in chassis.size)
+    place = pose(np.add(parts.reference, chassis.size_center))
+    return visuals.add_box(parts.chassis, half=half, pose=place, name=name, color=color, **appearance)
 
 
 def convoy_visuals(convoy: Convoy) -> Visuals:
@@ -119,9 +158,13 @@ def convoy_visuals(convoy: Convoy) -> Visuals:
 
     visuals = Visuals(convoy.builder)
     for box, parts in zip(convoy.boxes, convoy.vehicles.parts, strict=True):
-        visuals.hide(box)
-        add_vehicle_visual(visuals, parts)
+        add_vehicle_visual(visuals, parts, box=box)
     return visuals
+
+
+def has_body(name: str) -> bool:
+    """Return True if a vehicle of this name has a body: it is one of `VEHICLES`, or that with a hyphen and more."""
+    return any(name == kind or name.startswith(f"{kind}-") for kind in VEHICLES)
 
 
 def _kind(name: str) -> str:
@@ -143,6 +186,21 @@ def _wheels(style: BodyStyle, spec: VehicleSpec) -> tuple[VisualMesh, ...]:
     """Two per axle, left and right, in the sizes of its tires."""
     left = [wheel_mesh(style, axle.tire.radius, axle.tire.width) for axle in spec.axles]
     return tuple(wheel for mesh in left for wheel in (mesh, mirrored(mesh)))
+
+
+def _factors(spec: VehicleSpec, shipped: VehicleSpec) -> Array | None:
+    """(3,) lengths of a vehicle over a shipped one's: wheelbase, track, radius of its tires; None: it is alike."""
+
+    def lengths(each: VehicleSpec) -> Array:
+        places = _places(each)
+        radius = np.mean([axle.tire.radius for axle in each.axles])
+        wheelbase = places[0, 0] - places[-1, 0] if len(each.axles) > 1 else 0.0
+        return np.array([wheelbase, np.ptp(places[:, 1]), radius])
+
+    factors = lengths(spec) / lengths(shipped)
+    if factors[0] <= 0.0:  # one axle: as long as it is wide
+        factors[0] = factors[1]
+    return None if np.all(np.abs(factors - 1.0) < ALIKE) else factors
 
 
 def _places(spec: VehicleSpec) -> Array:

@@ -34,8 +34,9 @@ from simwarp.kernels.tasks.driving.platoon import (
 
 from ..framework.drawing import Line
 from ..framework.launching import TensorLaunch, filled, launch_over, share_over
-from .base import CHASSIS_GROUP, SETTLING, outline
+from .base import CHASSIS_GROUP, SETTLING
 from .convoy import ConvoyTask
+from .outlines import outline
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder
@@ -120,15 +121,21 @@ class PlatoonTask(ConvoyTask):
 
     def visuals(self, visuals: Visuals) -> None:
         """Show what `convoy` shows, vehicles in place of leaders."""
-        visuals.hide(*self._boxes[:-1])  # before others note the indices of what they add: those behind move up
+        from simwarp.scenery import has_body
+
+        self._has_body = has_body(self.looks_like or self.spec.name)
+        if self._has_body:
+            visuals.hide(*self._boxes[:-1])  # before others note the indices of what they add: those behind move up
         super().visuals(visuals)
 
     def show_leading(self, visuals: Visuals) -> None:
         """Show the other vehicles."""
         from simwarp.scenery import add_vehicle_visual
 
-        for parts in self._parts[:-1]:
-            add_vehicle_visual(visuals, parts, color=(0.5, 0.05, 0.03))
+        for parts, box in zip(self._parts[:-1], self._boxes[:-1], strict=True):
+            add_vehicle_visual(
+                visuals, parts, like=self.looks_like, color=(0.5, 0.05, 0.03), box=None if self._has_body else box
+            )
 
     def bind_scene(self, scene: Scene) -> None:
         """Show obstacles; the vehicles are bodies."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from simwarp.core.types import Material, ModelError, pose
+from simwarp.core.types import Material, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import resolve_device
 from simwarp.sensors.scene import Visuals
@@ -61,20 +61,9 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
 
 
 def show_body(visuals: Visuals, parts: Any) -> None:
-    """The vehicle's body and wheels; of one without a body of its own that of its shapes, or boxes and cylinders."""
+    """The vehicle's body and wheels, in place of its shapes."""
     from simwarp.scenery.vehicle_visuals import add_vehicle_visual
 
     for instance in [each for each in visuals.instances if each.body >= 0]:
         visuals.hide(instance.shape)
-    try:
-        add_vehicle_visual(visuals, parts)
-    except ModelError:  # a vehicle of one's own
-        long, wide, tall = (float(value) for value in (*parts.spec.chassis.size, 0.5, 0.5, 0.5)[:3])
-        visuals.add_box(parts.chassis, half=(0.5 * long, 0.5 * wide, 0.5 * tall), name="body", color=(0.5, 0.1, 0.05))
-        for index, side in enumerate(parts.sides):
-            tire = parts.spec.axles[index // 2].tire
-            turned = np.array([np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)])
-            visuals.add_cylinder(
-                side.spindle, radius=tire.radius, half_length=0.12, name=f"wheel_{index}", pose=pose(rotation=turned),
-                color=(0.03, 0.03, 0.03),
-            )  # fmt: skip
+    add_vehicle_visual(visuals, parts)
