@@ -8,7 +8,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.driving.hills import FLATTEST, HillTables, tell_heights, tell_normals
+from simwarp.kernels.tasks.driving.hills import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
 
 from ..framework.launching import TensorFunction, filled
 
@@ -20,6 +20,9 @@ __all__ = ["FLATTEST", "Hills"]
 
 class Hills:
     """Ground of fields whose heights are at most 1 m above or below 0, times the amplitude of each world.
+
+    Call `build` in `build_world`, return `terrain` from `ground`, call `bind` in `setup` before its ``super()``, and
+    `show` in `draw_world`. The task's `per_world` names `model_arrays` too.
 
     Args:
         count: number of fields.
@@ -46,24 +49,19 @@ class Hills:
 
         size = (self.side, self.side)
         self._assets = [builder.add_height_field_asset(field, size=size) for field in self.fields]
-        self.shape = builder.add_shape_height_field(sw.WORLD, self.fields[0], size=size, name="hills", mask=0)
+        self.shape = builder.add_shape_height_field(
+            sw.WORLD, self.fields[0], size=size, scale=(1.0, 1.0, FLATTEST), name="hills", mask=0
+        )
 
     def terrain(self, model: Model) -> Any:
-        """Return the ground for tires."""
-        from simwarp import ShapeType
-        from simwarp.vehicle import ground
+        """Return the ground for tires: the shape, as each world shows it."""
+        from simwarp.vehicle import ground_of
 
-        worlds = model.world_count
-        self._terrain = ground(
-            model.device, kind=ShapeType.HEIGHT_FIELD, asset=[self._assets[0]] * worlds,
-            scale=np.tile((1.0, 1.0, FLATTEST), (worlds, 1)),
-        )  # fmt: skip
-        return self._terrain
+        return ground_of(model, self.shape)
 
     def bind(self, model: Model) -> None:
         """Make tables of what a reset changes."""
         device = torch.device(str(model.device))
-        terrain: Any = self._terrain
         self.tables = filled(
             HillTables,
             side=self.side,
@@ -71,14 +69,23 @@ class Hills:
             assets=wp.array(self._assets, dtype=int, device=model.device),
             shape=self.shape,
             field=wp.zeros(model.world_count, dtype=wp.int64, device=model.device),
-            asset=terrain.asset,
-            scale=terrain.scale,
             shape_asset=model.shape_asset,
             shape_size=model.shape_size,
         )
         number, vector = (torch.float32, ()), (torch.float32, (3,))
+        self._show = TensorFunction(show_hills, [self.tables], [], device)
         self._height = TensorFunction(tell_heights, [self.tables], [number], device, dimensions=2)
         self._normal = TensorFunction(tell_normals, [self.tables], [vector], device)
+
+    def show(self, world_mask: torch.Tensor, field: torch.Tensor, amplitude: torch.Tensor) -> None:
+        """Put fields below the worlds of a mask: tires, sensors, `height` and `normal` have them from then on.
+
+        Args:
+            world_mask: (W,) bool; only these worlds change.
+            field: (W,) int64, numbers of the fields, from 0.
+            amplitude: (W,) of the hills [m].
+        """
+        self._show(world_mask, field, amplitude.float())
 
     def height(self, place: torch.Tensor) -> torch.Tensor:
         """Return heights (W, N) [m] of the ground at places (W, N, 2), of the triangles that tires stand on."""

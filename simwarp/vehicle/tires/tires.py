@@ -24,17 +24,19 @@ from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewh
 from simwarp.core.arrays import WritableArray, writable, writable_from
 from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import ShapeType
+from simwarp.core.types import WORLD, ShapeType
+from simwarp.core.wording import close_names
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
+from simwarp.model.model import Model
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.parameter_vector import ParameterVector, tire_vector
 from simwarp.vehicle.tires.wheel_reports import REPORTED
 
-__all__ = ["Mount", "ParameterVector", "Tires", "ground", "tire_vector"]
+__all__ = ["Mount", "ParameterVector", "Tires", "ground", "ground_of", "tire_vector"]
 
 
 class Mount(NamedTuple):
@@ -99,6 +101,62 @@ def ground(
     table.friction_cell = wp.vec2d(*friction_cell)
     terrain: TerrainTables = table
     return terrain
+
+
+def ground_of(
+    model: Model,
+    shape: int | str,
+    *,
+    friction_map: object = None,
+    friction_origin: tuple[float, float] = (0.0, 0.0),
+    friction_cell: tuple[float, float] = (1.0, 1.0),
+) -> TerrainTables:
+    """Terrain for tires that is a shape of the model: the plane, height field or mesh that bodies and sensors meet.
+
+    It reads the model's own arrays. What is written to `shape_asset`, `shape_size` and `shape_x` of the shape, in every
+    world and at any time, counts for tires from the next step on: another height field in each episode, say, with
+    ``finalize(..., per_world=["shape_asset"])``. How the shape is turned counts as it is now.
+
+    Args:
+        model: finished.
+        shape: index or name of a shape on WORLD.
+        friction_map, friction_origin, friction_cell: as of `ground`.
+
+    Raises:
+        SpecError: there is no such shape, it is none of the three or on a body, or a height field is not upright.
+    """
+    index = shape_on_world(model, shape)
+    table: Any = ground(
+        model.device, kind=model.shape_types[index], rotation=model.shape_rot.numpy()[:, index],
+        friction_map=friction_map, friction_origin=friction_origin, friction_cell=friction_cell,
+    )  # fmt: skip
+    table.x, table.asset = model.shape_x[:, index], model.shape_asset[:, index]
+    if table.kind != ShapeType.PLANE:  # which has no factors
+        table.scale = model.shape_size[:, index]
+    terrain: TerrainTables = table
+    return terrain
+
+
+def shape_on_world(model: Model, shape: int | str) -> int:
+    """Return the index of a shape on WORLD that is named by its index or name.
+
+    Raises:
+        SpecError: there is none.
+    """
+    names = model.shape_names
+    if isinstance(shape, str) and shape not in names:
+        near = close_names(shape, names, 3) or names
+        raise SpecError(f"terrain: no shape is called '{shape}'; there are {', '.join(near) or 'none'}")
+    index = names.index(shape) if isinstance(shape, str) else shape
+    if not 0 <= index < model.shape_count:
+        raise SpecError(f"terrain: shape must be below {model.shape_count}, got {index}")
+    body = model.builder.shapes[index].body
+    if body != WORLD:
+        raise SpecError(
+            f"terrain: shape '{names[index]}' must be on WORLD, it is on '{model.body_names[body]}'; tires stand on"
+            " ground that stands still"
+        )
+    return index
 
 
 class Tires(Readable):

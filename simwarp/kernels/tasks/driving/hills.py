@@ -19,9 +19,7 @@ class HillTables:
     assets: wp.array[int]  # (F,)
     shape: int  # the ground's in the model
     field: wp.array[wp.int64]  # (W,) what a world shows
-    asset: wp.array[int]  # (W,) the tires'
-    scale: wp.array[wp.vec3]  # (W,) the tires'
-    shape_asset: wp.array2d[int]  # (W, S) the model's
+    shape_asset: wp.array2d[int]  # (W, S) the model's, which tires read too
     shape_size: wp.array2d[wp.vec3]  # (W, S) the model's
 
 
@@ -29,14 +27,9 @@ class HillTables:
 def choose_hill(world: int, field: int, amplitude: float, hills: HillTables):
     """Give a world a field and an amplitude [m]."""
     hills.field[world] = wp.int64(field)
-    hills.asset[world] = hills.assets[field]
     hills.shape_asset[world, hills.shape] = hills.assets[field]
-    factor = wp.max(amplitude, FLATTEST)
-    scale = hills.scale[world]
-    scale[2] = factor
-    hills.scale[world] = scale
     size = hills.shape_size[world, hills.shape]
-    size[2] = factor
+    size[2] = wp.max(amplitude, FLATTEST)
     hills.shape_size[world, hills.shape] = size
 
 
@@ -64,7 +57,7 @@ def hill_height(world: int, place: wp.vec2, hills: HillTables) -> float:
         other = hills.heights[field, j + 1, i]
         first = t
         second = s
-    return hills.scale[world][2] * (low + first * (other - low) + second * (high - other))
+    return hills.shape_size[world, hills.shape][2] * (low + first * (other - low) + second * (high - other))
 
 
 @wp.func
@@ -77,6 +70,14 @@ def hill_normal(world: int, place: wp.vec2, hills: HillTables) -> wp.vec3:
         world, place - wp.vec2(0.0, AROUND), hills
     )
     return wp.normalize(wp.vec3(-x / (2.0 * AROUND), -y / (2.0 * AROUND), 1.0))
+
+
+@wp.kernel
+def show_hills(mask: wp.array[wp.bool], field: wp.array[wp.int64], amplitude: wp.array[float], hills: HillTables):
+    """Give some worlds fields and amplitudes [m]."""
+    world = wp.tid()
+    if mask[world]:
+        choose_hill(world, int(field[world]), amplitude[world], hills)
 
 
 @wp.kernel
