@@ -1,5 +1,35 @@
-"""Driving tasks: vehicles with suspensions, tires and drivetrains, among obstacles, on tracks and off the road."""
+"""Driving tasks: vehicles with suspensions, tires and drivetrains, among obstacles, on tracks and off the road.
 
-from .base import DrivingConfig, DrivingTask
+`DrivingTask` and `LappingTask` are what a task of one's own begins with; `Hills`, `Obstacles`, `Routes` and `RangeFan`
+are the parts that the shipped tasks share.
+"""
 
-__all__ = ["DrivingConfig", "DrivingTask"]
+from .base import CHASSIS_GROUP, DrivingConfig, DrivingTask, Frame, Observing
+from .conditions import Conditions
+from .hills import Hills
+from .lapping import LappingConfig, LappingTask, Start
+from .obstacles import ObstacleKind, Obstacles
+from .outlines import corners, outline
+from .ranging import RangeFan
+from .routes import Routes
+from .soil import SoilKind
+
+__all__ = [
+    "CHASSIS_GROUP",
+    "Conditions",
+    "DrivingConfig",
+    "DrivingTask",
+    "Frame",
+    "Hills",
+    "LappingConfig",
+    "LappingTask",
+    "Observing",
+    "ObstacleKind",
+    "Obstacles",
+    "RangeFan",
+    "Routes",
+    "SoilKind",
+    "Start",
+    "corners",
+    "outline",
+]

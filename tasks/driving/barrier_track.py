@@ -16,8 +16,9 @@ from simwarp.kernels.tasks.driving.barrier_track import find_corners_outside, pa
 
 from ..framework.launching import TensorFunction, launch_over
 from ..framework.registry import register
-from .base import PEDALS_BY_CAMERA, DrivingConfig, corners
+from .base import PEDALS_BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask, Start
+from .outlines import corners
 
 if TYPE_CHECKING:
     from simwarp.scenery import Track, VisualMesh

@@ -147,9 +147,10 @@ class DrivingTask(Task[DrivingT]):
     """Model parameters that differ by world. A subclass that adds its own keeps these two, which vehicles write."""
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
-        "camera": BY_CAMERA,
+        "camera": PEDALS_BY_CAMERA,
     }
-    """Defaults of training with ``obs`` state and with ``obs`` camera, beside those of `training`."""
+    """Defaults of training with ``obs`` state and with ``obs`` camera, beside those of `training`. By camera a policy
+    begins with 0.3 of the throttle; that of a class with ``action_size = 1``, which works no pedals, straight ahead."""
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
     """Vehicle that is driven: a name of `simwarp.vehicle.vehicle_names()` or a path of a vehicle's JSON file."""
     full_name: ClassVar[str] = "hmmwv"
@@ -162,6 +163,9 @@ class DrivingTask(Task[DrivingT]):
     """Middle of that box in the vehicle's frame of reference: X ahead, Y left, Z up [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """Place of the policy's camera in the vehicle's frame of reference [m]; it looks ahead, along +X."""
+    looks_like: ClassVar[str | None] = None
+    """Name of a shipped vehicle whose body it is seen with, in its own size; None: its own body if it is one of them,
+    else the box of its chassis on wheels."""
     navigates: ClassVar[bool] = False
     """Beside a camera there are a satellite receiver and a gyroscope, the only other instruments of the vehicle."""
     view_distance: ClassVar[float] = 9.0
@@ -185,6 +189,13 @@ class DrivingTask(Task[DrivingT]):
     hit: torch.Tensor
     """(W,) bool: the box of the chassis touched something in this control step; from `setup` on."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Leave the throttle out of what a class begins with that steers alone, unless it says that itself."""
+        super().__init_subclass__(**options)
+        if vars(cls).get("action_size") == 1 and "training_by_obs" not in vars(cls):
+            camera = {**cls.training_by_obs["camera"], "network.init_mean": (0.0,)}
+            cls.training_by_obs = {**cls.training_by_obs, "camera": camera}
+
     @property
     def action_names(self) -> Sequence[str]:
         """Steering, and pedals where the policy works them."""
@@ -204,8 +215,7 @@ class DrivingTask(Task[DrivingT]):
         """
         from simwarp.scenery import add_vehicle_visual
 
-        visuals.hide(self.chassis_shape)
-        add_vehicle_visual(visuals, self.parts)
+        add_vehicle_visual(visuals, self.parts, like=self.looks_like, box=self.chassis_shape)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional;
@@ -576,19 +586,3 @@ class DrivingTask(Task[DrivingT]):
     def upset(self) -> torch.Tensor:
         """Return (W,) bool: the chassis leans more than 60 degrees."""
         return self._tell_upset(shape=(self.num_worlds,))[0]
-
-
-def corners(half: tuple[float, float, float], device: torch.device | str) -> torch.Tensor:
-    """Return (4, 2) corners of a box from above, of its half lengths, one after the other [m]."""
-    signs = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]], device=device)
-    return signs * torch.tensor(half[:2], device=device)
-
-
-def outline(point: torch.Tensor, heading: torch.Tensor, half: tuple[float, float, float]) -> torch.Tensor:
-    """Return (W, 5, 3) the closed outline of a vehicle from above, at points (W, 3) with headings (W,)."""
-    corner = corners(half, point.device).to(point.dtype)[[0, 1, 2, 3, 0]]
-    cosine, sine = heading.double().cos().view(-1, 1), heading.double().sin().view(-1, 1)
-    turned = torch.stack(
-        [cosine * corner[:, 0] - sine * corner[:, 1], sine * corner[:, 0] + cosine * corner[:, 1]], dim=2
-    )
-    return torch.nn.functional.pad(turned + point[:, None, :2], (0, 1)).float()

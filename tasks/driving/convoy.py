@@ -44,8 +44,9 @@ from ..framework.config import require
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
-from .obstacles import Kind, Obstacles
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
+from .obstacles import ObstacleKind, Obstacles
+from .outlines import outline
 from .ranging import RangeFan
 from .routes import Routes
 
@@ -145,9 +146,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.002,
     }
-    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        **DrivingTask.training_by_obs, "camera": PEDALS_BY_CAMERA,
-    }  # fmt: skip
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     # In one set of conditions it learns to drive at the limit of one model: docs/results.md, "The full model"
     trained_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}
@@ -165,11 +163,11 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Slots for what stands beside the path."""
         from simwarp.scenery import ROCKS, bush, rock, tree
 
-        kinds = [Kind(rock(kind, 10 + seed), (0.7, 1.2)) for seed, kind in enumerate(ROCKS)]
+        kinds = [ObstacleKind(rock(kind, 10 + seed), (0.7, 1.2)) for seed, kind in enumerate(ROCKS)]
         kinds += [
-            Kind(bush("round", 1), (0.8, 1.3)),
-            Kind(tree("oak", 1), (0.7, 1.0)),
-            Kind(tree("spruce", 1), (0.7, 1.0)),
+            ObstacleKind(bush("round", 1), (0.8, 1.3)),
+            ObstacleKind(tree("oak", 1), (0.7, 1.0)),
+            ObstacleKind(tree("spruce", 1), (0.7, 1.0)),
         ]
         large = LARGE if self.config.generated else 0
         self.obstacles = Obstacles(kinds, BESIDE + large, group=1, mask=CHASSIS_GROUP)

@@ -33,7 +33,8 @@ from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorFunction, fill, filled, launch_over, zeros_of
-from .base import DrivingConfig, DrivingTask, outline
+from .base import DrivingConfig, DrivingTask
+from .outlines import outline
 from .routes import Routes
 
 if TYPE_CHECKING:

@@ -30,7 +30,8 @@ from simwarp.tasks import Ge, Le, Positive
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import filled, launch_over
 from ..framework.registry import register
-from .base import PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
+from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask
+from .outlines import outline
 from .ranging import RangeFan
 
 if TYPE_CHECKING:
@@ -88,9 +89,6 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
-    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        **DrivingTask.training_by_obs, "camera": PEDALS_BY_CAMERA,
-    }  # fmt: skip
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     # At no more cost it sees by dusk and in fog too: docs/results.md, "Driving: light, fog, delays, other vehicles"
     distilled_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class Kind:
+class ObstacleKind:
     """A thing that may stand in the way, and how small or large it may be."""
 
     visual: Visual
@@ -53,7 +53,7 @@ class Obstacles:
     slots: Slots
     arrays: tuple[SlotArrays, SlotArrays]
 
-    def __init__(self, kinds: Sequence[Kind], count: int, *, group: int, mask: int) -> None:
+    def __init__(self, kinds: Sequence[ObstacleKind], count: int, *, group: int, mask: int) -> None:
         self.kinds, self.count = tuple(kinds), count
         self._group, self._mask = group, mask
 

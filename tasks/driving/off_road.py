@@ -34,9 +34,10 @@ from ..framework.config import require
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
+from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
 from .hills import Hills
-from .obstacles import Kind, Obstacles
+from .obstacles import ObstacleKind, Obstacles
+from .outlines import outline
 from .ranging import RangeFan
 
 if TYPE_CHECKING:
@@ -148,9 +149,9 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         """Slots for obstacles; the ground, if it is not flat."""
         from simwarp.scenery import ROCKS, bush, rock, tree
 
-        kinds = [Kind(rock(kind, seed), (0.6, 1.3)) for seed, kind in enumerate(ROCKS)]
-        kinds += [Kind(bush("round", 0), (0.7, 1.4))]
-        kinds += [Kind(tree(kind, 0), (0.6, 1.0)) for kind in ("spruce", "oak")]
+        kinds = [ObstacleKind(rock(kind, seed), (0.6, 1.3)) for seed, kind in enumerate(ROCKS)]
+        kinds += [ObstacleKind(bush("round", 0), (0.7, 1.4))]
+        kinds += [ObstacleKind(tree(kind, 0), (0.6, 1.0)) for kind in ("spruce", "oak")]
         self.obstacles = Obstacles(kinds, max(1, self.config.obstacles), group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
         self.hills = Hills(_FIELDS, _SIDE) if self.config.hills > 0.0 else None

@@ -11,6 +11,7 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make, task_class
+from simwarp.tasks.driving import DrivingConfig, DrivingTask, Observing
 from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadConfig, OffRoadTask
 from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
 from simwarp.train.config import default_config, student_config
@@ -291,3 +292,30 @@ def test_by_camera_a_policy_begins_by_driving(name):
     assert len(mean) == (1 if name == "hallway" else 2)  # it works its pedals itself
     assert all(pedal > 0.0 for pedal in mean[1:])
     assert student_config(task).network.init_mean == ()
+
+
+class OwnDrive(DrivingTask):
+    """A task of one's own, which says nothing of its training."""
+
+
+class OwnSteering(OwnDrive):
+    """One that steers alone."""
+
+    action_size = 1
+
+
+class OwnTraining(OwnSteering):
+    """One that says how it is trained."""
+
+    action_size = 1
+    training_by_obs = {"camera": {"network.init_mean": (0.2,)}}
+
+
+@pytest.mark.parametrize(
+    ("task", "mean"),
+    [(DrivingTask, (0.0, 0.3)), (OwnDrive, (0.0, 0.3)), (OwnSteering, (0.0,)), (OwnTraining, (0.2,))],
+)
+def test_a_task_of_ones_own_begins_by_driving_too(task, mean):
+    assert default_config(task, DrivingConfig()).network.init_mean == mean
+    assert default_config(task, DrivingConfig(obs=Observing.STATE)).network.init_mean == ()
+    assert student_config(task, DrivingConfig()).network.init_mean == ()
