@@ -236,6 +236,10 @@ def chassis(node: Node) -> Chassis:
         (voids if void else components).append(turned_part(component))
     if voids:
         components = [hollow(node, components, voids)]
+    if "Contact" in node:
+        node.skip("Contact")
+        remedy = "add_chassis_box adds a box that stands for the vehicle in contacts"
+        warnings.warn(f"{node.place.file}: Contact: left out; {remedy}", stacklevel=2)
     return node.make(Chassis, components=tuple(components))
 
 

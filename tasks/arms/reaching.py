@@ -1,6 +1,6 @@
 """Reaching: an arm with six torques moves the point between its fingers to a cube on the ground and stays there.
 
-Numbers of Benatti's thesis, section 9.2, where the Comau Racer3 does it; one class for every arm of
+Benatti's thesis, section 9.2, where the Comau Racer3 does it; numbers are those of its code. One class for every arm of
 :mod:`simwarp.scenes`. The thesis gives no criterion of success: here the grip is within 2 cm of the cube's centre
 through the last 0.2 s.
 """
@@ -44,9 +44,9 @@ class ReachReward(enum.Enum):
     """Variants of the reward.
 
     ``shaped`` is this project's own, at most 2 in a step: nearness on the scales of 0.3 m and 2 cm, less at most 1.4
-    for touches, forces on the fingers, effort, joints at their stops and trembling. ``thesis`` is what the thesis
-    prints: 1 / (d + 0.1 mm), -1000 for a touch, less forces on the fingers, 0.001 |action x rate|, 2 per joint at a
-    stop.
+    for touches, forces on the fingers, effort, joints at their stops and trembling. ``thesis`` has the terms that the thesis
+    prints (its eq. 9.1), of whose coefficients it gives -1000 for a touch alone; the others are the original code's:
+    1 / (d + 0.1 mm), less forces on the fingers, 0.001 |action x rate|, 2 per joint at a stop.
     """
 
     SHAPED = "shaped"

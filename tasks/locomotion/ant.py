@@ -36,8 +36,8 @@ class AntReward(enum.Enum):
     """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line. ``code`` is what the original's code pays,
-    ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts, and 0.2 per limit as in the code,
-    since it gives no number).
+    ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts), but for the limits: the printed term
+    is + 3 per limit, a reward for what the text wants avoided. Here each takes 0.6 away, as in the code.
     """
 
     WALK = "walk"

@@ -275,6 +275,14 @@ def test_a_tie_rod_with_a_mass_is_warned_of(chrono):
         chrono.part("Suspension", path)
 
 
+def test_contact_shapes_of_a_chassis_are_warned_of(chrono):
+    path = next(path for path in chrono.values if path.endswith("HMMWV_Chassis.json"))
+    plain = chrono.hmmwv().chassis
+    chrono.values[path]["Contact"] = {"Materials": [], "Shapes": []}
+    with pytest.warns(UserWarning, match=r"^HMMWV_Chassis.json: Contact: left out; add_chassis_box adds a box"):
+        assert chrono.hmmwv().chassis == plain
+
+
 def test_steerings(chrono):
     rack = chrono.part("Steering", "hmmwv/steering/HMMWV_RackPinion.json")
     ours: Any = load_vehicle("hmmwv-reduced")
