@@ -16,33 +16,12 @@ from scripts.array_tables import with_tables
 from simwarp.cli import COMMANDS
 from simwarp.core.types import WorldStatus
 from simwarp.model.joint_types import ELEMENTS
+from tests.project.page_commands import pages, python_blocks
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
-WITH_CODE = [
-    ROOT / "README.md",
-    *(
-        ROOT / "docs" / name
-        for name in (
-            "actuators.md",
-            "building.md",
-            "conventions.md",
-            "debug-a-nan.md",
-            "driving.md",
-            "first_steps.md",
-            "import.md",
-            "scenery.md",
-            "sensors.md",
-            "soil.md",
-            "training.md",
-            "vehicles.md",
-            "viewer.md",
-            "velocity.md",
-            "walking.md",
-            "write-a-task.md",
-        )
-    ),
-]
+WITH_CODE = [page for page in pages() if python_blocks(page)]
+"""Every page that has Python: none is left out."""
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
@@ -84,11 +63,6 @@ def _long(value, name):
     return pytest.param(value, id=name, marks=[pytest.mark.slow] * (name in LONG))
 
 
-def blocks(page):
-    """The Python code of a page, block by block."""
-    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-
-
 def outputs(page):
     """What blocks of code print, as the page shows right below them: by number of the block."""
     found = re.findall(r"```python\n.*?```(?:\n\n```text\n(.*?)```)?", page.read_text(encoding="utf-8"), re.DOTALL)
@@ -114,16 +88,23 @@ def run(code_or_file, arguments, folder):
 @pytest.mark.parametrize("page", [_long(page, page.name) for page in WITH_CODE])
 def test_the_code_of_a_page_runs(page, tmp_path):
     # In a process of its own: the page registers a task, and must bring all of its imports
-    assert blocks(page)
+    assert python_blocks(page)
     script = tmp_path / "page.py"
     quiet = "import warp\nwarp.config.log_level = warp.LOG_WARNING\n"
-    script.write_text(quiet + f"print({END!r})\n".join([*blocks(page), ""]), encoding="utf-8")
+    script.write_text(quiet + f"print({END!r})\n".join([*python_blocks(page), ""]), encoding="utf-8")
     printed = run([str(script)], [], tmp_path).split(f"{END}\n")
     for number, shown in outputs(page).items():
         found, wanted = (DECIMAL.split(text.rstrip()) for text in (printed[number], shown))
         assert found[::2] == wanted[::2], f"block {number}"
         # pages show three decimals; the last one may differ, as processors round float32 in different orders
         assert [float(x) for x in found[1::2]] == pytest.approx([float(x) for x in wanted[1::2]], abs=1.5e-3)
+
+
+def test_every_page_of_the_documentation_is_read():
+    # Names that the test of code had listed by hand, and pages that had none
+    names = {str(page.relative_to(ROOT)) for page in pages()}
+    assert names >= {"README.md", "CONTRIBUTING.md", "docs/scale-out.md", "docs/api/tasks.md", "benchmarks/README.md"}
+    assert len(WITH_CODE) >= 17
 
 
 def test_a_wrong_output_of_a_page_is_found(tmp_path):
@@ -180,7 +161,7 @@ def test_every_example_is_run():
 
 
 def test_the_task_of_the_guide_is_small():
-    task = next(block for block in blocks(ROOT / "docs" / "write-a-task.md") if "class ReachTask" in block)
+    task = next(block for block in python_blocks(ROOT / "docs" / "write-a-task.md") if "class ReachTask" in block)
     assert len(task.splitlines()) <= 60
 
 
