@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import math
 import re
 import subprocess
 import sys
@@ -180,3 +181,27 @@ def test_the_outputs_that_are_listed_exist():
 
 def test_the_recorder_is_where_the_page_says():
     assert f"{Recorder.__module__}.Recorder" in PAGE
+
+
+def test_the_reduced_truck_stands_as_the_page_says():
+    said = re.search(
+        r"stands (\S+) m lower than `hmmwv`, and its front wheels lean inwards by (\S+)°, where .* outwards by (\S+)°",
+        PAGE,
+    )
+    assert said is not None
+    lower, inwards, outwards = map(float, said.groups())
+    height, lean = {}, {}
+    for name in ("hmmwv", "hmmwv-reduced"):
+        builder = sw.ModelBuilder()
+        parts = add_vehicle(builder, load_vehicle(name))
+        vehicle = Vehicle(parts, builder.finalize(1, "cpu", per_world=per_world()))
+        simulation = sw.Simulation(vehicle.model, 0.002, elements=[vehicle], solver=VEHICLE_SOLVER)
+        vehicle.input[:, 2] = 1.0
+        simulation.step(1500)  # at rest on its brakes
+        height[name] = float(vehicle.position.numpy()[0, 2])
+        # of the front left wheel: positive where its top leans to the right, which is inwards
+        lean[name] = math.degrees(float(vehicle.tires.camber.numpy()[0, 0]))
+    # the page rounds to a centimetre and a tenth of a degree
+    assert height["hmmwv"] - height["hmmwv-reduced"] == pytest.approx(lower, abs=0.005)
+    assert lean["hmmwv-reduced"] == pytest.approx(inwards, abs=0.05)
+    assert lean["hmmwv"] == pytest.approx(-outwards, abs=0.05)
