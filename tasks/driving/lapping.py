@@ -183,24 +183,24 @@ class LappingTask(DrivingTask[LappingT]):
         self._draw = launch_over(self, draw_lap, self._every_world, self.course, self.random.draws, self.lap)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
-        """Draw track and start."""
+        """Draw track and start where ``world_mask`` (W,) is true."""
         self._draw.on(world_mask)
 
     def start(self, world_mask: torch.Tensor) -> None:
-        """In the middle of the lane, along it."""
+        """Put the vehicle in the middle of the lane, along it, where ``world_mask`` (W,) is true."""
         self._start.on(world_mask)
         self.simulation.measure(world_mask, sensors=False)
 
     def end_step(self) -> None:
-        """See how far the vehicle has come."""
+        """Measure how far the vehicle has come."""
         self._advance_lap.launch()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the progress of the vehicles."""
+        """Return ``progress`` (W,) [m] and ``arc`` (W,) [m] beside what ``super()`` returns."""
         return super().extra_state() | {"progress": self.progress, "arc": self._arc}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
+        """Take back what `extra_state` returned, name -> (W,)."""
         super().load_extra_state(state)
         self.progress.copy_(state["progress"])
         self._arc.copy_(state["arc"])
@@ -229,7 +229,7 @@ class LappingTask(DrivingTask[LappingT]):
         return self._measured
 
     def exact_state(self) -> torch.Tensor:
-        """Return the place in the lane, points of the lane ahead, motion and inputs; the buffer itself."""
+        """Return (W, N): place in the lane, points of the lane ahead, motion and inputs; the buffer itself."""
         self._observe.launch()
         return self._policy
 
@@ -238,12 +238,12 @@ class LappingTask(DrivingTask[LappingT]):
         return self._tell_outside(shape=(self.num_worlds,))[0]
 
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return ``progress``, ``lap`` and ``failure``."""
+        """Return ``progress``, ``lap`` and ``failure``, (W,) each."""
         self._pay.on(self.outside())
         return dict(zip(("progress", "lap", "failure"), self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
-        """Return ``off_lane``, ``upset`` and ``lap``."""
+        """Return ``off_lane``, ``upset`` and ``lap``, (W,) bool each."""
         self._end.on(self.outside())
         return dict(zip(("off_lane", "upset", "lap"), self._ends, strict=True))
 
@@ -253,12 +253,12 @@ class LappingTask(DrivingTask[LappingT]):
         return limits[self.route].clamp(max=self.config.max_episode_steps)
 
     def truncations(self) -> dict[str, torch.Tensor]:
-        """Return ``too_slow``: the time for a lap is over."""
+        """Return ``too_slow`` (W,) bool: the time for a lap is over."""
         self._find_slow.launch()
         return {"too_slow": self._slow}
 
     def metrics(self) -> dict[str, torch.Tensor]:
-        """Return the share of the lap and the distance from the middle of the lane [m]."""
+        """Return ``laps`` (W,), the share of the lap, and ``aside`` (W,), the distance from the lane's middle [m]."""
         self._tell_lap.launch()
         return {"laps": self._laps, "aside": self._aside}
 

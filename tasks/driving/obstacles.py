@@ -34,7 +34,7 @@ class ObstacleKind:
 
 
 class Obstacles:
-    """As many slots as a world may have obstacles; every world fills its own, anew in each episode.
+    """Slots for obstacles, as many as a world may have; every world fills its own, anew in each episode.
 
     Contact sees the hull of a thing's first proxy, cameras its picture; both share one geometry for all worlds.
 

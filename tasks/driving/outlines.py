@@ -12,7 +12,7 @@ def corners(half: tuple[float, float, float], device: torch.device | str) -> tor
 
 
 def outline(point: torch.Tensor, heading: torch.Tensor, half: tuple[float, float, float]) -> torch.Tensor:
-    """Return (W, 5, 3) the closed outline of a vehicle from above, at points (W, 3) with headings (W,)."""
+    """Return (W, 5, 3) the closed outline of a vehicle from above, at points (W, 3) [m] with headings (W,) [rad]."""
     corner = corners(half, point.device).to(point.dtype)[[0, 1, 2, 3, 0]]
     cosine, sine = heading.double().cos().view(-1, 1), heading.double().sin().view(-1, 1)
     turned = torch.stack(
