@@ -144,7 +144,8 @@ def _show_box(
         visuals.show(box, color=color, **appearance)
         return visuals.index_of(box)
     chassis = parts.spec.chassis
-    half = tuple(0.5 * length for length in chassis.size)
+    long, wide, tall = chassis.size
+    half = (0.5 * long, 0.5 * wide, 0.5 * tall)
     place = pose(np.add(parts.reference, chassis.size_center))
     return visuals.add_box(parts.chassis, half=half, pose=place, name=name, color=color, **appearance)
 
