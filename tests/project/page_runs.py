@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shlex
 from pathlib import Path
@@ -44,12 +45,21 @@ NOT_RUN = {
     r"(?!simwarp)": "other programs: scripts of benchmarks have tests in tests/benchmarks, examples in test_docs.py",
 }
 """Commands that are parsed and not run, as patterns of how they begin -> why."""
+NEEDS = {r"simwarp sweep .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser"}
+"""Commands that are run only where an extra is installed, as patterns of how they begin -> its module."""
 
 
 def reason(words: list[str]) -> str | None:
     """Return why a command is not run; None if it is."""
     text = shlex.join(words)
     return next((why for pattern, why in NOT_RUN.items() if re.match(pattern, text)), None)
+
+
+def lacks(words: list[str]) -> str | None:
+    """Return the module that a command needs and that is not installed; None if all are there."""
+    text = shlex.join(words)
+    needed = (module for pattern, module in NEEDS.items() if re.match(pattern, text))
+    return next((module for module in needed if importlib.util.find_spec(module) is None), None)
 
 
 def shortened(words: list[str]) -> list[str]:

@@ -23,7 +23,7 @@ from tests.project.page_commands import (
     shell_blocks,
     spoken,
 )
-from tests.project.page_runs import NOT_RUN, program, reason, shortened
+from tests.project.page_runs import NOT_RUN, lacks, program, reason, shortened
 
 TASK_FILES = {
     "walker.py": ("walking.md", "class Walker(", {}),
@@ -195,7 +195,7 @@ def runs_of(page, folder):
     """The commands of a page's blocks that are run, shortened."""
     meant = MEANT.get(page.name, {})
     commands = [as_installed(words) for block in shell_blocks(page) for words in called(block, folder, meant)]
-    return [shortened(words) for words in commands if reason(words) is None]
+    return [shortened(words) for words in commands if reason(words) is None and lacks(words) is None]
 
 
 RUN = [page for page in pages() if any("simwarp " in block for block in shell_blocks(page))]

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -308,7 +308,7 @@ class OwnTraining(OwnSteering):
     """One that says how it is trained."""
 
     action_size = 1
-    training_by_obs = {"camera": {"network.init_mean": (0.2,)}}
+    training_by_obs: ClassVar[dict[str, Any]] = {"camera": {"network.init_mean": (0.2,)}}
 
 
 @pytest.mark.parametrize(
