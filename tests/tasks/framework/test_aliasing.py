@@ -128,7 +128,9 @@ def test_nothing_changes_under_a_captured_graph(name, adapter, device, monkeypat
     program = task._physics or simulation._program
     with task._acting():
         program.run(1)  # loads kernels
-    with wp.ScopedCapture(device=simulation.model.device) as capture:  # not on torch's stream, which CUDA cannot capture
+    with wp.ScopedCapture(
+        device=simulation.model.device
+    ) as capture:  # not on torch's stream, which CUDA cannot capture
         program.run(1)
     launches = []
 
