@@ -29,6 +29,7 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.simulation.state import Control, State
+from simwarp.simulation.state_check import InitialStateWarning, Overlap, PassedLimit, StateFaults
 
 __all__ = [
     "WORLD",
@@ -39,12 +40,15 @@ __all__ = [
     "Dof",
     "ForceElement",
     "FrictionRule",
+    "InitialStateWarning",
     "JointType",
     "Material",
     "Model",
     "ModelBuilder",
     "ModelError",
+    "Overlap",
     "PairRule",
+    "PassedLimit",
     "Pose",
     "PositionDrive",
     "PrescribedPosition",
@@ -55,6 +59,7 @@ __all__ = [
     "Snapshot",
     "SolverOptions",
     "State",
+    "StateFaults",
     "StepContext",
     "Vec3",
     "VelocityMotor",

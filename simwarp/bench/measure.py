@@ -174,7 +174,8 @@ class SceneRun(TimedRun):
     def __init__(self, scene: BenchScene, worlds: int, device: str | None, dt: float | None) -> None:
         self.scene = scene
         model = scene.build().finalize(world_count=worlds, device=device)
-        super().__init__(Simulation(model, dt=scene.dt if dt is None else dt, solver=scene.solver), scene.horizon)
+        step = scene.dt if dt is None else dt
+        super().__init__(Simulation(model, dt=step, solver=scene.solver, check_start=False), scene.horizon)
         if scene.motion is not None:
             self.motion_command = scene.motion(self.sim, scene.variants)
 

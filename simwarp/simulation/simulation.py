@@ -43,6 +43,7 @@ from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
+from simwarp.simulation.state_check import StateCheck, StateFaults
 from simwarp.simulation.step_recording import StepArrays, record_step
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 from simwarp.simulation.world_masks import mask_of_worlds
@@ -79,6 +80,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
         read_every: calls of `step` between two looks at the sensors' data; frames that nobody would see are not taken.
             With 1, every frame that is the latest after some `step` is there.
+        check_start: warn (`InitialStateWarning`) of shapes of one mechanism that overlap as built and of coordinates
+            that start outside their limits; False where another state is set before the first step.
         threads: of a CPU that share the worlds; None: `SIMWARP_THREADS`, else all that the process may use. Results are
             the same bits for any number. A GPU needs one.
 
@@ -105,6 +108,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         elements: Sequence[ForceElement] = (),
         sensors: Sequence[Sensor] = (),
         read_every: int = 1,
+        check_start: bool = True,
         threads: int | None = None,
     ) -> None:
         if not isinstance(model, Model):
@@ -115,8 +119,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self.substeps = whole_number("Simulation", "substeps", substeps, 1, MOST_SUBSTEPS, "1 is the default")
         self.dt = _checked_dt(dt, self.substeps)
         self.solver = solver if solver is not None else SolverOptions()
-        most = MOST_COUNTED // self.substeps
-        self.read_every = whole_number("Simulation", "read_every", read_every, 1, most, "1 is the default")
+        self.read_every = _checked_looks(read_every, self.substeps)
         reports = _checked_reports(joint_reactions, joint_accelerations)
         self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)
@@ -169,6 +172,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             outputs=[self.diagnostics.energy],
         )  # fmt: skip
         self._warn_of_unshared()
+        self._state_check = self._checked_start(check_start)
         self._publishing = self._record_outputs()
         self._begin_sensors(self._all_worlds)
         self._fix()
@@ -281,11 +285,22 @@ class Simulation(Readable, Readings, FixedAttributes):
             crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count),
             idle_changes(model, self.solver.contact_model),
             non_finite_parameters({name: getattr(model, name) for name in PARAMETERS}, model.world_count),
+            {world: str(faults) for world, faults in self._state_check.by_world().items()},
             *(part.world_problems() for part in self.elements if hasattr(part, "world_problems")),
         ]
         return explain_worlds(
             model, self.state, self.contacts, self.diagnostics, self.solver.tolerance, told=told
         )  # fmt: skip
+
+    def check_state(self, world: int = 0) -> StateFaults:
+        """Shapes that overlap and coordinates outside their limits in the present state of a world, which a step takes
+        away by moving alone (docs/theory.md). Waits for the device; nothing changes.
+
+        Raises:
+            ModelError: there is no such world.
+        """
+        most = self.model.world_count - 1
+        return self._state_check.of(whole_number("check_state", "world", world, 0, most, "count from 0"))
 
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
@@ -380,13 +395,14 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _record_step(self, all_solvers: bool, *, newton: bool) -> list[Any]:
         """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
         commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
-        commands += record_collision(
+        self._colliding = record_collision(
             self.shares,
             CollisionArrays(
                 config=self._config, model=self.model, state=self.state.arrays, contacts=self.contacts.arrays,
                 scratch=self._collision_scratch,
             ),
         )  # fmt: skip
+        commands += self._colliding
         arrays = StepArrays(
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
@@ -448,6 +464,13 @@ class Simulation(Readable, Readings, FixedAttributes):
         )  # fmt: skip
         return [(assemble, 5), (flag, 1)]
 
+    def _checked_start(self, wanted: Any) -> StateCheck:
+        """Looks for faults of the state; warns of those of the start where that is wanted."""
+        check = StateCheck(self.model, self.state, self.contacts, self._config, self._colliding)
+        if checked_flag("Simulation", "check_start", wanted):
+            check.warn(stacklevel=5)
+        return check
+
     def _warn_of_unshared(self) -> None:
         names = unshared(self._program.everywhere.commands)
         if names and self.shares.threads > 1:
@@ -492,6 +515,11 @@ def _span(array: wp.array, unit: str) -> str:
     values = array.numpy()
     least, most = values.min(), values.max()
     return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"
+
+
+def _checked_looks(read_every: Any, substeps: int) -> int:
+    """Steps between two looks at the sensors, whose clocks count sub-steps."""
+    return whole_number("Simulation", "read_every", read_every, 1, MOST_COUNTED // substeps, "1 is the default")
 
 
 def _checked_reports(joint_reactions: Any, joint_accelerations: Any) -> dict[str, bool]:

@@ -47,7 +47,7 @@ def portrait(
     builder = visuals.builder
     if not any(instance.body >= 0 for instance in visuals.instances):
         add_bodies(visuals)
-    simulation = Simulation(builder.finalize(1, "cpu"), dt=1e-3)
+    simulation = Simulation(builder.finalize(1, "cpu"), dt=1e-3, check_start=False)
     if q is not None:
         simulation.set_joint_state(None, np.asarray(q, np.float32).reshape(1, -1), None)
     has_ground = any(instance.kind in GROUNDS for instance in visuals.instances)

@@ -106,7 +106,7 @@ def build_physics(
     simulation = sw.Simulation(
         model, dt=config.dt, substeps=config.substeps, solver=solver,
         elements=[*attachments.elements, *(elements(model) if elements else ())], sensors=attachments.sensors,
-        read_every=config.decimation,
+        read_every=config.decimation, check_start=False,
     )  # fmt: skip
     simulation.rounds.watched = True  # a captured control step is recorded anew where `in_step` has changed
     state, control = simulation.state, simulation.control

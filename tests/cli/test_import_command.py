@@ -230,3 +230,34 @@ def test_help(capfd):
     code, out, _ = run(capfd, "--help")
     assert code == 0
     assert "--picture" in out
+
+
+def test_overlaps_and_passed_limits_are_named(folder, capfd):
+    """Three boxes of 0.3 m every 0.1 m: the outer two are 0.1 m in each other, and one starts outside its limits."""
+    box = '<collision><geometry><box size=".3 .2 .2"/></geometry></collision>'
+    inertial = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="l{index}">{inertial}{box}</link>' for index in range(3))
+    joints = "".join(
+        f'<joint name="j{index}" type="revolute"><parent link="l{index - 1}"/><child link="l{index}"/>'
+        f'<origin xyz=".1 0 0"/><axis xyz="0 1 0"/><limit lower="{low}" upper="2" effort="1" velocity="1"/></joint>'
+        for index, low in ((1, -1), (2, 0.5))
+    )
+    (folder / "wrong.urdf").write_text(f'<robot name="wrong">{links}{joints}</robot>')
+    found = json.loads(run(capfd, "wrong.urdf", "--base", "floating", "--json", "-")[1])
+    (overlap,) = found["overlaps"]
+    assert overlap["bodies"] == ["l0", "l2"]
+    assert overlap["depth"] == pytest.approx(0.1, abs=1e-6)
+    assert found["outside_limits"] == [{"joint": "j2", "dof": 7, "value": 0.0, "lower": 0.5, "upper": 2.0}]
+    out = " ".join(run(capfd, "wrong.urdf", "--base", "floating")[1].split())
+    assert "overlaps 'l0' and 'l2' by 100 mm; --self-collision overlapping-off" in out
+    assert "outside joint 'j2' is at 0 rad, outside 0.5 to 2" in out
+    for choice, count in (("off", 0), ("overlapping-off", 0), ("adjacent-off", 1), ("on", 3)):
+        words = ("wrong.urdf", "--base", "floating", "--self-collision", choice, "--json", "-")
+        assert len(json.loads(run(capfd, *words)[1])["overlaps"]) == count
+
+
+def test_self_collision_is_one_of_four_words(folder, capfd):
+    code, _, err = run(capfd, "two.urdf", "--base", "fixed", "--self-collision", "maybe")
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert "overlapping-off" in err

@@ -7,6 +7,7 @@ import io
 import math
 import shlex
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -16,15 +17,16 @@ from rich.table import Table
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options, take_path
-from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, load_file
+from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, SelfCollisionWord, load_file
 from simwarp.core.files import write_file
-from simwarp.core.types import Dof, PositionDrive, VelocityMotor
+from simwarp.core.types import Dof, ModelError, PositionDrive, VelocityMotor
 from simwarp.core.warp_start import told_compiling
 from simwarp.importers.imported import Imported
 from simwarp.importers.report import Fate, ReportLine
 from simwarp.importers.robot_files import save_robot
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec
+from simwarp.simulation.state_check import Overlap, PassedLimit, StateFaults, initial_faults
 
 MOST_NAMED = 6
 """Names of equal lines of the report that a table lists."""
@@ -48,6 +50,9 @@ class ImportOptions(CommonOptions):
     """Of all parts of a STEP file, or of the links of a URDF whose mass it does not tell [kg/m³]."""
     up: Literal["y", "z"] | None = None
     """Vertical axis of a SolidWorks export."""
+    self_collision: SelfCollisionWord | None = None
+    """Whether the robot's own parts touch each other, in place of what the file says: all pairs, none, all but those of
+    bodies that a joint ties, or those of the file that do not overlap as built."""
     save: Path | None = None
     """Write the robot, without what only shows, to this .json file."""
     picture: Path | None = None
@@ -64,11 +69,15 @@ def run(arguments: list[str]) -> int:
             raise UsageError(f"cannot write '{target}': the name must end in {suffix}")
     begin = time.perf_counter()
     kind, robot = load_file(
-        path, RobotOptions(options.base, options.allow, options.packages, options.density, options.up)
-    )
+        path, RobotOptions(
+            options.base, options.allow, options.packages, options.density, options.up, options.self_collision
+        ),
+    )  # fmt: skip
     wall = time.perf_counter() - begin
     console = options.console()
-    _tell(console, path, kind, robot, wall)
+    with told_compiling(partial(console.print, highlight=False)):
+        faults = _faults(robot)
+    _tell(console, path, kind, robot, faults, options, wall)
     if options.save is not None:
         save_robot(robot, options.save)
         console.print(f"wrote {options.save}", highlight=False, soft_wrap=True)
@@ -77,14 +86,17 @@ def run(arguments: list[str]) -> int:
             _draw(robot, options.picture)
         console.print(f"wrote {options.picture}", highlight=False, soft_wrap=True)
     _tell_next(console, path, kind, options)
-    options.emit(_results(path, kind, robot, wall, options))
+    options.emit(_results(path, kind, robot, faults, wall, options))
     return DONE
 
 
 # ---- for people ------------------------------------------------------------------------------------------------------
 
 
-def _tell(console: Console, path: Path, kind: Format, robot: Imported, wall: float) -> None:
+def _tell(
+    console: Console, path: Path, kind: Format, robot: Imported, faults: StateFaults, options: ImportOptions,
+    wall: float,
+) -> None:  # fmt: skip
     builder = robot.builder
     facts = {
         "file": f"{path.name} ({kind.title}), read in {wall:.2f} s",
@@ -100,6 +112,11 @@ def _tell(console: Console, path: Path, kind: Format, robot: Imported, wall: flo
     if endless:
         named = ", ".join(endless[:2]) + (f" and {len(endless) - 2} more" if len(endless) > 2 else "")
         facts["warning"] = f"{len(endless)} joint{'s have' if len(endless) > 1 else ' has'} no limits: {named}"
+    facts |= {
+        name: _first(found) for name, found in (("overlaps", faults.overlaps), ("outside", faults.limits)) if found
+    }
+    if faults.overlaps and options.self_collision is None and "self_collision" in kind.options:
+        facts["overlaps"] += "; --self-collision overlapping-off keeps such pairs apart"
     for name, words in facts.items():
         console.print(f"{name:<10} {words}", highlight=False, soft_wrap=True)
     rows: list[tuple[str, ...]] = [(name, f"{builder.bodies[body].mass:.5g}") for name, body in robot.bodies.items()]
@@ -107,6 +124,12 @@ def _tell(console: Console, path: Path, kind: Format, robot: Imported, wall: flo
     _print_table(console, ("joint", "type", "column", "limits", "driven by"), _joint_rows(robot), right=(2,))
     _print_table(console, ("actuator", "law", "moves", "control"), _actuator_rows(robot))
     _print_table(console, ("fate", "element", "count", "names, or reason"), _report_rows(robot), right=(2,))
+
+
+def _first(found: Sequence[Overlap | PassedLimit]) -> str:
+    """The first few of a list."""
+    more = f" and {len(found) - MOST_NAMED} more" if len(found) > MOST_NAMED else ""
+    return ", ".join(map(str, found[:MOST_NAMED])) + more
 
 
 def _print_table(
@@ -217,7 +240,17 @@ def _slug(stem: str) -> str:
 # ---- for scripts -----------------------------------------------------------------------------------------------------
 
 
-def _results(path: Path, kind: Format, robot: Imported, wall: float, options: ImportOptions) -> dict[str, Any]:
+def _faults(robot: Imported) -> StateFaults:
+    """Overlaps and limits that are passed, of the robot as built; none where nothing can be made of it alone."""
+    try:
+        return initial_faults(robot.builder.finalize(1, "cpu"))
+    except ModelError:
+        return StateFaults()
+
+
+def _results(
+    path: Path, kind: Format, robot: Imported, faults: StateFaults, wall: float, options: ImportOptions
+) -> dict[str, Any]:
     builder = robot.builder
     joints = []
     for name, column in robot.dofs.items():
@@ -231,6 +264,13 @@ def _results(path: Path, kind: Format, robot: Imported, wall: float, options: Im
         "masses": {name: builder.bodies[body].mass for name, body in robot.bodies.items()},
         "joints": joints, "actuators": [spec.name for spec in robot.actuators],
         "shapes": len(builder.shapes), "timestep": robot.timestep, **robot.report.to_json(),
+        "overlaps": [
+            {"shapes": list(each.names), "bodies": list(each.bodies), "depth": each.depth} for each in faults.overlaps
+        ],
+        "outside_limits": [
+            {"joint": each.joint, "dof": each.dof, "value": each.value, "lower": each.limit[0], "upper": each.limit[1]}
+            for each in faults.limits
+        ],
         "saved": None if options.save is None else str(options.save),
         "picture": None if options.picture is None else str(options.picture), "wall_s": wall,
     }  # fmt: skip

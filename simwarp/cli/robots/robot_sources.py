@@ -8,6 +8,7 @@ import shlex
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, Literal
 
 import simwarp.importers
@@ -40,13 +41,18 @@ class Format:
 
 
 FORMATS: Final = (
-    Format("MJCF", (".xml", ".mjcf"), "load_mjcf", ("allow",), "mujoco"),
-    Format("URDF", (".urdf", ".xml"), "load_urdf", ("allow", "base", "packages", "density"), "robot"),
-    Format("USD", (".usd", ".usda", ".usdc", ".usdz"), "load_usd", ("allow",)),
-    Format("STEP", (".step", ".stp"), "load_step", ("allow", "density")),
-    Format("SolidWorks", (".py",), "load_solidworks", ("allow", "up")),
+    Format("MJCF", (".xml", ".mjcf"), "load_mjcf", ("allow", "self_collision"), "mujoco"),
+    Format("URDF", (".urdf", ".xml"), "load_urdf", ("allow", "base", "packages", "density", "self_collision"), "robot"),
+    Format("USD", (".usd", ".usda", ".usdc", ".usdz"), "load_usd", ("allow", "self_collision")),
+    Format("STEP", (".step", ".stp"), "load_step", ("allow", "density", "self_collision")),
+    Format("SolidWorks", (".py",), "load_solidworks", ("allow", "up", "self_collision")),
     Format("saved robot", (".json",), "load_robot"),
 )
+
+
+SelfCollisionWord = Literal["on", "off", "adjacent-off", "overlapping-off"]
+"""What the command line says for `self_collision` of the readers."""
+SWITCHES: Final[Mapping[str | None, bool]] = MappingProxyType({"on": True, "off": False})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,6 +64,7 @@ class RobotOptions:
     packages: Sequence[str] = ()
     density: float | None = None
     up: str | None = None
+    self_collision: str | None = None
 
 
 def format_of(path: Path) -> Format:
@@ -99,7 +106,9 @@ def load_file(path: Path, options: RobotOptions) -> tuple[Format, Imported]:
     for name in given:
         if name not in kind.options:
             takers = ", ".join(other.title for other in FORMATS if name in other.options)
-            raise UsageError(f"--{name} is for {takers}, '{path.name}' is {kind.title}; leave it away")
+            raise UsageError(
+                f"--{name.replace('_', '-')} is for {takers}, '{path.name}' is {kind.title}; leave it away"
+            )
     if "base" in kind.options and options.base is None:
         raise UsageError(
             f"{path.name}: a {kind.title} file does not tell whether its root is welded to the world; "
@@ -107,6 +116,8 @@ def load_file(path: Path, options: RobotOptions) -> tuple[Format, Imported]:
         )
     if "packages" in given:
         given["packages"] = _folders(options.packages)
+    if options.self_collision in SWITCHES:
+        given["self_collision"] = SWITCHES[options.self_collision]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ImportedWarning)

@@ -58,8 +58,9 @@ def simple_subject(
     elements: dict[str, Any] = {}
     if robot is not None and robot.actuators:
         elements["actuators"] = Actuators(model, robot.actuators)
-    simulation = Simulation(model, dt, elements=[*elements.values(), *with_hand(model)])
     start = _start_of(robot)
+    acting = [*elements.values(), *with_hand(model)]
+    simulation = Simulation(model, dt, elements=acting, check_start=start is None)
 
     def reset(mask: Mask | None) -> None:
         simulation.reset(mask)

@@ -113,6 +113,21 @@ class Assembled:
     shapes_of: dict[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)
     coordinates: CoordinateMap | None = None
 
+    @property
+    def own_shapes(self) -> tuple[int, ...]:
+        """Indices of all shapes."""
+        return tuple(shape for shapes in self.shapes.values() for shape in shapes)
+
+
+def tied_links(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[set[str]]:
+    """Names of the links of each mechanism: those that joints tie together, not by way of the world."""
+    found = {link.name: {link.name} for link in links}
+    for joint in joints:
+        if joint.parent is not None and found[joint.parent] is not found[joint.child]:
+            merged = found[joint.parent] | found[joint.child]
+            found |= dict.fromkeys(merged, merged)
+    return list({id(names): names for names in found.values()}.values())
+
 
 @dataclasses.dataclass
 class WeldedGroup:

@@ -22,10 +22,11 @@ from simwarp.importers.mjcf.mjcf_extras import cameras_of, keyframes_of, sensors
 from simwarp.importers.mjcf.mjcf_files import list_tags
 from simwarp.importers.mjcf.mjcf_flags import apply_flags, is_off
 from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags, shortcut_actuators
-from simwarp.importers.mjcf.mjcf_shapes import add_shapes
+from simwarp.importers.mjcf.mjcf_shapes import add_shapes, shapes_by_root
 from simwarp.importers.mjcf.mjcf_source import Source
 from simwarp.importers.mjcf.mjcf_visuals import shown_geoms
 from simwarp.importers.report import ImportReport
+from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import needed, source_file
 from simwarp.model.builder import ModelBuilder
 
@@ -36,7 +37,7 @@ OLDEST_MUJOCO: Final = 4
 
 def load_mjcf(
     path: str | os.PathLike[str], builder: ModelBuilder | None = None, *, pose: Pose | None = None, prefix: str = "",
-    allow: Collection[str] = (), decompose: bool | Mapping[str, Any] = False,
+    allow: Collection[str] = (), decompose: bool | Mapping[str, Any] = False, self_collision: SelfCollision = None,
 ) -> Imported:  # fmt: skip
     """A robot or scene of an MJCF file. MuJoCo itself compiles it: defaults, includes, classes and units are its own.
 
@@ -48,6 +49,9 @@ def load_mjcf(
         prefix: of all names.
         allow: kinds of refused elements to leave out with a warning.
         decompose: take several hulls for a mesh instead of one: True, or options of `coacd.run_coacd`.
+        self_collision: whether what hangs on one body of the world touches itself: None as the file says, True for
+            all pairs, False for none, "adjacent-off" for all but those of bodies that a joint ties, "overlapping-off"
+            for those that the file says and that do not overlap as built.
 
     Raises:
         ModelError: MuJoCo cannot compile the file, or it has elements that are refused: one line that names them.
@@ -60,6 +64,7 @@ def load_mjcf(
             "run: pip install -U 'simwarp[import]'"
         )
     report = ImportReport(file.name, REFUSABLE, allow)
+    choice = checked_self_collision(file.name, self_collision)
     tags = list_tags(file, report)
     check_tags(tags, report)
     report.check()
@@ -76,6 +81,7 @@ def load_mjcf(
             target.gravity = rotate(source.placement.rotation, _gravity(model))
             target.pair_rule, target.friction_rule = PairRule.EITHER, FrictionRule.MAX
         imported = _build(source)
+        set_self_collision(target, choice, shapes_by_root(source), report)
         report.finish()
     imported.show = shown_geoms(source, lambda: _compiled(mujoco, file, report, visuals=True))
     return imported

@@ -41,6 +41,16 @@ def add_shapes(source: Source) -> dict[str, tuple[int, ...]]:
     return names
 
 
+def shapes_by_root(source: Source) -> list[list[int]]:
+    """Our shapes of each body of the world with all that hangs on it; the world's own are left out."""
+    found: dict[int, list[int]] = {}
+    for geom, shapes in source.shapes.items():
+        root = int(source.model.body_rootid[source.model.geom_bodyid[geom]])
+        if root != 0:
+            found.setdefault(root, []).extend(shapes)
+    return list(found.values())
+
+
 def colliding_geoms(model: Any) -> npt.NDArray[np.bool_]:
     """(ngeom,) geoms that contact masks or explicit pairs name."""
     wanted: npt.NDArray[np.bool_] = (model.geom_contype != 0) | (model.geom_conaffinity != 0)

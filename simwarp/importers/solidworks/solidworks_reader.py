@@ -19,6 +19,7 @@ from simwarp.importers.links.link_frames import composed, point_of
 from simwarp.importers.links.link_tree import Link, LinkJoint, assemble, floating_joints, frame_on, unchanged_on_error
 from simwarp.importers.links.link_visuals import shown_by
 from simwarp.importers.report import ImportReport
+from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.solidworks.exported_script import Record, Script, ScriptReader
 from simwarp.importers.solidworks.mates import KINDS, SETTINGS, Mate, between, mate_name, read_mate, rest_of
 from simwarp.importers.solidworks.solidworks_parts import PartReader, is_true
@@ -51,6 +52,7 @@ def load_solidworks(
     prefix: str = "",
     up: Literal["y", "z"] = "z",
     folders: Collection[str | Path] = (),
+    self_collision: SelfCollision = None,
     allow: Collection[str] = (),
 ) -> Imported:
     """An assembly of the script that Chrono::SolidWorks exports. The script is read as data: nothing in it runs.
@@ -67,6 +69,9 @@ def load_solidworks(
         prefix: of all names.
         up: the file's vertical axis.
         folders: in which meshes may lie, besides that of the file.
+        self_collision: whether the parts touch each other: None as the file says (docs/import.md), True for
+            all pairs, False for none, "adjacent-off" for all but those of bodies that a joint ties, "overlapping-off"
+            for those that the file says and that do not overlap as built.
         allow: kinds of elements to drop with a warning where they would be refused: "statement", "mates" (the parts
             are then not tied), "link", "collision shape".
 
@@ -77,6 +82,7 @@ def load_solidworks(
         raise ModelError(f"load_solidworks: up must be 'z' or 'y', got {shown(up)}; name the file's vertical axis")
     file = source_file(path, "load_solidworks", (".py",))
     report = ImportReport(file.name, REFUSABLE, allow)
+    choice = checked_self_collision(file.name, self_collision)
     world = composed(checked_pose(f"{file.name}: import", pose), make_pose(rotation=UP[up]))
     script = ScriptReader(file.name, report).read(bytes_of(file).decode("utf-8-sig", "replace"))
     report.check()
@@ -93,6 +99,7 @@ def load_solidworks(
         tied = [*(_on_world(link) for link in grounded), *joints]
         floating = floating_joints(parts.links, tied)
         result = assemble(target, parts.links, [*floating, *tied], prefix=prefix, source=file.name)
+        set_self_collision(target, choice, [result.own_shapes], report)
     report.finish()
     assert result.coordinates is not None
     sites = {prefix + name: frame_on(result.frames, prefix + part, place) for name, part, place in parts.markers}

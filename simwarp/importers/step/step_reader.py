@@ -17,9 +17,10 @@ from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_frames import composed, pose_from_matrix
 from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls
-from simwarp.importers.links.link_tree import Link, LinkJoint, LinkShape, assemble
+from simwarp.importers.links.link_tree import Link, LinkJoint, LinkShape, assemble, unchanged_on_error
 from simwarp.importers.links.link_visuals import LinkVisual, shown_by
 from simwarp.importers.report import ImportReport
+from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import check_installed, source_file
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
@@ -55,6 +56,7 @@ def load_step(
     pose: Pose | None = None,
     prefix: str = "",
     decompose: bool | Mapping[str, Any] = False,
+    self_collision: SelfCollision = None,
     allow: Collection[str] = (),
 ) -> Imported:
     """The parts of a STEP file as bodies, where the file places them. A part that is used n times becomes the bodies
@@ -68,6 +70,9 @@ def load_step(
         pose: of the file's world in ours; identity when None.
         prefix: of all names.
         decompose: take several hulls for a part instead of one: True, or options of `coacd.run_coacd`.
+        self_collision: whether the parts touch each other: None as the file says (docs/import.md), True for
+            all pairs, False for none, "adjacent-off" for all but those of bodies that a joint ties, "overlapping-off"
+            for those that the file says and that do not overlap as built.
         allow: ["part"] drops parts whose surface is not closed.
 
     Raises:
@@ -76,6 +81,7 @@ def load_step(
     file = source_file(path, "load_step", (".step", ".stp"))
     report = ImportReport(file.name, REFUSABLE, allow)
     world = checked_pose(f"{file.name}: import", pose)
+    choice = checked_self_collision(file.name, self_collision)
     weights = Densities(file.name, density, "part")
     links: list[Link] = []
     visuals: list[LinkVisual] = []
@@ -100,7 +106,9 @@ def load_step(
     report.check()
     target = ModelBuilder() if builder is None else builder
     welds = _welds(file.name, links, fixed)
-    result = assemble(target, links, welds, prefix=prefix, source=file.name)
+    with unchanged_on_error(target):
+        result = assemble(target, links, welds, prefix=prefix, source=file.name)
+        set_self_collision(target, choice, [result.own_shapes], report)
     report.finish()
     assert result.coordinates is not None
     return Imported(

@@ -19,6 +19,7 @@ from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_tree import Assembled, assemble, massless_heads, unchanged_on_error
 from simwarp.importers.links.link_visuals import shown_by
 from simwarp.importers.report import ImportReport
+from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import FileFolders, bytes_of, expansion_of, needed, parsed_xml, source_file
 from simwarp.importers.urdf.urdf_joints import JointTree, JointValues, welded
 from simwarp.importers.urdf.urdf_links import LinkReader
@@ -42,6 +43,7 @@ def load_urdf(
     packages: Mapping[str, str | os.PathLike[str]] = NO_PACKAGES,
     decompose: bool | Mapping[str, Any] = False,
     density: float | Mapping[str, float] | None = None,
+    self_collision: SelfCollision = None,
     allow: Collection[str] = (),
 ) -> Imported:
     """A robot of a URDF file.
@@ -62,6 +64,9 @@ def load_urdf(
         decompose: take several hulls for a mesh instead of one: True, or options of `coacd.run_coacd`.
         density: of links whose mass or inertia the file does not tell, or of each by its name [kg/m³]: these come from
             the geometry of contact, or where there is none, from what is seen. A mass that is told stays.
+        self_collision: whether the robot's own parts touch each other: None as the file says (docs/import.md), True for
+            all pairs, False for none, "adjacent-off" for all but those of bodies that a joint ties, "overlapping-off"
+            for those that the file says and that do not overlap as built.
         allow: kinds of elements to drop with a warning where they would be refused, each alone: "geometry", "origin",
             "massless link" (its joint becomes fixed), "mesh", "size" (a shape without extent), "mimic",
             "repeated element" (the first stays), "transmission".
@@ -69,17 +74,10 @@ def load_urdf(
     Raises:
         ModelError: the file, one of its meshes or an argument is not usable; names the element.
     """
-    if base not in ("fixed", "floating"):
-        raise ModelError(
-            f"load_urdf: base must be 'fixed' or 'floating', got {shown(base)}; a URDF does not tell whether its root "
-            "link is welded to the world"
-        )
-    name = Path(path).name if isinstance(path, (str, os.PathLike)) else "URDF"
-    if name.endswith(".xacro"):
-        raise ModelError(f"{name}: a .xacro file must be expanded first; run: {expansion_of(Path(path))}")
-    file = source_file(path, "load_urdf", (".urdf", ".xml"))
+    file = _checked_file(path, base)
     report = ImportReport(file.name, REFUSABLE, allow)
     placed = checked_pose(f"{file.name}: import", pose)
+    choice = checked_self_collision(file.name, self_collision)
     root = parsed_xml(file.name, bytes_of(file))
     list_elements(root, file.name, report)
     transmissions = root.findall("transmission")
@@ -101,6 +99,7 @@ def load_urdf(
     with unchanged_on_error(target):
         assembled = assemble(target, links.links, [value.joint for value in values], prefix=prefix, source=file.name)
         _couple(target, assembled, values, prefix)
+        set_self_collision(target, choice, [assembled.own_shapes], report)
         actuators = read_transmissions(transmissions, values, assembled, prefix, report)
         report.check()
     report.finish()
@@ -112,6 +111,19 @@ def load_urdf(
         velocity_limits={prefix + v.joint.name: v.velocity for v in values if v.velocity is not None},
         show=shown_by(links.visuals, assembled.frames, assembled.shapes_of, prefix),
     )  # fmt: skip
+
+
+def _checked_file(path: str | Path, base: Any) -> Path:
+    """The file, where it and the base are usable."""
+    if base not in ("fixed", "floating"):
+        raise ModelError(
+            f"load_urdf: base must be 'fixed' or 'floating', got {shown(base)}; a URDF does not tell whether its root "
+            "link is welded to the world"
+        )
+    name = Path(path).name if isinstance(path, (str, os.PathLike)) else "URDF"
+    if name.endswith(".xacro"):
+        raise ModelError(f"{name}: a .xacro file must be expanded first; run: {expansion_of(Path(path))}")
+    return source_file(path, "load_urdf", (".urdf", ".xml"))
 
 
 def _hidden_capsules(root: Any) -> set[tuple[str, str, int]]:

@@ -22,10 +22,12 @@ from simwarp.importers.links.link_tree import (
     assemble,
     floating_joints,
     massless_heads,
+    tied_links,
     unchanged_on_error,
 )
 from simwarp.importers.links.link_visuals import shown_by
 from simwarp.importers.report import ImportReport
+from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import FileFolders, source_file
 from simwarp.importers.usd.usd_bodies import SHAPES, BodyReader
 from simwarp.importers.usd.usd_joints import JointReader, Servo
@@ -59,6 +61,7 @@ def load_usd(
     prefix: str = "",
     folders: Collection[str | Path] = (),
     decompose: bool | Mapping[str, Any] = False,
+    self_collision: SelfCollision = None,
     allow: Collection[str] = (),
 ) -> Imported:
     """The robots and things of a USD file, in SI with the vertical z, whatever the units and axes of the stage.
@@ -75,6 +78,9 @@ def load_usd(
         prefix: of all names.
         folders: in which layers may lie, besides that of the file.
         decompose: take several hulls for a mesh instead of one: True, or options of `coacd.run_coacd`.
+        self_collision: whether the robot's own parts touch each other: None as the file says (docs/import.md), True for
+            all pairs, False for none, "adjacent-off" for all but those of bodies that a joint ties, "overlapping-off"
+            for those that the file says and that do not overlap as built.
         allow: kinds of elements to drop with a warning where they would be refused: "joint", "collider",
             "acceleration drive", "massless body" (it is welded).
 
@@ -84,16 +90,17 @@ def load_usd(
     file = source_file(path, "load_usd", (".usd", ".usda", ".usdc", ".usdz"))
     report = ImportReport(file.name, REFUSABLE, allow)
     placed = checked_pose(f"{file.name}: import", pose)
+    choice = checked_self_collision(file.name, self_collision)
     stage = open_stage(file, FileFolders(file, folders=folders), report)
     with warnings_reported(file, report):
-        imported = _read(stage, file, placed, builder, prefix, decompose, report)
+        imported = _read(stage, file, placed, builder, prefix, decompose, choice, report)
     report.finish()
     return imported
 
 
 def _read(
     stage: Stage, file: Path, placed: Pose, builder: ModelBuilder | None, prefix: str,
-    decompose: bool | Mapping[str, Any], report: ImportReport,
+    decompose: bool | Mapping[str, Any], choice: SelfCollision, report: ImportReport,
 ) -> Imported:  # fmt: skip
     """An opened stage; arguments as of `load_usd`."""
     world = composed(placed, stage.world)
@@ -117,6 +124,10 @@ def _read(
     with unchanged_on_error(target):
         result = assemble(target, links, tied, prefix=prefix, source=file.name)
         _exclude(stage, bodies, target, result, prefix, report)
+        parts = [
+            [shape for name in names for shape in result.shapes_of[prefix + name]] for names in tied_links(links, tied)
+        ]
+        set_self_collision(target, choice, parts, report)
     assert result.coordinates is not None
     actuators, targets = _servos(joints.servos, tied, result, prefix)
     start = Keyframe(

@@ -138,6 +138,7 @@ def exchange_blocks(i: int, j: int, topology: Topology, work: Work, cone: ConePr
     """Exchanges all that two blocks have but their rows."""
     exchange(work.active, i, j)
     exchange(work.b_sign, i, j)
+    exchange(work.recovery, i, j)
     exchange(cone.block_kind, i, j)
     exchange(cone.friction, i, j)
     exchange(cone.rolling, i, j)

@@ -213,6 +213,9 @@ class WorkScratch(ScratchGroup):
 
     active = scratch_array(wp.int32, "blocks")  # box constraint, or the number of box constraints plus the contact
     b_sign = scratch_array(wp.float32, "blocks")
+    recovery = scratch_array(wp.float32, "blocks")  # speed of a row's recovery; 0: it only holds, -1: it takes no part
+    recovery_xi = scratch_array(wp.float32, "tree_dofs")  # the recovery's motion, as `xi`
+    recovery_share = scratch_array(wp.float32, "units")  # of it that a unit makes
 
 
 Work = WorkScratch.struct("Work", __name__)

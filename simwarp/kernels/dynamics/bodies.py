@@ -29,6 +29,7 @@ from simwarp.kernels.dynamics.joints import (
     wraps,
 )
 from simwarp.kernels.dynamics.tree import Wrench, has_held_rate
+from simwarp.kernels.recovery.recovery import make_recovery
 
 wp.set_module_options({"enable_backward": False})
 
@@ -294,22 +295,25 @@ def apply_row_forces(
 
 @wp.func
 def publish(
-    world: int, projected: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
-) -> int:
+    world: int, projected: int, recovers: int, topology: Topology, parameters: Parameters, config: StepConfig,
+    state: StateArrays, work: Work,
+) -> int:  # fmt: skip
     """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written).
 
-    `projected` is 1 where `work` no longer holds the poses of the step's start.
+    `projected` is 1 where `work` no longer holds the poses of the step's start, `recovers` where a recovery is to be
+    made.
     """
-    if publish_motion(world, projected, topology, parameters, dt, state, work) == 0:
+    if publish_motion(world, projected, recovers, topology, parameters, config, state, work) == 0:
         return 0
-    publish_coordinates(world, dt, topology, parameters, state, work)
+    publish_coordinates(world, config.dt, topology, parameters, state, work)
     return 1
 
 
 @wp.func(inline=True)
 def publish_motion(
-    world: int, projected: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
-) -> int:
+    world: int, projected: int, recovers: int, topology: Topology, parameters: Parameters, config: StepConfig,
+    state: StateArrays, work: Work,
+) -> int:  # fmt: skip
     """As `publish`, without the coordinates."""
     finite = int(1)
     for link in range(topology.link_count):
@@ -332,8 +336,7 @@ def publish_motion(
     publish_rates(world, topology, parameters, state, work)
     if topology.massless_count > 0 and has_held_rate(topology, work):
         state.world_status[world] = state.world_status[world] | SINGULAR
-    advance_poses(world, dt, topology, state, work)
-    publish_poses(world, topology, state, work)
+    advance_poses(world, config.dt, topology, state, work)
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
@@ -346,6 +349,9 @@ def publish_motion(
             )
             state.body_v[world, body] = work.t_lin[link]
             state.body_omega[world, body] = work.t_ang[link]
+    if recovers == 1:
+        make_recovery(world, topology, config, state, work)
+    publish_poses(world, topology, state, work)
     return 1
 
 

@@ -20,7 +20,8 @@ from simwarp.kernels.dynamics.cone_rows import (
     walk_tree_dof,
 )
 from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort, effort_bounds, is_bounded
-from simwarp.kernels.dynamics.joints import joint_frames
+from simwarp.kernels.dynamics.joints import RELATIVE_ROTATION, joint_frames
+from simwarp.kernels.recovery.recovery import recovery_speed
 
 wp.set_module_options({"enable_backward": False})
 
@@ -41,6 +42,7 @@ class Candidate:
     compliance: float
     lower: float
     upper: float
+    recovery: float  # of a limit that is passed, by moving alone [m/s or rad/s]; 0: it only holds, -1: no limit
 
 
 @wp.func
@@ -51,6 +53,7 @@ def candidate(
     """Bounds and bias of one potential row for the free rate [m/s or rad/s] of its coordinate."""
     row = Candidate()
     row.sign = 1.0
+    row.recovery = -1.0
     q = float(state.joint_x[world, dof])
     if kind == LIMIT:
         lower = q - parameters.joint_limit_lower[world_row(world, parameters.joint_limit_lower.shape[0]), dof]
@@ -66,7 +69,11 @@ def candidate(
         # the reserve is for speed that the other box constraints may add within the step
         if gap / dt + row.sign * rate < fastest:
             row.acts = 1
-        row.bias = wp.max(gap / dt, -fastest)
+        row.recovery = 0.0
+        if topology.joint_type[topology.dof_joint[dof]] != RELATIVE_ROTATION:  # which poses do not tell
+            row.recovery = recovery_speed(dt, gap, fastest)
+        if row.recovery == 0.0:
+            row.bias = wp.max(gap / dt, -fastest)
         row.upper = INFINITE_EFFORT
     elif kind == FRICTION:
         row.upper = dt * parameters.joint_friction[world_row(world, parameters.joint_friction.shape[0]), dof]
@@ -151,6 +158,7 @@ def collect_boxes(
             if cone.diagonal[count] > TINY:  # a coordinate that cannot move takes no impulse
                 work.active[count] = index
                 work.b_sign[count] = row.sign
+                work.recovery[count] = row.recovery
                 cone.block_row[count] = count
                 cone.block_kind[count] = BOX
                 cone.friction[count] = 0.0

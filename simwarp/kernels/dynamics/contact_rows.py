@@ -13,6 +13,7 @@ from simwarp.kernels.core.spatial import contact_frame
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, given_pair, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
+from simwarp.kernels.recovery.recovery import recovery_speed
 
 wp.set_module_options({"enable_backward": False})
 
@@ -142,7 +143,7 @@ def impact_acts(
 
 @wp.func
 def normal_bias(dt: float, gap: float, surface: ContactParameters, config: StepConfig) -> float:
-    """Right-hand side of the normal row of a contact that does not bounce [m/s]."""
+    """Right-hand side of the normal row of a contact that neither bounces nor recovers [m/s]."""
     if surface.compliance > 0.0:
         return gap / (dt + surface.damping)
     return wp.max(gap / dt, -config.max_depenetration_velocity)
@@ -202,6 +203,7 @@ class ContactRows:
 
     acts: int
     gap: float
+    recovery: float  # of its overlap, by moving alone [m/s]; 0: there is none
     u: wp.vec3  # relative velocity without contacts, in the contact's frame [m/s]
     warm: wp.vec3
     warm_moment: wp.vec3
@@ -227,6 +229,8 @@ def contact_rows(
     )
     if r.gap > STICKY * config.contact_margin:
         r.surface.cohesion = 0.0
+    if r.surface.compliance == 0.0:  # else it is a spring
+        r.recovery = recovery_speed(dt, r.gap, config.max_depenetration_velocity)
     closing = -wp.min(r.u[0], 0.0)
     if config.friction_law == CONVEX:
         closing += r.surface.friction * wp.sqrt(r.u[1] * r.u[1] + r.u[2] * r.u[2])  # sliding lifts by as much
@@ -247,6 +251,8 @@ def fill_contact(
     if r.surface.restitution > 0.0 and impact_acts(dt, r.gap, incoming, r.u[0], r.surface, config):
         cone.compliance[row] = 0.0
         cone.r[row] = r.u[0] + r.surface.restitution * incoming
+    elif r.recovery > 0.0:
+        cone.r[row] = r.u[0]
     else:
         cone.r[row] = r.u[0] + normal_bias(dt, r.gap, r.surface, config)
     cone.gamma[row] = r.warm[0]
@@ -340,6 +346,7 @@ def collect_contacts(
                 fill_contact(row, count, dt, c, r, config, work, cone)
                 finish_diagonal(row, count, cone)
                 work.active[block] = topology.box_count + contact
+                work.recovery[block] = r.recovery
                 block += 1
                 row += count
     cone.block_row[block] = row
@@ -361,6 +368,7 @@ def list_contacts(
             count = set_block(block, row, dt, r.surface, cone)
             fill_contact(row, count, dt, c, r, config, work, cone)
             work.active[block] = topology.box_count + contact
+            work.recovery[block] = r.recovery
             block += 1
             row += count
     cone.block_row[block] = row
@@ -371,6 +379,7 @@ def list_contacts(
 def move_block(source: int, source_row: int, count: int, block: int, row: int, work: Work, cone: ConeProblem):
     """A listed contact takes the place of an earlier one that was dropped."""
     work.active[block] = work.active[source]
+    work.recovery[block] = work.recovery[source]
     cone.block_kind[block] = cone.block_kind[source]
     cone.friction[block] = cone.friction[source]
     cone.rolling[block] = cone.rolling[source]

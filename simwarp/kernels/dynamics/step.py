@@ -35,6 +35,7 @@ from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
+from simwarp.kernels.recovery.recovery import find_recovery, wants_recovery
 
 wp.set_module_options({"enable_backward": False})
 
@@ -114,6 +115,7 @@ class StepProgress:
     islands: int  # of the cone problem; 0: one that moves everything
     row_residual: float  # of the bilateral rows [m/s or rad/s]
     position_error: float  # of the joints [m or rad]
+    recovers: int  # 1: overlaps and passed limits recover by moving alone
 
 
 @wp.func
@@ -243,6 +245,8 @@ def take_impulses(
             if work.active[block] < topology.box_count:
                 impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
                 state.box_impulse[world, work.active[block]] = impulse
+        if wants_recovery(progress.blocks, work):
+            progress.recovers = find_recovery(world, progress.blocks, topology, parameters, contacts, work, cone)
     if topology.pair_count > 0:
         publish_contacts(world, config.dt, progress.blocks, topology, contacts, work, cone)
     return progress
@@ -250,11 +254,13 @@ def take_impulses(
 
 @wp.func(inline=True)
 def finish_step(
-    world: int, moved: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays,
-    work: Work,
+    world: int, moved: int, recovers: int, config: StepConfig, topology: Topology, parameters: Parameters,
+    state: StateArrays, work: Work,
 ):  # fmt: skip
-    """Publishes the state after the step; `moved` = 1: its positions were projected already."""
-    if publish(world, moved, topology, parameters, config.dt, state, work) == 0:
+    """Publishes the state after the step; `moved` = 1: its positions were projected already; `recovers` = 1: there is
+    a recovery to make.
+    """
+    if publish(world, moved, recovers, topology, parameters, config, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
     else:
         state.world_time[world] = state.world_time[world] + wp.float64(config.dt)

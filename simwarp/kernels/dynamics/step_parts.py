@@ -52,13 +52,14 @@ class StepState:
     limits: wp.array[int]
     blocks: wp.array[int]
     islands: wp.array[int]
+    recovers: wp.array[int]
     row_residual: wp.array[float]
     position_error: wp.array[float]
 
 
 def step_state_layouts(worlds: int) -> dict[str, ArrayLayout]:
     """The arrays of a `StepState`."""
-    whole = ("limits", "blocks", "islands")
+    whole = ("limits", "blocks", "islands", "recovers")
     names = [*whole, "row_residual", "position_error"]
     return {name: ArrayLayout((worlds,), wp.int32 if name in whole else wp.float32) for name in names}
 
@@ -70,6 +71,7 @@ def progress_of(world: int, step: StepState) -> StepProgress:
     progress.limits = step.limits[world]
     progress.blocks = step.blocks[world]
     progress.islands = step.islands[world]
+    progress.recovers = step.recovers[world]
     progress.row_residual = step.row_residual[world]
     progress.position_error = step.position_error[world]
     return progress
@@ -81,6 +83,7 @@ def keep_progress(world: int, progress: StepProgress, step: StepState):
     step.limits[world] = progress.limits
     step.blocks[world] = progress.blocks
     step.islands[world] = progress.islands
+    step.recovers[world] = progress.recovers
     step.row_residual[world] = progress.row_residual
     step.position_error[world] = progress.position_error
 
@@ -498,7 +501,7 @@ def publish_worlds(
     moved = int(0)
     if config.projection_iterations > 0 and config.reactions == 0 and config.accelerations == 0:
         moved = 1
-    if publish_motion(world, moved, topology, parameters, config.dt, state, work) == 0:
+    if publish_motion(world, moved, step.recovers[world], topology, parameters, config, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
 
 

@@ -222,7 +222,7 @@ def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
                     world, config.dt, progress.blocks, topology, parameters, state, control, contacts, config, work,
                     cone, reports,
                 )  # fmt: skip
-            finish_step(world, moved, config, topology, parameters, state, work)
+            finish_step(world, moved, progress.recovers, config, topology, parameters, state, work)
 
     return step_worlds
 

@@ -1,0 +1,1 @@
+"""Recovery from states that no motion leads to."""
