@@ -13,8 +13,8 @@ from tests.reference.contact_step import ContactReference
 
 EPS = float(np.finfo(np.float32).eps)
 DT = 1e-3
-FASTEST = 100.0
-"""Depenetration velocity [m/s], of which a fiftieth takes 2 mm away in a step."""
+FASTEST = 1000.0
+"""Depenetration velocity [m/s], of which a fiftieth takes 20 mm away in a step."""
 LEAST_ARM = 0.05
 """Smallest radius in the scenes [m]: a speed error there is an angular one over it."""
 
