@@ -80,7 +80,7 @@ def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
 def _check_site(thing: str, site: Any, model: Model) -> None:
     if not isinstance(site, SitePull):
         raise ModelError(f"{thing}: site must be a SitePull, got {shown(site)}; write SitePull(body=...)")
-    ends: list[tuple[str, Any, int]] = [("body", site.body, 0)]
+    ends: list[tuple[str, Any, int]] = [("body", site.body, 0 if site.reference is None else WORLD)]
     if site.reference is not None:
         ends.append(("reference", site.reference, WORLD))
     for role, body, least in ends:

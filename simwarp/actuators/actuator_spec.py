@@ -47,7 +47,7 @@ class SitePull:
     """Transmission to a frame: a wrench along fixed directions, on the body at the frame's origin.
 
     Attributes:
-        body: that carries the frame, not `WORLD`.
+        body: that carries the frame; `WORLD` only with a reference.
         pose: of the frame, from the body's centre of mass, in body axes [m].
         gear: (6,) force [N] and torque [N·m] per unit of actuator force, in the frame's axes.
         reference: body of a frame in whose axes `gear` is given instead; it takes the reaction, at the same point. The

@@ -69,7 +69,7 @@ def checked_tree(thing: str, simulation: Any) -> None:
     """A simulation whose coordinates are independent of each other."""
     if not isinstance(simulation, Simulation):
         raise ModelError(f"{thing}: simulation must be a Simulation, got {shown(simulation)}; pass Simulation(...)")
-    rows = simulation.model.topology.row_count
+    rows = simulation.model.topology.row_count - simulation.model.tables.tree_row_count
     if rows > 0:
         raise ModelError(
             f"{thing}: the model must be a tree without loops and couplings, got {rows} rows that tie its coordinates "

@@ -246,15 +246,17 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         frame = frame_from_axis(checked_name("joint", name), normal, "normal", direction)
         return self._add(JointType.PLANAR, name, parent, child, anchor, None, dofs, rotation=frame)
 
-    def add_joint_free(self, name: str, child: int, *, anchor: Vec3 | None = None) -> int:
+    def add_joint_free(self, name: str, child: int, *, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()) -> int:
         """Names the six coordinates of a floating body: q = (position of the frame in the world [m], rotation
         vector [rad]), qd = (its velocity [m/s], angular velocity [rad/s]), all in world axes.
 
         Args:
             anchor: origin of the frame on the body, world frame [m]; the body's centre when None.
+            dofs: springs, dampers, armature and drives without an effort limit, which tie it softly to the world.
 
         Raises:
-            ModelError: the body is tied to the world by joints already added, or floats under another FREE joint.
+            ModelError: a coordinate has bounds or a prescribed motion; the body is tied to the world by joints already
+                added, or floats under another FREE joint.
         """
         thing = checked_name("joint", name)
         body = self._body(thing, "child", child)
@@ -263,8 +265,9 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         if anchor is not None:
             offset = finite_vector(thing, "anchor", anchor, 3) - body.pose.position
         frame1 = Frame(rotate(quat_conjugate(body.pose.rotation), offset), IDENTITY)
+        checked = checked_dofs(thing, JointType.FREE.name, 6, dofs)
         return self._append(
-            JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, (Dof(),) * 6)
+            JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, checked)
         )
 
     def add_loop_joint(
@@ -406,8 +409,9 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         *,
         anchor: Vec3,
         rotation: Quat = (0.0, 0.0, 0.0, 1.0),
-        stiffness: Sequence[float],
+        stiffness: Sequence[float] = (0.0,) * 6,
         damping: Sequence[float] = (0.0,) * 6,
+        dofs: Sequence[Dof] = (),
     ) -> int:
         """Six compliant rows along and about the axes of a frame.
 
@@ -416,11 +420,15 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
             rotation: of the frame's axes in the world, xyzw quaternion.
             stiffness: (6,) along the axes [N/m], then about them [N·m/rad].
             damping: (6,) along the axes [N·s/m], then about them [N·m·s/rad].
+            dofs: six of any law, in the place of stiffness and damping.
         """
         thing = checked_name("bushing", name)
         k = finite_vector(thing, "stiffness", stiffness, 6)
         d = finite_vector(thing, "damping", damping, 6)
-        dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
+        if dofs == ():
+            dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
+        elif k.any() or d.any():
+            raise ModelError(f"{thing}: dofs must stand alone, got stiffness or damping too; put them into dofs")
         frame = checked_rotation(thing, "rotation", rotation)
         return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
 
@@ -474,10 +482,11 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
             ModelError: there is no such coordinate, nothing drives it, or the drive is not usable.
         """
         spec, local = self._coordinate("set_drive", joint, dof)
-        if spec.type in (JointType.FREE, JointType.RELATIVE_ROTATION, JointType.BUSHING):
+        if spec.type is JointType.RELATIVE_ROTATION:
             raise ModelError(f"set_drive: joint '{spec.name}' is {spec.type.name}, which nothing drives; name another")
-        dofs = list(spec.dofs)
-        dofs[local] = checked_dof(f"joint '{spec.name}'", dataclasses.replace(dofs[local], drive=drive))
+        thing, dofs = f"joint '{spec.name}'", list(spec.dofs)
+        dofs[local] = checked_dof(thing, dataclasses.replace(dofs[local], drive=drive))
+        checked_dofs(thing, spec.type.name, len(dofs), dofs)
         self.joints[joint] = dataclasses.replace(spec, dofs=tuple(dofs))
 
     # ---- finish --------------------------------------------------------------------------------------------------

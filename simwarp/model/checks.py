@@ -17,6 +17,7 @@ from simwarp.core.types import (
     FLOAT32_LEAST,
     FLOAT32_MAX,
     Dof,
+    JointType,
     ModelError,
     Pose,
     PositionDrive,
@@ -252,7 +253,24 @@ def checked_dofs(thing: str, kind: str, count: int, dofs: Sequence[Dof]) -> tupl
             f"{thing}: dofs must have {count} entries for a {kind} joint, got {len(dofs)}; "
             "write Dof() for a coordinate without anything on it"
         )
+    if kind == JointType.FREE.name:
+        for dof in dofs:
+            _check_floating(thing, dof)
     return tuple(checked_dof(thing, dof) for dof in dofs) or (Dof(),) * count
+
+
+def _check_floating(thing: str, dof: Dof) -> None:
+    """Laws of a floating body are rows beside the tree, which bounded impulses and motions do not know."""
+    dof = checked_dof(thing, dof)
+    drive = dof.drive
+    unbounded = drive is None or (isinstance(drive, PositionDrive) and np.isinf(numbers(drive.effort_limit)).all())
+    found = {"limit": dof.limit is not None, "friction": dof.friction > 0.0, "drive": not unbounded}
+    for field, there in found.items():
+        if there:
+            raise ModelError(
+                f"{thing}: a FREE joint has springs, dampers and PositionDrives without effort limit, "
+                f"got {field}={shown(getattr(dof, field))}; tie the body by another joint"
+            )
 
 
 def checked_dof(thing: str, dof: Dof) -> Dof:

@@ -4,7 +4,8 @@
 - DISTANCE: springs between the two bodies of a tree joint of one degree of freedom; along that one, times a lever
   (`load_distances`).
 - ROW: joints that close loops, and combinations, with a stiff or inertial effort, or a motion; a compliant row
-  (`loop_joint_rows`, `combination_laws`).
+  (`loop_joint_rows`, `combination_laws`). Also balls of the tree whose springs differ from axis to axis
+  (`rotation_rows`), and floating bodies with an effort.
 - TERMS: combinations without an effort; `joint_force` alone, on the coordinates of their terms (`load_combinations`).
 - BODY_FORCE: all others, free bodies and loop joints without an effort; `joint_force` alone, on the bodies.
 
@@ -16,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,6 +31,7 @@ from simwarp.core.types import (
     PrescribedSpeed,
     VelocityMotor,
 )
+from simwarp.model.joint_types import ROTATION_START
 
 PASSIVE = tuple(
     each.name for each in dataclasses.fields(Dof) if each.default == 0.0 and each.name not in ("rest", "friction")
@@ -56,12 +59,47 @@ def effort_route(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bo
         along_tree_dof: whether a tree joint of one degree of freedom ties the joint's bodies.
     """
     if in_tree:
-        return EffortRoute.BODY_FORCE if kind is JointType.FREE else EffortRoute.TREE
+        if kind is not JointType.FREE:
+            return EffortRoute.TREE
+        return EffortRoute.ROW if has_effort(dof) else EffortRoute.BODY_FORCE
     if not has_effort(dof):
         return EffortRoute.TERMS if kind is JointType.COMBINATION else EffortRoute.BODY_FORCE
     if kind is JointType.DISTANCE and along_tree_dof and not is_prescribed(dof):
         return EffortRoute.DISTANCE
     return EffortRoute.ROW
+
+
+def joint_routes(kind: JointType, dofs: Sequence[Dof], *, in_tree: bool, along_tree_dof: bool) -> list[EffortRoute]:
+    """The paths of all coordinates of a joint, as `effort_route` of each. A rotation vector is one thing: an effort on
+    one of its coordinates makes rows of all three. A ball of the tree needs none, unless its springs differ from axis
+    to axis: then their stiffness is a matrix, which changes with the rotation.
+    """
+    routes = [effort_route(kind, dof, in_tree=in_tree, along_tree_dof=along_tree_dof) for dof in dofs]
+    start = ROTATION_START.get(kind)
+    if start is None:
+        return routes
+    turning = dofs[start : start + 3]
+    if in_tree and kind is JointType.SPHERICAL:
+        if is_isotropic(turning):
+            return routes
+        return [EffortRoute.TREE if is_prescribed(dof) else EffortRoute.ROW for dof in turning]
+    if any(has_effort(dof) for dof in turning):
+        return [*routes[:start], *[EffortRoute.ROW] * 3]
+    return routes
+
+
+def is_isotropic(dofs: Sequence[Dof]) -> bool:
+    """Whether springs, and drives without an effort limit, are as stiff about each axis of a rotation that is free to
+    turn: then their stiffness is a number.
+    """
+    stiffness = set()
+    for dof in dofs:
+        if not is_prescribed(dof):
+            driven = isinstance(dof.drive, PositionDrive) and not has_bounded_drive(dof)
+            stiffness.add((dof.stiffness, getattr(dof.drive, "stiffness", 0.0) if driven else 0.0))
+            if dof.spring_table is not None:
+                return False
+    return len(stiffness) <= 1
 
 
 def box_constraint_kinds(dof: Dof) -> list[BoxKind]:

@@ -76,3 +76,7 @@ ELEMENTS: Final[dict[JointType, Element]] = {
     JointType.COMBINATION: Element((Row(RowKind.SUM),), (), False),
 }
 """Sources: lock masks of the usual joint catalogue (Haug 1989, chapter 9); massless links as distance rows."""
+
+ROTATION_START: Final[dict[JointType, int]] = {JointType.SPHERICAL: 0, JointType.BUSHING: 3, JointType.FREE: 3}
+"""Joints of which three coordinates are a rotation vector, and the first of these: springs act on the rotation as a
+whole (kernels/dynamics/efforts.py)."""

@@ -474,9 +474,10 @@ def _row_topology(
     """Tables of the bilateral rows, group by group."""
     place, joint_rows, row_count = groups.place, tables.row_count, groups.row_start[-1]
     first = np.array([place[row] for row in tables.loop_row[:-1]], np.int32)
+    end = first + np.diff(tables.loop_row).astype(np.int32)
     t.loop_joint, t.loop_row = (
         ints(tables.loop_joint),
-        ints(np.stack([first, first + np.diff(tables.loop_row)], axis=1)),
+        ints(np.stack([first, end - np.array(tables.rotation_rows, np.int32), end], axis=1)),
     )
     ends = [max(row.axis1, row.axis0) if dof >= 0 else row.axis1
             for row, dof in zip(tables.rows, tables.row_dof, strict=True)]  # fmt: skip
@@ -537,6 +538,8 @@ def _device_topology(
     touched = {body for joint in joints for body in (joint.parent, joint.child)}
     massless = [link.body >= 0 and builder.bodies[link.body].is_massless for link in links]
     t.link_massless, t.massless_count = ints(massless), sum(massless)
+    with_rows = set(tables.loop_joint)
+    t.link_sprung = ints([link.joint in with_rows for link in links])
     t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
     t.link_tree_dof, t.tree_dof_to_dof, t.tree_dof_link = (
         ints(tables.link_tree_dof),

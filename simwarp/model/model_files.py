@@ -68,8 +68,6 @@ ROUNDING: Final = 1e-6
 BULGE: Final = 1e-4
 """By which corners of a hull may stand out of its faces; times the extent."""
 FREE_OF_BODIES: Final = (JointType.SHAFT, JointType.COMBINATION)
-PASSIVE: Final = (JointType.FREE, JointType.RELATIVE_ROTATION)
-"""Joints on whose coordinates nothing acts."""
 PAIRS: Final = ("excluded_bodies", "excluded_shapes", "given_pairs")
 ROOMS: Final = {ShapeType.HULL: "hulls", ShapeType.HEIGHT_FIELD: "height_fields", ShapeType.MESH: "meshes"}
 
@@ -328,7 +326,7 @@ def _joint(builder: ModelBuilder, entry: JointEntry, taken: Taken) -> JointSpec:
         _want(thing, "parent", entry.parent, WORLD, kind)
         _want(thing, "frame0", entry.frame0, FrameEntry(), kind)
         builder._check_floats(thing, entry.child)
-    if kind in PASSIVE:
+    if kind == JointType.RELATIVE_ROTATION:  # nothing acts on it
         _want(thing, "dofs", entry.dofs, (), kind)
     dofs = checked_dofs(thing, kind.name, len(ELEMENTS[kind].dofs), tuple(dof_of(dof) for dof in entry.dofs))
     if entry.closes_loop and kind not in (JointType.FIXED, JointType.SPHERICAL):

@@ -7,7 +7,6 @@ joints whose coordinates carry efforts or couplings are preferred, since a tree 
 from __future__ import annotations
 
 import dataclasses
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +20,17 @@ from simwarp.core.types import (
     PrescribedSpeed,
     Table,
 )
-from simwarp.model.effort_routing import EffortRoute, box_constraint_kinds, effort_route, has_effort
-from simwarp.model.joint_types import ELEMENTS, Row
+from simwarp.model.effort_routing import (
+    EffortRoute,
+    box_constraint_kinds,
+    effort_route,
+    has_effort,
+    joint_routes,
+)
+from simwarp.model.joint_types import ELEMENTS, ROTATION_START, Row
 from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
 
 IntArray = npt.NDArray[np.int32]
-NOT_COUPLABLE: Final = (JointType.FREE, JointType.SPHERICAL, JointType.BUSHING)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +46,10 @@ class Link:
 
 @dataclasses.dataclass(frozen=True)
 class Tables:
-    """The tables of `kernels.tables.Topology` as lists, before they go to a device."""
+    """The tables of `kernels.tables.Topology` as lists, before they go to a device. `loop_joint` are the joints with
+    rows: those that close loops, and those of the tree whose efforts are rows; the last `rotation_rows` of each are
+    those of a rotation's efforts.
+    """
 
     links: list[Link]
     link_tree_dof: list[int]
@@ -51,6 +58,7 @@ class Tables:
     dof_to_tree_dof: list[int]
     loop_joint: list[int]
     loop_row: list[int]
+    rotation_rows: list[int]
     rows: list[Row]
     row_dof: list[int]
     paths: list[EffortRoute]
@@ -66,6 +74,13 @@ class Tables:
     def row_count(self) -> int:
         """Rows of loop joints, compliant rows included, couplings not."""
         return len(self.rows)
+
+    @property
+    def tree_row_count(self) -> int:
+        """Rows that carry efforts of joints of the tree: they tie no coordinates."""
+        in_tree = {link.joint for link in self.links}
+        ends = zip(self.loop_joint, self.loop_row, self.loop_row[1:], strict=False)
+        return sum(end - first for joint, first, end in ends if joint in in_tree)
 
     @property
     def silent_count(self) -> int:
@@ -161,31 +176,31 @@ def build_tables(builder: Specification) -> Tables:
     row_dof: list[int] = []
     paths: list[EffortRoute] = []
     distance_dof: list[tuple[int, int]] = []
+    rotation_rows: list[int] = []
     single = _single_tree_dofs(links, link_tree_dof)
     for joint, spec in enumerate(builder.joints):
         along = single.get(frozenset((spec.parent, spec.child)))
-        here = [
-            effort_route(spec.type, dof, in_tree=joint in in_tree, along_tree_dof=along is not None)
-            for dof in spec.dofs
-        ]
+        here = joint_routes(spec.type, spec.dofs, in_tree=joint in in_tree, along_tree_dof=along is not None)
         paths += here
         if spec.type == JointType.COMBINATION:
             continue  # its rows are those of its sum
         if along is not None and EffortRoute.DISTANCE in here:
             distance_dof.append((dof_start[joint], along))
-        elif joint not in in_tree:
-            fixed = ELEMENTS[spec.type].rows
+        elif joint not in in_tree or EffortRoute.ROW in here:
+            fixed = () if joint in in_tree else ELEMENTS[spec.type].rows
             soft = [local for local, path in enumerate(here) if path is EffortRoute.ROW]
             rows += [*fixed, *(ELEMENTS[spec.type].dofs[local] for local in soft)]
             row_dof += [-1] * len(fixed) + [dof_start[joint] + local for local in soft]
             if fixed or soft:
+                start = ROTATION_START.get(spec.type, len(spec.dofs))
                 loop_joint.append(joint)
                 loop_row.append(len(rows))
+                rotation_rows.append(sum(local >= start for local in soft))
     dofs = [dof for spec in builder.joints for dof in spec.dofs]
     boxes = [(index, kind) for index, dof in enumerate(dofs) for kind in box_constraint_kinds(dof)]
     return Tables(
-        links, link_tree_dof, tree_dof_to_dof, tree_dof_link, dof_to_tree_dof, loop_joint, loop_row, rows, row_dof,
-        paths, distance_dof, boxes,
+        links, link_tree_dof, tree_dof_to_dof, tree_dof_link, dof_to_tree_dof, loop_joint, loop_row,
+        rotation_rows, rows, row_dof, paths, distance_dof, boxes,
     )  # fmt: skip
 
 
@@ -322,7 +337,7 @@ def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_sta
         thing = f"{'coupling' if coupling.dof < 0 else 'combination'} '{coupling.name}'"
         for dof, _ in coupling.terms:
             spec: JointSpec = builder.joints[owner[dof]]
-            if spec.type in NOT_COUPLABLE:
+            if spec.type in ROTATION_START:
                 raise ModelError(
                     f"{thing}: joint '{spec.name}' is {spec.type.name}, whose angles are no "
                     "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"

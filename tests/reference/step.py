@@ -9,9 +9,18 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import Dof
+from simwarp.core.types import Dof, JointType
 from simwarp.model.builder import ModelBuilder
-from tests.reference.step_laws import DofInput, box_constraints, implicit_terms, prescribed_speed, table_energy
+from tests.reference.step_laws import (
+    DofInput,
+    box_constraints,
+    drive_terms,
+    implicit_terms,
+    prescribed_speed,
+    relative_rotation,
+    rotation_terms,
+    table_integral,
+)
 from tests.reference.step_rows import Rows, matrices, quat_exp, quat_product
 from tests.reference.step_solve import Bilateral, Boxes, solve_boxes
 
@@ -36,6 +45,10 @@ def gyroscopic(inertia: np.ndarray, w0: np.ndarray, h: float) -> np.ndarray:
         if np.linalg.norm(change) <= 1e-15 * (1.0 + np.linalg.norm(w1)):
             break
     return w1
+
+
+ROTATIONS = {JointType.SPHERICAL: 0, JointType.BUSHING: 3, JointType.FREE: 3}
+"""First of the three coordinates of a rotation vector."""
 
 
 class ReferenceStep:
@@ -70,6 +83,8 @@ class ReferenceStep:
         self.shaft_qd = np.array([s.initial_qd for s in shafts])
         self.shaft_inertia = np.array([s.inertia for s in shafts])
         self.dofs: list[Dof] = [dof for joint in self.rows.joints for dof in joint.dofs]
+        self.rotations = [self.rows.dof_start[j] + ROTATIONS[joint.type]
+                          for j, joint in enumerate(self.rows.joints) if joint.type in ROTATIONS]  # fmt: skip
         self._evaluate()
         self.joint_q = self.rows.coordinates(self.shaft_q, None)
         self.joint_qd = self.dof_jacobian @ self.velocity
@@ -169,15 +184,14 @@ class ReferenceStep:
             body_force: (B, 3) at the centres of mass, world frame [N].
             body_torque: (B, 3) world frame [N·m].
         """
-        h = self.dt
         zeros = np.zeros(len(self.dofs))
         controls = (joint_force, target_q, target_qd)
         inputs = self._inputs(*(zeros if a is None else np.asarray(a, float) for a in controls))
-        terms = np.array([implicit_terms(dof, s, h) for dof, s in zip(self.dofs, inputs, strict=True)]).reshape(-1, 2)
+        gain, start = self._implicit(inputs)
         mass = self.mass_matrix()
         jd = self.dof_jacobian
-        mass_implicit = mass + jd.T @ (terms[:, :1] * jd)
-        free = np.linalg.solve(mass_implicit, mass @ self._free_velocity(body_force, body_torque) + jd.T @ terms[:, 1])
+        mass_implicit = mass + jd.T @ gain @ jd
+        free = np.linalg.solve(mass_implicit, mass @ self._free_velocity(body_force, body_torque) + jd.T @ start)
         jacobian, bias = self._bilateral_rows(inputs)
         bilateral = Bilateral(mass_implicit, jacobian, self.rank)
         boxes = self._boxes(inputs)
@@ -188,7 +202,7 @@ class ReferenceStep:
         velocity = bilateral.project(smooth + columns @ self.box_impulse, bias)
         pushed = np.linalg.solve(mass_implicit, boxes.jacobian.T @ self.box_impulse)
         impulses = bilateral.impulses(velocity - free - pushed)
-        self._record(impulses, terms, velocity, boxes)
+        self._record(impulses, gain, start, velocity, boxes)
         self._advance(velocity)
 
     def _inputs(self, force: np.ndarray, target_q: np.ndarray, target_qd: np.ndarray) -> list[DofInput]:
@@ -248,20 +262,36 @@ class ReferenceStep:
 
     def _boxes(self, inputs: list[DofInput]) -> Boxes:
         jacobian, rest, self.box_dof = [], [], []
+        drive_terms_of = {}
+        for first in self.rotations:
+            three = slice(first, first + 3)
+            gain, start = drive_terms(self.dofs[three], inputs[three], self.dt, bounded=True)
+            drive_terms_of |= {first + k: (float(gain[k, k]), float(start[k])) for k in range(3)}
         for i, (dof, s) in enumerate(zip(self.dofs, inputs, strict=True)):
-            for sign, *row in box_constraints(dof, s, self.dt):
+            for sign, *row in box_constraints(dof, s, self.dt, drive_terms_of.get(i)):
                 jacobian.append(sign * self.dof_jacobian[i])
                 rest.append(row)
                 self.box_dof.append(i)
         bias, compliance, low, high = np.array(rest, float).reshape(-1, 4).T
         return Boxes(np.array(jacobian).reshape(-1, self.rows.width), bias, compliance, low, high)
 
-    def _record(self, impulses: np.ndarray, terms: np.ndarray, velocity: np.ndarray, boxes: Boxes) -> None:
+    def _implicit(self, inputs: list[DofInput]) -> tuple[np.ndarray, np.ndarray]:
+        """(G, g) of the impulses g - G u along all degrees of freedom."""
+        terms = [implicit_terms(dof, s, self.dt) for dof, s in zip(self.dofs, inputs, strict=True)]
+        gain, start = np.diag([term[0] for term in terms]), np.array([term[1] for term in terms])
+        for first in self.rotations:
+            three = slice(first, first + 3)
+            gain[three, three], start[three] = rotation_terms(self.dofs[three], inputs[three], self.dt)
+        return gain, start
+
+    def _record(
+        self, impulses: np.ndarray, gain: np.ndarray, start: np.ndarray, velocity: np.ndarray, boxes: Boxes
+    ) -> None:
         n, m = self.rows.bilateral, self.rows.bilateral + len(self.prescribed)
         self.bilateral_impulse, self.coupling_impulse = impulses[:n], impulses[m:]
         self.prescribed_effort = np.zeros(len(self.dofs))
         self.prescribed_effort[self.prescribed] = impulses[n:m] / self.dt
-        self.dof_impulse = terms[:, 1] - terms[:, 0] * (self.dof_jacobian @ velocity)
+        self.dof_impulse = start - gain @ self.dof_jacobian @ velocity
         self.box_speed = boxes.jacobian @ velocity + boxes.bias + boxes.compliance * self.box_impulse
         side1 = self.rows.side1[:n] * self.bilateral_impulse[:, None] / self.dt
         arm = self.rows.anchor1 - self.rows.center1
@@ -306,16 +336,21 @@ class ReferenceStep:
         return float(np.max(np.abs(self.rows.value[: self.rows.bilateral]), initial=0.0))
 
     def energy(self) -> float:
-        """Kinetic (armature included), gravity, springs along coordinates and preloads [J]."""
+        """Kinetic (armature included), gravity, springs and preloads [J]."""
         w = np.einsum("bij,bj->bi", self.world_inertia(), self.omega)
         total = 0.5 * np.sum(self.mass[:, None] * self.v**2) + 0.5 * np.sum(self.omega * w)
         total += 0.5 * self.shaft_inertia @ self.shaft_qd**2 - np.sum(self.mass * (self.x @ self.builder.gravity))
-        for dof, q, qd in zip(self.dofs, self.joint_q, self.joint_qd, strict=True):
+        stretch, moved = self.joint_q - [dof.rest for dof in self.dofs], self.joint_q.copy()
+        for first in self.rotations:
+            three = slice(first, first + 3)
+            rest = np.array([dof.rest for dof in self.dofs[three]])
+            stretch[three] = moved[three] = relative_rotation(self.joint_q[three], rest)
+        for dof, x, q, qd in zip(self.dofs, stretch, moved, self.joint_qd, strict=True):
             total += 0.5 * dof.armature * qd**2 - dof.preload * q
             if dof.spring_table is None:
-                total += 0.5 * dof.stiffness * (q - dof.rest) ** 2
+                total += 0.5 * dof.stiffness * x**2
             else:
-                total += table_energy(dof.spring_table, q - dof.rest)
+                total += table_integral(dof.spring_table, x)
         return float(total)
 
     def linear_momentum(self) -> np.ndarray:

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from simwarp.core.types import Dof, PositionDrive, PrescribedPosition, PrescribedSpeed, Table, VelocityMotor
+from tests.reference.step_rows import matrices, quat_exp, rotation_log
 
 
 def table_value_slope(table: Table, at: float) -> tuple[float, float]:
@@ -18,12 +19,12 @@ def table_value_slope(table: Table, at: float) -> tuple[float, float]:
     return float(y[k] + slope * (at - x[k])), float(slope)
 
 
-def table_energy(table: Table, at: float) -> float:
-    """Integral of a piecewise linear table from 0 to `at`: trapezia between its knots, which are exact."""
-    low, high = min(at, 0.0), max(at, 0.0)
-    knots = np.unique([low, high, *(x for x in table[0] if low < x < high)])
-    area = np.trapezoid([table_value_slope(table, knot)[0] for knot in knots], knots)
-    return float(np.copysign(1.0, at) * area)
+def table_integral(table: Table, at: float) -> float:
+    """Integral of a table from 0 to `at`, segment by segment."""
+    low, high = sorted((0.0, at))
+    knots = np.array([low, *(x for x in table[0] if low < x < high), high])
+    values = np.array([table_value_slope(table, x)[0] for x in knots])
+    return float(math.copysign(1.0, at) * np.sum(0.5 * np.diff(knots) * (values[1:] + values[:-1])))
 
 
 @dataclasses.dataclass
@@ -62,6 +63,62 @@ def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
     return gain, start
 
 
+def relative_rotation(turn: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """log(exp(turn) exp(rest)^T) of rotation vectors [rad]."""
+    rotation, origin = matrices(quat_exp(np.array([turn, rest])))
+    return rotation_log(rotation @ origin.T)
+
+
+def angle_gradients(theta: np.ndarray) -> np.ndarray:
+    """(3, 3): row i is the gradient of theta_i over a turn about fixed axes, the inverse of the left Jacobian."""
+    angle = np.linalg.norm(theta)
+    cross = np.cross(theta, np.eye(3)).T
+    if angle < 1e-4:
+        return np.linalg.inv(np.eye(3) + cross / 2 + cross @ cross / 6)
+    first, second = (1.0 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
+    return np.linalg.inv(np.eye(3) + first * cross + second * cross @ cross)
+
+
+def tangent_stiffness(stiffness: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """(3, 3): without the curvature of the angles, or the number that all three stiffnesses are."""
+    if np.ptp(stiffness) == 0.0:
+        return stiffness[0] * np.eye(3)
+    return gradients.T @ np.diag(stiffness) @ gradients
+
+
+def rotation_terms(dofs: list[Dof], inputs: list[DofInput], h: float) -> tuple[np.ndarray, np.ndarray]:
+    """(G, g) of `implicit_terms` for the three coordinates of a rotation vector: springs and drives are gradients of
+    their potentials of the relative rotation, all else acts along the angular velocity.
+    """
+    turn = np.array([s.q for s in inputs])
+    rest = np.array([dof.rest for dof in dofs])
+    without = [dataclasses.replace(dof, stiffness=0.0, spring_table=None, preload=0.0, drive=None) for dof in dofs]
+    plain = np.array([implicit_terms(dof, s, h) for dof, s in zip(without, inputs, strict=True)])
+    theta = relative_rotation(turn, rest)
+    pulls = [table_value_slope(dof.spring_table, angle) if dof.spring_table else (dof.stiffness * angle, dof.stiffness)
+             for dof, angle in zip(dofs, theta, strict=True)]  # fmt: skip
+    pull, stiffness = np.array(pulls).T
+    gradients = angle_gradients(theta)
+    gain = np.diag(plain[:, 0]) + h * h * tangent_stiffness(np.maximum(stiffness, 0.0), gradients)
+    start = plain[:, 1] + h * gradients.T @ (np.array([dof.preload for dof in dofs]) - pull)
+    more, along = drive_terms(dofs, inputs, h, bounded=False)
+    return gain + more, start + along
+
+
+def drive_terms(dofs: list[Dof], inputs: list[DofInput], h: float, *, bounded: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(G, g) of the PD drives of a rotation that have a bound, or of those that have none."""
+    drives = [dof.drive if isinstance(dof.drive, PositionDrive)
+              and any(map(math.isfinite, bounds_of(dof.drive))) == bounded else PositionDrive(stiffness=0.0)
+              for dof in dofs]  # fmt: skip
+    theta = relative_rotation(np.array([s.q for s in inputs]), np.array([s.target_q for s in inputs]))
+    gradients = angle_gradients(theta)
+    stiffness, damping = np.array([(drive.stiffness, drive.damping) for drive in drives]).T
+    implicit = np.full(3, stiffness.max()) if bounded else stiffness
+    gain = np.diag(h * damping) + h * h * tangent_stiffness(implicit, gradients)
+    start = h * (damping * np.array([s.target_qd for s in inputs]) - gradients.T @ (stiffness * theta))
+    return gain, start
+
+
 def prescribed_speed(dof: Dof, s: DofInput, time: float, h: float) -> float | None:
     """The speed that a prescribed degree of freedom must have at the end of the step; None if it is not."""
     drive = dof.drive
@@ -77,8 +134,12 @@ def prescribed_speed(dof: Dof, s: DofInput, time: float, h: float) -> float | No
     return rate + float(np.clip((now - s.q) / h, -s.eta, s.eta))
 
 
-def box_constraints(dof: Dof, s: DofInput, h: float) -> list[tuple[float, float, float, float, float]]:
-    """(sign of the row, bias, compliance, low, high) of every box constraint of `dof`."""
+def box_constraints(
+    dof: Dof, s: DofInput, h: float, drive_term: tuple[float, float] | None = None
+) -> list[tuple[float, float, float, float, float]]:
+    """(sign of the row, bias, compliance, low, high) of every box constraint of `dof`; `drive_term` are the gain and
+    the effort of its drive, where its own coordinate alone does not make them.
+    """
     rows = []
     if dof.limit is not None:
         lower, upper = dof.limit
@@ -95,8 +156,7 @@ def box_constraints(dof: Dof, s: DofInput, h: float) -> list[tuple[float, float,
     if isinstance(drive, PositionDrive) and any(map(math.isfinite, bounds_of(drive))):
         k, d = drive.stiffness, drive.damping
         least, most = bounds_of(drive)
-        gain = h * k + d
+        gain, start = drive_term or (h * (h * k + d), h * (k * (s.target_q - s.q) + d * s.target_qd))
         if gain > 0.0:
-            bias = -(k * (s.target_q - s.q) + d * s.target_qd) / gain
-            rows.append((1.0, bias, 1.0 / (h * gain), h * least, h * most))
+            rows.append((1.0, -start / gain, 1.0 / gain, h * least, h * most))
     return rows

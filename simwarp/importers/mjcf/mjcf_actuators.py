@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from simwarp.actuators import Activation, ActuatorSpec, Law, SitePull, Target
-from simwarp.core.types import Dof, PositionDrive
+from simwarp.core.types import WORLD, Dof, PositionDrive
+from simwarp.importers.imported import NamedFrame
 from simwarp.importers.mjcf.mjcf_bodies import is_scalar
 from simwarp.importers.mjcf.mjcf_equalities import coordinate_terms
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
@@ -299,8 +300,11 @@ def _transmission(source: Source, index: int) -> dict[str, Any] | None:
     pull = float(gear[0])
     if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         if not is_scalar(model, target):
-            report.refuse("actuator on ball or free joint", told)
-            return None
+            site = _joint_pull(source, index, target)
+            if site is None:
+                report.refuse("actuator on ball or free joint", told)
+                return None
+            return {"site": site}
         dof = int(model.jnt_dofadr[target])
         offset = pull * float(model.qpos0[model.jnt_qposadr[target]])
         return {"terms": ((source.dofs[dof], pull),), "length_offset": offset}
@@ -336,21 +340,52 @@ def coordinate_terms_only(model: Any, tendon: int) -> bool:
     return bool((wraps == mujoco.mjtWrap.mjWRAP_JOINT).all())
 
 
+def _joint_pull(source: Source, index: int, joint: int) -> SitePull | None:
+    """The pull of an actuator on a ball or free joint: a torque on the child about axes of the child or, of
+    "jointinparent", of the parent, which takes the reaction; the length of a ball is that along its rotation vector.
+    None: there is no single frame for it.
+    """
+    import mujoco
+
+    model = source.model
+    parent, child = source.ends[joint]
+    gear = np.array(model.actuator_gear[index], np.float64)
+    in_parent = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINTINPARENT
+    body = int(model.jnt_bodyid[joint])
+    if mujoco.mjtJoint(model.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_FREE:
+        frame = source.attached(child, source.pose(source.data.xpos[body], source.data.xquat[body]))
+        if not gear[:3].any() and not in_parent:
+            return _pull(frame, gear)
+        turns_in_child = gear[3:].any() and not in_parent
+        with_length = any(model.actuator_biasprm[index][1:2]) or any(model.actuator_gainprm[index][1:2])
+        if turns_in_child or with_length:  # its length would be that of our reference, where MuJoCo's is 0
+            return None
+        return _pull(frame, gear, NamedFrame(WORLD, source.placement))
+    built = source.pose(source.data.xanchor[joint], source.data.xquat[body])
+    outer, inner = source.attached(parent, built), source.attached(child, built)
+    turning = np.concatenate([np.zeros(3), gear[:3]])
+    return _pull(inner, turning, outer) if in_parent else _pull(outer, -turning, inner)
+
+
+def _pull(frame: NamedFrame, gear: Any, reference: NamedFrame | None = None) -> SitePull:
+    """A pull on a frame, seen from a reference if there is one."""
+    numbers: Any = tuple(float(value) for value in gear)
+    if reference is None:
+        return SitePull(body=frame.body, pose=frame.pose, gear=numbers)
+    return SitePull(
+        body=frame.body, pose=frame.pose, gear=numbers, reference=reference.body, reference_pose=reference.pose
+    )
+
+
 def _site_pull(source: Source, index: int, gear: Any) -> SitePull:
     model, data = source.model, source.data
     site, reference = (int(value) for value in model.actuator_trnid[index][:2])
 
-    def placed(number: int) -> tuple[int, Any]:
+    def placed(number: int) -> NamedFrame:
         body = int(model.site_bodyid[number])
-        frame = source.frame(body, source.pose_of_axes(data.site_xpos[number], data.site_xmat[number]))
-        return frame.body, frame.pose
+        return source.frame(body, source.pose_of_axes(data.site_xpos[number], data.site_xmat[number]))
 
-    body, pose = placed(site)
-    options: dict[str, Any] = {}
-    if reference >= 0:
-        options["reference"], options["reference_pose"] = placed(reference)
-    numbers = tuple(float(value) for value in gear)
-    return SitePull(body=body, pose=pose, gear=numbers, **options)  # type: ignore[arg-type]
+    return _pull(placed(site), gear, placed(reference) if reference >= 0 else None)
 
 
 def _activation(model: Any, index: int) -> tuple[Activation, float]:

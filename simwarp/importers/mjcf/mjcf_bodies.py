@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
-from simwarp.core.rotation import matrix_of
+from simwarp.core.rotation import matrix_of, rotate
 from simwarp.core.types import WORLD, Dof, ModelError, PositionDrive
 from simwarp.core.types import pose as make_pose
 from simwarp.importers.coordinates import CoordinateKind, JointCoordinates
@@ -82,6 +83,7 @@ def add_joints(source: Source, drives: Mapping[int, PositionDrive]) -> list[Join
             last = joint == first + count - 1
             child = source.bodies[body] if last else _frame_between(source, body, joint)
             coordinates.append(_add_joint(source, joint, parent, child, body, drives))
+            source.ends[joint] = (parent, child)
             parent = child
     return coordinates
 
@@ -106,12 +108,14 @@ def _add_joint(
     told, held = source.told("joint", joint), f"joint {kind.name.removeprefix('mjJNT_').lower()}"
     source.report.hold(held, told)
     if kind == mujoco.mjtJoint.mjJNT_FREE:
-        index = builder.add_joint_free(name, child, anchor=source.point(source.data.xpos[body]))
+        dofs = _free_dofs(source, joint)
+        index = builder.add_joint_free(name, child, anchor=source.point(source.data.xpos[body]), dofs=dofs)
         form = JointCoordinates(name, CoordinateKind.FREE, position, rate, builder.dof_start(index))
     elif kind == mujoco.mjtJoint.mjJNT_BALL:
-        dofs = [_dof(source, joint, rate + axis, 0.0, None) for axis in range(3)]
-        index = builder.add_joint_spherical(name, parent, child, anchor=anchor, dofs=dofs)
         turned = source.rotation(source.data.xquat[body])
+        rest = rotate(turned, Rotation(np.roll(model.qpos_spring[position : position + 4], -1)).as_rotvec())
+        dofs = _at_rest([_dof(source, joint, rate + axis, 0.0, None) for axis in range(3)], rest)
+        index = builder.add_joint_spherical(name, parent, child, anchor=anchor, dofs=dofs)
         form = JointCoordinates(
             name, CoordinateKind.BALL, position, rate, builder.dof_start(index),
             rotation=(turned[0], turned[1], turned[2], turned[3]),
@@ -148,6 +152,21 @@ def _dof(source: Source, joint: int, dof: int, reference: float, drive: Position
     )  # fmt: skip
 
 
+def _free_dofs(source: Source, joint: int) -> list[Dof]:
+    """Laws of a floating body: its spring rests where the file has it, in our world."""
+    model, place = source.model, int(source.model.jnt_qposadr[joint])
+    spring = model.qpos_spring[place : place + 7]
+    rest = [*source.point(spring[:3]), *Rotation(source.rotation(spring[3:])).as_rotvec()]
+    laws = [_dof(source, joint, int(model.jnt_dofadr[joint]) + axis, 0.0, None) for axis in range(6)]
+    return _at_rest([dataclasses.replace(law, friction=0.0) for law in laws], rest)
+
+
+def _at_rest(laws: Iterable[Dof], rest: Iterable[float]) -> list[Dof]:
+    """Laws with their springs at rest there."""
+    return [dataclasses.replace(law, rest=float(value) if law.stiffness else 0.0)
+            for law, value in zip(laws, rest, strict=True)]  # fmt: skip
+
+
 def is_scalar(model: Any, joint: int) -> bool:
     """True of joints whose position is one number: hinges and slides."""
     import mujoco
@@ -162,8 +181,7 @@ def _check_joint(source: Source, joint: int, kind: Any) -> None:
     model, report, told = source.model, source.report, source.told("joint", joint)
     dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + (6 if kind == mujoco.mjtJoint.mjJNT_FREE else 1))
     free = kind == mujoco.mjtJoint.mjJNT_FREE
-    laws = (model.dof_damping[dofs], model.dof_armature[dofs], model.dof_frictionloss[dofs], model.jnt_stiffness[joint])
-    if free and any(np.any(law) for law in laws):
+    if free and np.any(model.dof_frictionloss[dofs]):
         report.refuse("free joint law", told)
     if kind == mujoco.mjtJoint.mjJNT_BALL and model.jnt_limited[joint]:
         report.refuse("ball range", told)

@@ -15,7 +15,7 @@ NEW_FIELD: Final = "there is no such law; set it to 0"
 
 REFUSABLE: Final[dict[str, str]] = {
     "mocap": "bodies are not moved by hand; drive a joint with a prescribed position",
-    "free joint law": "floating bodies carry no springs, dampers, armature or friction",
+    "free joint law": "floating bodies carry no dry friction",
     "ball range": "limits are per coordinate, not a cone",
     "dampingpoly": NEW_FIELD,
     "stiffnesspoly": NEW_FIELD,
@@ -37,7 +37,7 @@ REFUSABLE: Final[dict[str, str]] = {
     "actuator pid": "there is no integral control; write it into the task",
     "actuator so3": "there is no control of rotations",
     "actuator armature": "give armature and damping to the joint",
-    "actuator on ball or free joint": "forces act along single coordinates, or at sites",
+    "actuator on ball or free joint": "of a free joint, a wrench has the axes of the world or of the body, not of both",
     "transmission so3": "there is no control of rotations",
     "transmission undefined": "it pulls on nothing",
     "tendon actuatorfrcrange": "forces are bounded by actuator, not by tendon",

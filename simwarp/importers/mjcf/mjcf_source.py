@@ -36,6 +36,7 @@ class Source:
         decompose: whether meshes become convex parts, or how; see `load_mjcf`.
         bodies: our body of each source body, `WORLD` for fixed ones.
         dofs: our column of each degree of freedom of the source.
+        ends: our bodies on either side of each joint of the source: the parent's, the child's.
         shapes: our shape slots of each geom.
         tendons: our column of the coordinate of each tendon that has one.
         shortcuts: tags of the actuators that are refused by them.
@@ -50,6 +51,7 @@ class Source:
     decompose: bool | Mapping[str, Any] = False
     bodies: list[int] = dataclasses.field(default_factory=list)
     dofs: dict[int, int] = dataclasses.field(default_factory=dict)
+    ends: dict[int, tuple[int, int]] = dataclasses.field(default_factory=dict)
     shapes: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
     tendons: dict[int, int] = dataclasses.field(default_factory=dict)
     shortcuts: dict[int, str] = dataclasses.field(default_factory=dict)

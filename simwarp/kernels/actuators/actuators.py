@@ -93,6 +93,8 @@ class SiteFrame:
     """Where a site's wrench acts: axes of its gear, levers from both bodies' centres, world axes."""
 
     axes: wp.quatd
+    own: wp.quatd  # axes of the site itself
+    place: wp.vec3d
     arm: wp.vec3  # from the body's centre
     reference_arm: wp.vec3  # to the same point from the centre of the reference
 
@@ -170,16 +172,22 @@ def site_frame(site: int, world: int, tables: ActuatorTables, state: StateArrays
     """Axes and levers of a site's wrench at the present poses."""
     frame = SiteFrame()
     body = tables.site_body[site]
-    q = state.body_rot[world, body]
+    q = wp.quatd(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+    x = wp.vec3d()
+    if body >= 0:
+        q = state.body_rot[world, body]
+        x = state.body_x[world, body]
     arm = wp.quat_rotate(q, tables.site_x[site])
     frame.arm = to_float(arm)
-    frame.axes = q * tables.site_rot[site]
+    frame.place = x + arm
+    frame.own = q * tables.site_rot[site]
+    frame.axes = frame.own
     reference = tables.reference_body[site]
     if tables.referred[site] == 1:
         frame.axes = tables.reference_rot[site]
         if reference >= 0:
             frame.axes = state.body_rot[world, reference] * tables.reference_rot[site]
-            frame.reference_arm = to_float(state.body_x[world, body] + arm - state.body_x[world, reference])
+            frame.reference_arm = to_float(frame.place - state.body_x[world, reference])
     return frame
 
 
@@ -195,10 +203,12 @@ def site_motion(site: int, world: int, frame: SiteFrame, tables: ActuatorTables,
     motion = Motion()
     body = tables.site_body[site]
     reference = tables.reference_body[site]
-    omega = state.body_omega[world, body]
-    v = state.body_v[world, body] + wp.cross(omega, frame.arm)
+    omega = wp.vec3()
+    v = wp.vec3()
+    if body >= 0:
+        omega = state.body_omega[world, body]
+        v = state.body_v[world, body] + wp.cross(omega, frame.arm)
     if tables.referred[site] == 1:
-        place = state.body_x[world, body] + wp.quat_rotate(state.body_rot[world, body], tables.site_x[site])
         origin = tables.reference_x[site]
         if reference >= 0:
             origin = state.body_x[world, reference] + wp.quat_rotate(
@@ -207,9 +217,8 @@ def site_motion(site: int, world: int, frame: SiteFrame, tables: ActuatorTables,
             spin = state.body_omega[world, reference]
             v -= state.body_v[world, reference] + wp.cross(spin, frame.reference_arm)
             omega -= spin
-        offset = to_float(wp.quat_rotate_inv(frame.axes, place - origin))
-        own = wp.quat_to_matrix(state.body_rot[world, body] * tables.site_rot[site])
-        turned = to_float(rotation_vector(wp.quat_to_matrix(frame.axes), own))
+        offset = to_float(wp.quat_rotate_inv(frame.axes, frame.place - origin))
+        turned = to_float(rotation_vector(wp.quat_to_matrix(frame.axes), wp.quat_to_matrix(frame.own)))
         motion.length = wp.dot(tables.site_force[site], offset) + wp.dot(tables.site_torque[site], turned)
     force = to_world(frame.axes, tables.site_force[site])
     torque = to_world(frame.axes, tables.site_torque[site])
@@ -292,8 +301,9 @@ def apply_site(site: int, world: int, force: float, frame: SiteFrame, tables: Ac
     body = tables.site_body[site]
     lin = to_world(frame.axes, tables.site_force[site]) * force
     ang = to_world(frame.axes, tables.site_torque[site]) * force
-    control.element_force[world, body] = control.element_force[world, body] + lin
-    control.element_torque[world, body] = control.element_torque[world, body] + ang + wp.cross(frame.arm, lin)
+    if body >= 0:
+        control.element_force[world, body] = control.element_force[world, body] + lin
+        control.element_torque[world, body] = control.element_torque[world, body] + ang + wp.cross(frame.arm, lin)
     reference = tables.reference_body[site]
     if tables.referred[site] == 1 and reference >= 0:
         control.element_force[world, reference] = control.element_force[world, reference] - lin

@@ -305,7 +305,7 @@ class ReportFields(FieldGroup):
     )
     energy: wp.array = field(
         wp.float64, Size.WORLDS, of_kernels=False,
-        text="mechanical energy as of the last `Simulation.measure_energy` [J]",
+        text="mechanical energy as of the last `Simulation.measure_energy`, springs of joints included [J]",
     )
 
 

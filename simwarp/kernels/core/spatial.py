@@ -75,6 +75,18 @@ def cross_columns(d: wp.vec3, m: wp.mat33) -> wp.mat33:
 
 
 @wp.func
+def rotation_vector_of(q: wp.quatd) -> wp.vec3d:
+    """Rotation vector of a unit quaternion, of at most half a turn [rad]."""
+    if q[3] < wp.float64(0.0):
+        q = -q
+    v = wp.vec3d(q[0], q[1], q[2])
+    s = wp.length(v)
+    if s < wp.float64(1e-9):
+        return wp.float64(2.0) * v
+    return v * (wp.float64(2.0) * wp.atan2(s, q[3]) / s)
+
+
+@wp.func
 def turned(q: wp.quatd, rotation: wp.vec3) -> wp.quatd:
     """exp(rotation) q for a world-frame rotation vector [rad]; renormalised."""
     half = wp.float64(0.5) * to_double(rotation)

@@ -47,6 +47,7 @@ class Topology:
     link_sign: wp.array[float]  # -1: the joint is traversed from its child to its parent
     link_alone: wp.array[int]  # 1: no joint touches the body
     link_massless: wp.array[int]  # 1: a frame between joints
+    link_sprung: wp.array[int]  # 1: rows carry the efforts of its joint, which is a ball
     link_tree_dof: wp.array[int]  # CSR
     tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
     tree_dof_link: wp.array[int]
@@ -73,7 +74,7 @@ class Topology:
     table_y: wp.array[wp.float64]
 
     loop_joint: wp.array[int]
-    loop_row: wp.array2d[int]  # (loop joints, 2): first row, end
+    loop_row: wp.array2d[int]  # (loop joints, 3): first row, first of those of a rotation's efforts, end
     row_kind: wp.array[int]  # of rows of loop joints, as the next three
     row_axis0: wp.array[int]
     row_axis1: wp.array[int]

@@ -10,7 +10,14 @@ import warp as wp
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import column, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_effort, prescribed_rate
+from simwarp.kernels.dynamics.efforts import (
+    PRESCRIBED_POSITION,
+    dof_effort,
+    is_prescribed,
+    prescribed_rate,
+    rotation_effort,
+    split_effort,
+)
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
     ANGLE1,
@@ -250,6 +257,17 @@ class RowLaw:
 
 
 @wp.func
+def effort_law(gain: float, effort: float) -> RowLaw:
+    """Law of the impulse effort - gain x rate."""
+    law = RowLaw()
+    # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
+    least = wp.max(gain, LEAST_GAIN)
+    law.compliance = 1.0 / least
+    law.bias = -effort / least
+    return law
+
+
+@wp.func
 def dof_law(
     dof: int, world: int, dt: float, time: wp.float64, limit: float, topology: Topology, parameters: Parameters,
     state: StateArrays, control: ControlArrays,
@@ -262,10 +280,7 @@ def dof_law(
         implicit = dof_effort(
             dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
         )
-        # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
-        gain = wp.max(implicit.gain, LEAST_GAIN)
-        law.compliance = 1.0 / gain
-        law.bias = -implicit.effort / gain
+        law = effort_law(implicit.gain, implicit.effort)
     return law
 
 
@@ -291,6 +306,45 @@ def loop_row_law(
 
 
 @wp.func
+def rotation_rows(
+    index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+):  # fmt: skip
+    """Right-hand sides and compliances of the rows of a rotation's efforts, which turn into directions in which these
+    do not depend on each other; or its prescribed motions. Wrenches about the joint's own axes are there.
+    """
+    joint = topology.loop_joint[index]
+    first = topology.joint_dof[joint + 1] - 3
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    held = wp.vec3i(1, 1, 1)
+    axes = wp.mat33()
+    for row in range(topology.loop_row[index, 1], topology.loop_row[index, 2]):
+        local = topology.row_dof[row] - first
+        axis = work.j1_ang[row]
+        for k in range(3):
+            axes[k, local] = axis[k]
+        if not is_prescribed(first + local, topology):
+            held[local] = 0
+    whole = rotation_effort(first, world, dt, 0, topology, parameters, state, control)
+    parts = split_effort(whole, held)
+    for row in range(topology.loop_row[index, 1], topology.loop_row[index, 2]):
+        local = topology.row_dof[row] - first
+        law = RowLaw()
+        if held[local] == 1:
+            law = dof_law(
+                first + local, world, dt, time, config.max_depenetration_rate, topology, parameters, state, control
+            )
+        else:
+            direction = axes * to_float(column(parts.direction, local))
+            work.j0_ang[row] = -direction
+            work.j1_ang[row] = direction
+            law = effort_law(float(parts.gain[local]), float(parts.effort[local]))
+        work.row_b[row] = law.bias + start_speed(row, topology, work, link0, link1)
+        work.row_compliance[row] = law.compliance
+
+
+@wp.func
 def loop_joint_rows(
     index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
@@ -299,11 +353,15 @@ def loop_joint_rows(
     joint = topology.loop_joint[index]
     frames = joint_frames(joint, world, topology, parameters, work)
     violation = float(0.0)
-    for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+    rotation = topology.loop_row[index, 1]
+    for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
         value = loop_row_wrenches(row, joint, world, dt, frames, topology, parameters, work)
         if topology.row_dof[row] < 0:
             violation = wp.max(violation, wp.abs(float(value)))
-        loop_row_law(row, joint, world, dt, time, value, topology, parameters, state, control, config, work)
+        if row < rotation:
+            loop_row_law(row, joint, world, dt, time, value, topology, parameters, state, control, config, work)
+    if rotation < topology.loop_row[index, 2]:
+        rotation_rows(index, world, dt, time, topology, parameters, state, control, config, work)
     return violation
 
 
@@ -314,7 +372,7 @@ def loop_responses(topology: Topology, work: Work):
         joint = topology.loop_joint[index]
         link0 = link_of(topology.joint_body0[joint], topology)
         link1 = link_of(topology.joint_body1[joint], topology)
-        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
             for entry in range(topology.row_path[row], topology.row_path[row + 1]):
                 work.y[row, topology.path_column[entry]] = 0.0
             w0 = Wrench()
@@ -487,7 +545,7 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
         joint = topology.loop_joint[index]
         link0 = link_of(topology.joint_body0[joint], topology)
         link1 = link_of(topology.joint_body1[joint], topology)
-        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
             work.row_r[row] = row_speed(row, topology, work, link0, link1)
     wc = world_row(world, parameters.coupling_coefficient.shape[0])
     for coupling in range(topology.row_count - topology.joint_row_count):

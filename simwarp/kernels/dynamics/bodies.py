@@ -14,7 +14,14 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     rate_of,
     row_geometry,
 )
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_effort, prescribed_rate
+from simwarp.kernels.dynamics.efforts import (
+    PRESCRIBED_POSITION,
+    applied_effort,
+    dof_effort,
+    is_prescribed,
+    prescribed_rate,
+    rotation_effort,
+)
 from simwarp.kernels.dynamics.joints import (
     COMBINATION,
     DISTANCE,
@@ -22,6 +29,7 @@ from simwarp.kernels.dynamics.joints import (
     POINT_AXIS0,
     RELATIVE_ROTATION,
     SHAFT,
+    SPHERICAL,
     coordinate,
     joint_frames,
     turned_frames,
@@ -180,6 +188,8 @@ def load_tree_dofs(
     """Gain, effort and prescribed rate of every tree degree of freedom."""
     for tree_dof in range(topology.tree_dof_count):
         dof = topology.tree_dof_to_dof[tree_dof]
+        link = topology.tree_dof_link[tree_dof]
+        kind = topology.link_type[link]
         work.gain[tree_dof] = 0.0
         work.effort[tree_dof] = 0.0
         work.rate[tree_dof] = 0.0
@@ -191,7 +201,9 @@ def load_tree_dofs(
                     limit = config.max_depenetration_velocity
                 work.gain[tree_dof] = -1.0
                 work.rate[tree_dof] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
-            elif topology.link_type[topology.tree_dof_link[tree_dof]] != FREE:
+            elif kind == SPHERICAL:
+                work.rate[tree_dof] = state.joint_qd[world, dof]
+            elif kind != FREE:
                 implicit = dof_effort(
                     dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control
                 )
@@ -199,6 +211,23 @@ def load_tree_dofs(
                 work.gain[tree_dof] = implicit.gain
                 work.effort[tree_dof] = implicit.change
                 work.rate[tree_dof] = rate
+            last = tree_dof + 1 == topology.link_tree_dof[link + 1]
+            if kind == SPHERICAL and last and topology.link_sprung[link] == 0:
+                load_rotation(tree_dof - 2, world, dt, topology, parameters, state, control, work)
+
+
+@wp.func
+def load_rotation(
+    first: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, work: Work,
+):  # fmt: skip
+    """Gains and efforts of the three tree degrees of freedom of a ball whose springs pull alike about all axes."""
+    dof = topology.tree_dof_to_dof[first]
+    implicit = rotation_effort(dof, world, dt, 1, topology, parameters, state, control)
+    for i in range(3):
+        if not is_prescribed(dof + i, topology):
+            work.gain[first + i] = float(implicit.gain[i, i])
+            work.effort[first + i] = float(implicit.change[i])
 
 
 @wp.struct

@@ -19,7 +19,15 @@ from simwarp.kernels.dynamics.cone_rows import (
     walk_rows,
     walk_tree_dof,
 )
-from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort, effort_bounds, is_bounded
+from simwarp.kernels.dynamics.efforts import (
+    INFINITE_EFFORT,
+    ImplicitEffort,
+    drive_effort,
+    drive_pull,
+    effort_bounds,
+    is_bounded,
+    rotation_start,
+)
 from simwarp.kernels.dynamics.joints import RELATIVE_ROTATION, joint_frames
 from simwarp.kernels.recovery.recovery import recovery_speed
 
@@ -43,6 +51,22 @@ class Candidate:
     lower: float
     upper: float
     recovery: float  # of a limit that is passed, by moving alone [m/s or rad/s]; 0: it only holds, -1: no limit
+
+
+@wp.func
+def bounded_drive(
+    dof: int, world: int, dt: float, q: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays,
+) -> ImplicitEffort:  # fmt: skip
+    """A PD drive with an effort limit: of a rotation, what the three of it pull about the coordinate's own axis."""
+    first = rotation_start(dof, topology)
+    if first < 0:
+        return drive_effort(dof, world, dt, q, parameters, control)
+    whole = drive_pull(first, world, 1, True, wp.float64(dt), topology, parameters, state, control)
+    implicit = ImplicitEffort()
+    implicit.gain = float(whole.gain[dof - first, dof - first])
+    implicit.effort = float(whole.effort[dof - first])
+    return implicit
 
 
 @wp.func
@@ -89,7 +113,7 @@ def candidate(
         if kind == MOTOR:
             row.bias = -control.joint_target_qd[world, dof]
         elif is_bounded(bounds):
-            implicit = drive_effort(dof, world, dt, q, parameters, control)
+            implicit = bounded_drive(dof, world, dt, q, topology, parameters, state, control)
             gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
             row.bias = -implicit.effort / gain

@@ -1,16 +1,25 @@
-"""Efforts along one degree of freedom, linearised for an implicit step: gamma = -gain u + effort.
+"""Efforts on coordinates, linearised for an implicit step: impulse = effort - gain x rate at its end.
 
-With h the step, k and d the slopes of the passive effort, and f its value at the start of the step,
+Along one coordinate: with h the step, k and d the slopes of the passive effort, and f its value at the step's start,
 gain = armature + h d + h² k (+ drive) and effort = armature u0 + h (f + d u0) (+ drive): backward Euler on the
 spring and the damper, which stays stable however stiff they are.
+
+On a rotation (of a ball joint, a bushing or a floating body), whose rotation vector is no coordinate that forces act
+along: an effort proportional to its components would be the gradient of no energy. Each spring has a potential
+U_i(theta_i) of the relative rotation theta = log(R R0^T), in axes of frame 0, where R turns frame 0 into frame 1 and
+R0 = exp(rest). With u_i = -dU_i/dtheta_i the torque on frame 1 is the gradient J_r(theta)^-1 u (Chirikjian 2012,
+section 10.8, for the inverse Jacobian of the logarithm). A drive is the same with its target for the rest. Damping,
+armature and applied torques act on the relative angular velocity itself.
 """
 
 import warp as wp
 
-from simwarp.core.types import DriveMode
-from simwarp.kernels.core.fields import ControlArrays, Parameters
+from simwarp.core.types import DriveMode, JointType
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.piecewise_linear import segment_of
+from simwarp.kernels.core.spatial import rotation_vector_of
 from simwarp.kernels.core.tables import Topology, world_row
+from simwarp.kernels.dynamics.joints import ANGLE0
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,6 +27,10 @@ POSITION = wp.constant(int(DriveMode.POSITION))
 PRESCRIBED_POSITION = wp.constant(int(DriveMode.PRESCRIBED_POSITION))
 PRESCRIBED_SPEED = wp.constant(int(DriveMode.PRESCRIBED_SPEED))
 INFINITE_EFFORT = wp.constant(1.0e30)
+TURNS = wp.constant(
+    sum(1 << int(kind) for kind in (JointType.SPHERICAL, JointType.BUSHING, JointType.FREE))
+)  # one bit for each type of joint whose last three coordinates are a rotation vector
+LEAST_PIVOT = wp.constant(wp.float64(1.0e-12))  # of a gain, relative to the largest: some thousand roundings
 
 
 @wp.struct
@@ -70,6 +83,20 @@ def table_value(table: int, x: wp.float64, topology: Topology) -> wp.float64:
 
 
 @wp.func
+def table_work(table: int, x: wp.float64, topology: Topology) -> wp.float64:
+    """Integral of the values from the first point to `x`."""
+    segment = table_segment(table, x, topology)
+    half = wp.float64(0.5)
+    total = wp.float64(0.0)
+    for point in range(topology.table_start[table], segment):
+        width = topology.table_x[point + 1] - topology.table_x[point]
+        total += half * width * (topology.table_y[point] + topology.table_y[point + 1])
+    return total + half * (x - topology.table_x[segment]) * (
+        topology.table_y[segment] + table_value(table, x, topology)
+    )
+
+
+@wp.func
 def map_resistance(places: int, q: wp.float64, qd: wp.float64, topology: Topology) -> wp.vec2:
     """Force of a damper map and its slope over the rate; `places` is the table of its tables."""
     point = table_segment(places, q, topology)
@@ -93,48 +120,74 @@ def applied_effort(world: int, dof: int, control: ControlArrays) -> float:
     )
 
 
+@wp.struct
+class PassiveLaw:
+    """Spring and damper of a coordinate [N or N·m], with their slopes over the stretch and the rate, not negative."""
+
+    spring: float
+    stiffness: float
+    damper: float
+    damping: float
+
+
+@wp.func
+def passive_law(
+    dof: int, world: int, q: float, qd: float, stretch: float, topology: Topology, parameters: Parameters
+) -> PassiveLaw:
+    """Spring and damper, where the spring is stretched by `stretch`: linear, or by table, of which `joint_stiffness` or
+    `joint_damping` is the factor.
+    """
+    law = PassiveLaw()
+    k = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
+    d = parameters.joint_damping[world_row(world, parameters.joint_damping.shape[0]), dof]
+    law.spring = -k * stretch
+    law.damper = -d * qd
+    if topology.dof_table[dof, 0] >= 0:
+        table = topology.dof_table[dof, 0]
+        law.spring = -k * float(table_value(table, wp.float64(stretch), topology))
+        k *= float(table_slope(table_segment(table, wp.float64(stretch), topology), topology))
+    if topology.dof_table[dof, 1] >= 0:
+        table = topology.dof_table[dof, 1]
+        law.damper = -d * float(table_value(table, wp.float64(qd), topology))
+        d *= float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
+    if topology.dof_table[dof, 3] >= 0:
+        resistance = map_resistance(topology.dof_table[dof, 3], wp.float64(q), wp.float64(qd), topology)
+        law.damper = -d * resistance[0]
+        d *= resistance[1]
+    # Where a law falls, its force counts as it is at the step's start: a negative gain stands for a prescribed motion
+    law.stiffness = wp.max(k, 0.0)
+    law.damping = wp.max(d, 0.0)
+    return law
+
+
+@wp.func
+def is_driven(dof: int, world: int, topology: Topology, parameters: Parameters) -> bool:
+    """True where a PD drive without effort limit is part of the implicit effort."""
+    return topology.dof_drive[dof] == POSITION and not is_bounded(effort_bounds(dof, world, parameters))
+
+
 @wp.func
 def dof_effort(
     dof: int, world: int, dt: float, q: float, qd: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
 ) -> ImplicitEffort:  # fmt: skip
-    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit.
-
-    Of a spring or damper by table, `joint_stiffness` or `joint_damping` is the factor of its table.
-    """
+    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
     implicit = ImplicitEffort()
     armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
-    k = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
-    d = parameters.joint_damping[world_row(world, parameters.joint_damping.shape[0]), dof]
     stretch = q - parameters.joint_rest[world_row(world, parameters.joint_rest.shape[0]), dof]
     force = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
-    spring_force = -k * stretch
-    damper_force = -d * qd
-    if topology.dof_table[dof, 0] >= 0:
-        table = topology.dof_table[dof, 0]
-        spring_force = -k * float(table_value(table, wp.float64(stretch), topology))
-        k *= float(table_slope(table_segment(table, wp.float64(stretch), topology), topology))
-    if topology.dof_table[dof, 1] >= 0:
-        table = topology.dof_table[dof, 1]
-        damper_force = -d * float(table_value(table, wp.float64(qd), topology))
-        d *= float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
-    if topology.dof_table[dof, 3] >= 0:
-        resistance = map_resistance(topology.dof_table[dof, 3], wp.float64(q), wp.float64(qd), topology)
-        damper_force = -d * resistance[0]
-        d *= resistance[1]
-    # Where a law falls, its force counts as it is at the step's start: a negative gain stands for a prescribed motion
-    k = wp.max(k, 0.0)
-    d = wp.max(d, 0.0)
-    force += spring_force + damper_force + applied_effort(world, dof, control)
+    law = passive_law(dof, world, q, qd, stretch, topology, parameters)
+    k = law.stiffness
+    d = law.damping
+    force += law.spring + law.damper + applied_effort(world, dof, control)
     implicit.gain = armature + dt * d + dt * dt * k
     implicit.effort = armature * qd + dt * (force + d * qd)
     implicit.change = dt * force - dt * dt * k * qd
-    if topology.dof_drive[dof] == POSITION:
-        if not is_bounded(effort_bounds(dof, world, parameters)):
-            drive = drive_effort(dof, world, dt, q, parameters, control)
-            implicit.gain += drive.gain
-            implicit.effort += drive.effort
-            implicit.change += drive.effort - drive.gain * qd
+    if is_driven(dof, world, topology, parameters):
+        drive = drive_effort(dof, world, dt, q, parameters, control)
+        implicit.gain += drive.gain
+        implicit.effort += drive.effort
+        implicit.change += drive.effort - drive.gain * qd
     return implicit
 
 
@@ -171,3 +224,231 @@ def prescribed_rate(
         target = table_value(table, time, topology)
         rate = float((table_value(table, time + h, topology) - target) / h)
     return rate + wp.clamp(float((target - q) / h), -limit, limit)
+
+
+@wp.func
+def rotation_start(dof: int, topology: Topology) -> int:
+    """First of the three coordinates of a rotation vector that `dof` is one of, -1: it is none."""
+    joint = topology.dof_joint[dof]
+    if topology.dof_kind[dof] == ANGLE0 and ((TURNS >> topology.joint_type[joint]) & 1) == 1:
+        return topology.joint_dof[joint + 1] - 3
+    return -1
+
+
+@wp.func
+def exponential_map(v: wp.vec3d) -> wp.quatd:
+    """Quaternion of a rotation vector [rad]."""
+    half = wp.float64(0.5) * wp.length(v)
+    s = wp.float64(0.5) - half * half / wp.float64(12.0)
+    if half > wp.float64(1.0e-4):
+        s = wp.float64(0.5) * wp.sin(half) / half
+    return wp.quatd(v[0] * s, v[1] * s, v[2] * s, wp.cos(half))
+
+
+@wp.func
+def relative_rotation(turn: wp.vec3d, rest: wp.vec3d) -> wp.vec3d:
+    """log(exp(turn) exp(rest)^T), of at most half a turn [rad]."""
+    if wp.length_sq(rest) == wp.float64(0.0):
+        return turn
+    return rotation_vector_of(exponential_map(turn) * exponential_map(-rest))
+
+
+@wp.func
+def gradient_map(theta: wp.vec3d) -> wp.mat33d:
+    """J_r(theta)^-1: column i is the gradient of theta_i over a turn of frame 1 about the axes of frame 0."""
+    square = wp.length_sq(theta)
+    c = wp.float64(1.0 / 12.0) + square / wp.float64(720.0)
+    if square > wp.float64(1.0e-4):
+        half = wp.float64(0.5) * wp.sqrt(square)
+        c = (wp.float64(1.0) - half * wp.cos(half) / wp.sin(half)) / square
+    cross = wp.skew(theta)
+    return wp.identity(3, dtype=wp.float64) + wp.float64(0.5) * cross + c * (cross * cross)
+
+
+@wp.func
+def turn_of(first: int, world: int, state: StateArrays) -> wp.vec3d:
+    """The rotation vector of record."""
+    return wp.vec3d(state.joint_x[world, first], state.joint_x[world, first + 1], state.joint_x[world, first + 2])
+
+
+@wp.func
+def rest_of(first: int, world: int, parameters: Parameters) -> wp.vec3d:
+    """Rotation vector at which the springs are at rest."""
+    row = world_row(world, parameters.joint_rest.shape[0])
+    rest = parameters.joint_rest
+    return wp.vec3d(wp.float64(rest[row, first]), wp.float64(rest[row, first + 1]), wp.float64(rest[row, first + 2]))
+
+
+@wp.func
+def target_of(first: int, world: int, control: ControlArrays) -> wp.vec3d:
+    """Rotation vector of the drives' target."""
+    target = control.joint_target_q
+    return wp.vec3d(
+        wp.float64(target[world, first]), wp.float64(target[world, first + 1]), wp.float64(target[world, first + 2])
+    )
+
+
+@wp.func
+def spring_stretch(dof: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays) -> wp.float64:
+    """What the potential of a coordinate's spring depends on [m or rad]."""
+    first = rotation_start(dof, topology)
+    if first >= 0:
+        return relative_rotation(turn_of(first, world, state), rest_of(first, world, parameters))[dof - first]
+    rest = parameters.joint_rest[world_row(world, parameters.joint_rest.shape[0]), dof]
+    return state.joint_x[world, dof] - wp.float64(rest)
+
+
+@wp.func
+def tangent_stiffness(stiffness: wp.vec3d, gradients: wp.mat33d, diagonal: int) -> wp.mat33d:
+    """Symmetric stiffness that the step takes implicitly, positive semi-definite and not below half the true one.
+
+    The sum of k_i (gradient of theta_i) (the same)^T lacks the curvature of theta_i alone. Where all k_i are equal,
+    k itself is nearer, and a multiple of the identity. So is the largest, wherever `diagonal` is 1: larger than it has
+    to be, where stiffnesses differ.
+    """
+    most = wp.max(stiffness)
+    if diagonal == 1 or wp.min(stiffness) == most:
+        return wp.diag(wp.vec3d(most, most, most))
+    return gradients * wp.diag(stiffness) * wp.transpose(gradients)
+
+
+@wp.struct
+class RotationEffort:
+    """impulse = effort - gain omega [N·m·s] on frame 1, axes of frame 0; `change` is effort - gain omega0, in which
+    large terms have cancelled before they are rounded.
+    """
+
+    gain: wp.mat33d
+    effort: wp.vec3d
+    change: wp.vec3d
+
+
+@wp.func
+def is_prescribed(dof: int, topology: Topology) -> bool:
+    """True where the motion is given: neither spring nor drive acts."""
+    return topology.dof_drive[dof] >= PRESCRIBED_POSITION
+
+
+@wp.func
+def drive_pull(
+    first: int, world: int, diagonal: int, bounded: bool, h: wp.float64, topology: Topology, parameters: Parameters,
+    state: StateArrays, control: ControlArrays,
+) -> RotationEffort:  # fmt: skip
+    """The PD drives of a rotation alone, those with an effort limit or those without; `change` is left out."""
+    pull = RotationEffort()
+    theta = relative_rotation(turn_of(first, world, state), target_of(first, world, control))
+    gradients = gradient_map(theta)
+    stiffness = wp.vec3d()
+    force = wp.vec3d()
+    for i in range(3):
+        dof = first + i
+        driven = is_driven(dof, world, topology, parameters)
+        if bounded:
+            driven = topology.dof_drive[dof] == POSITION and is_bounded(effort_bounds(dof, world, parameters))
+        if driven:
+            k = wp.float64(parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof])
+            d = wp.float64(parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof])
+            stiffness[i] = k
+            force[i] = -k * theta[i]
+            pull.gain[i, i] = h * d
+            pull.effort[i] = h * d * wp.float64(control.joint_target_qd[world, dof])
+    pull.gain = pull.gain + (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
+    pull.effort = pull.effort + h * (gradients * force)
+    return pull
+
+
+@wp.func
+def rotation_effort(
+    first: int, world: int, dt: float, diagonal: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays,
+) -> RotationEffort:  # fmt: skip
+    """Armature, springs, dampers, `joint_force`, and PD drives without effort limit, of the three coordinates from
+    `first` on. With `diagonal` = 1 the stiffness of springs is a multiple of the identity.
+    """
+    implicit = RotationEffort()
+    h = wp.float64(dt)
+    theta = relative_rotation(turn_of(first, world, state), rest_of(first, world, parameters))
+    gradients = gradient_map(theta)
+    stiffness = wp.vec3d()
+    pull = wp.vec3d()
+    omega = wp.vec3d()
+    driven = bool(False)
+    for i in range(3):
+        dof = first + i
+        rate = state.joint_qd[world, dof]
+        omega[i] = wp.float64(rate)
+        if not is_prescribed(dof, topology):
+            law = passive_law(dof, world, state.joint_q[world, dof], rate, float(theta[i]), topology, parameters)
+            preload = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
+            armature = wp.float64(parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof])
+            stiffness[i] = wp.float64(law.stiffness)
+            pull[i] = wp.float64(preload + law.spring)
+            damping = h * wp.float64(law.damping)
+            force = h * wp.float64(law.damper + applied_effort(world, dof, control))
+            implicit.gain[i, i] = armature + damping
+            implicit.effort[i] = (armature + damping) * omega[i] + force
+            implicit.change[i] = force
+            driven = driven or is_driven(dof, world, topology, parameters)
+    torque = h * (gradients * pull)
+    spring = (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
+    implicit.gain = implicit.gain + spring
+    implicit.effort = implicit.effort + torque
+    implicit.change = implicit.change + torque - spring * omega
+    if driven:
+        drive = drive_pull(first, world, diagonal, False, h, topology, parameters, state, control)
+        implicit.gain = implicit.gain + drive.gain
+        implicit.effort = implicit.effort + drive.effort
+        implicit.change = implicit.change + drive.effort - drive.gain * omega
+    return implicit
+
+
+@wp.struct
+class SplitEffort:
+    """A `RotationEffort` as three scalar laws: row j acts along column j of `direction` (axes of frame 0), with its own
+    gain and effort.
+    """
+
+    direction: wp.mat33d
+    gain: wp.vec3d
+    effort: wp.vec3d
+
+
+@wp.func
+def split_effort(whole: RotationEffort, held: wp.vec3i) -> SplitEffort:
+    """Pivoted Cholesky: gain = sum of gain_j direction_j direction_j^T. Row j is that of axis j; axes that are `held`
+    (1) have none, and take no part.
+    """
+    parts = SplitEffort()
+    gain = whole.gain
+    effort = whole.effort
+    used = held
+    for i in range(3):
+        if held[i] == 1:
+            effort[i] = wp.float64(0.0)
+            for k in range(3):
+                gain[i, k] = wp.float64(0.0)
+                gain[k, i] = wp.float64(0.0)
+    scale = LEAST_PIVOT * wp.trace(gain)
+    for _step in range(3):
+        axis = int(-1)
+        most = wp.float64(-1.0e300)
+        for i in range(3):
+            if used[i] == 0 and gain[i, i] > most:
+                most = gain[i, i]
+                axis = i
+        if axis >= 0:
+            used[axis] = 1
+            direction = wp.vec3d()
+            direction[axis] = wp.float64(1.0)
+            pivot = wp.float64(0.0)
+            if most > scale:
+                pivot = most
+                direction = wp.vec3d(gain[0, axis], gain[1, axis], gain[2, axis]) / most
+            own = effort[axis]
+            effort = effort - direction * own
+            gain = gain - wp.outer(direction, direction) * pivot
+            for i in range(3):
+                parts.direction[i, axis] = direction[i]
+            parts.gain[axis] = pivot
+            parts.effort[axis] = own
+    return parts

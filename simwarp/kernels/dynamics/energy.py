@@ -6,29 +6,25 @@ from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import Topology, world_row
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.dynamics.efforts import table_segment, table_slope
+from simwarp.kernels.dynamics.efforts import rotation_start, spring_stretch, table_work
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def table_integral(table: int, x: wp.float64, topology: Topology) -> wp.float64:
-    """Integral of a table's law from 0 to `x`: what a spring by table stores there [J]."""
-    low = wp.min(x, wp.float64(0.0))
-    high = wp.max(x, wp.float64(0.0))
-    first = table_segment(table, low, topology)
-    last = table_segment(table, high, topology)
-    total = wp.float64(0.0)
-    for segment in range(first, last + 1):  # linear in each, the first and the last one cut off at `low` and `high`
-        begin = low
-        end = high
-        if segment > first:
-            begin = topology.table_x[segment]
-        if segment < last:
-            end = topology.table_x[segment + 1]
-        middle = wp.float64(0.5) * (begin + end) - topology.table_x[segment]
-        total += (end - begin) * (topology.table_y[segment] + table_slope(segment, topology) * middle)
-    return wp.where(x < wp.float64(0.0), -total, total)
+def stored_energy(dof: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays) -> wp.float64:
+    """Potential of a coordinate's spring, by its stiffness or table, zero at rest, and of its preload [J]."""
+    stretch = spring_stretch(dof, world, topology, parameters, state)
+    preload = wp.float64(parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof])
+    stiffness = wp.float64(parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof])
+    moved = stretch
+    if rotation_start(dof, topology) < 0:
+        moved = state.joint_x[world, dof]
+    if topology.dof_table[dof, 0] >= 0:
+        table = topology.dof_table[dof, 0]
+        spring = table_work(table, stretch, topology) - table_work(table, wp.float64(0.0), topology)
+        return stiffness * spring - preload * moved
+    return wp.float64(0.5) * stiffness * stretch * stretch - preload * moved
 
 
 @wp.kernel(enable_backward=False)
@@ -62,16 +58,7 @@ def measure_energy(
             total += wp.float64(kinetic) - weight
     for dof in range(topology.dof_count):
         rate = state.joint_qd[world, dof]
-        stretch = (
-            float(state.joint_x[world, dof])
-            - parameters.joint_rest[world_row(world, parameters.joint_rest.shape[0]), dof]
-        )
         armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
-        stiffness = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
-        preload = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
-        stored = wp.float64(0.5 * stiffness * stretch * stretch)
-        table = topology.dof_table[dof, 0]
-        if table >= 0:
-            stored = wp.float64(stiffness) * table_integral(table, wp.float64(stretch), topology)
-        total += wp.float64(0.5 * armature * rate * rate - preload * float(state.joint_x[world, dof])) + stored
+        total += wp.float64(0.5 * armature * rate * rate)
+        total += stored_energy(dof, world, topology, parameters, state)
     energy[world] = total

@@ -10,7 +10,7 @@ import warp as wp
 
 from simwarp.core.types import JointType, RowKind
 from simwarp.kernels.core.fields import Parameters
-from simwarp.kernels.core.spatial import clamp_length, column, matrix_to_float, to_float
+from simwarp.kernels.core.spatial import clamp_length, column, matrix_to_float, rotation_vector_of, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 
 wp.set_module_options({"enable_backward": False})
@@ -239,14 +239,7 @@ def link_geometry(
 @wp.func
 def rotation_vector(f0: wp.mat33d, f1: wp.mat33d) -> wp.vec3d:
     """log(f0^T f1), in axes of frame 0 [rad]."""
-    q = wp.quat_from_matrix(wp.transpose(f0) * f1)
-    if q[3] < wp.float64(0.0):
-        q = -q
-    v = wp.vec3d(q[0], q[1], q[2])
-    s = wp.length(v)
-    if s < wp.float64(1e-9):
-        return wp.float64(2.0) * v
-    return v * (wp.float64(2.0) * wp.atan2(s, q[3]) / s)
+    return rotation_vector_of(wp.quat_from_matrix(wp.transpose(f0) * f1))
 
 
 @wp.func

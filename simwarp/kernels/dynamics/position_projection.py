@@ -64,7 +64,7 @@ def residual_rows(world: int, inv_dt: float, topology: Topology, parameters: Par
         frames = joint_frames(joint, world, topology, parameters, work)
         link0 = link_of(topology.joint_body0[joint], topology)
         link1 = link_of(topology.joint_body1[joint], topology)
-        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
             if topology.row_dof[row] < 0:
                 kind = topology.row_kind[row]
                 offset = row_offset(kind, joint, world, parameters)

@@ -142,7 +142,7 @@ def record_reactions(
         link1 = link_of(topology.joint_body1[joint], topology)
         force = wp.vec3()
         torque = wp.vec3()
-        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
             impulse = work.row_impulse[row]
             take_wrench(link0, work.j0_ang[row], work.j0_lin[row], impulse, work)
             take_wrench(link1, work.j1_ang[row], work.j1_lin[row], impulse, work)
@@ -181,8 +181,13 @@ def record_reactions(
             if sign < 0.0:
                 # the joint's second body is the parent: the reaction on it, at its anchor
                 lever = to_float(frames.r0 + frames.d)
-            reports.joint_reaction_force[world, joint] = lin * (sign / dt)
-            reports.joint_reaction_torque[world, joint] = (ang - wp.cross(lever, lin)) * (sign / dt)
+            force = lin * (sign / dt)
+            torque = (ang - wp.cross(lever, lin)) * (sign / dt)
+            if topology.link_sprung[link] == 1:  # beside what its own rows carry
+                force += reports.joint_reaction_force[world, joint]
+                torque += reports.joint_reaction_torque[world, joint]
+            reports.joint_reaction_force[world, joint] = force
+            reports.joint_reaction_torque[world, joint] = torque
         if parent >= 0:
             work.f_ang[parent] = work.f_ang[parent] + ang + wp.cross(work.shift[link], lin)
             work.f_lin[parent] = work.f_lin[parent] + lin

@@ -15,7 +15,12 @@ from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters
 from simwarp.kernels.core.tables import StepConfig, Topology
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
-from simwarp.kernels.dynamics.bilateral_rows import combination_laws, loop_row_law, loop_row_wrenches
+from simwarp.kernels.dynamics.bilateral_rows import (
+    combination_laws,
+    loop_row_law,
+    loop_row_wrenches,
+    rotation_rows,
+)
 from simwarp.kernels.dynamics.bodies import load_poses, publish_coordinates, publish_motion, total_velocities
 from simwarp.kernels.dynamics.contact_rows import list_contacts, settle_contacts, walk_contacts
 from simwarp.kernels.dynamics.joints import joint_frames
@@ -153,7 +158,7 @@ def form_worlds(
     for index in range(topology.loop_joint_count):
         joint = topology.loop_joint[index]
         frames = joint_frames(joint, world, topology, parameters, work)
-        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
             value = float(loop_row_wrenches(row, joint, world, config.dt, frames, topology, parameters, work))
             work.row_b[row] = value
             if topology.row_dof[row] < 0:
@@ -186,6 +191,10 @@ def bias_worlds(
                 row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
+        if topology.loop_row[index, 1] < topology.loop_row[index, 2]:
+            rotation_rows(
+                index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
+            )
     combination_laws(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
 
 

@@ -40,8 +40,11 @@ def test_mistakes(arguments, options, message):
         arm(None).set_drive(*arguments, **options)
 
 
-def test_a_floating_body_has_no_drive():
+def test_a_floating_body_has_drives_without_bounds():
     builder = sw.ModelBuilder()
     builder.add_joint_free("float", builder.add_body("body", mass=1.0, inertia=(0.1, 0.1, 0.1)))
-    with pytest.raises(sw.ModelError, match="is FREE, which nothing drives"):
-        builder.set_drive(0, sw.PositionDrive(stiffness=1.0))
+    builder.set_drive(0, sw.PositionDrive(stiffness=1.0), dof=4)
+    assert builder.joints[0].dofs[4].drive == sw.PositionDrive(stiffness=1.0)
+    for drive in (sw.PositionDrive(stiffness=1.0, effort_limit=2.0), sw.VelocityMotor(effort_limit=1.0)):
+        with pytest.raises(sw.ModelError, match="a FREE joint has springs, dampers and PositionDrives without effort"):
+            builder.set_drive(0, drive)

@@ -9,7 +9,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.model.active_entries import active_entries
-from tests.reference.step_laws import table_energy, table_value_slope
+from tests.reference.step_laws import table_integral, table_value_slope
 from tests.unit.kernels.dynamics.test_falling_laws import combination, slide, spring, spring_on_slide
 
 FACTORS = (1.0, 0.5, 2.0, 0.0, 1.3)
@@ -90,7 +90,7 @@ def test_energy_holds_what_a_spring_by_table_stores(factor, rest):
     fine.model.joint_stiffness[0, 0] = factor
     found, extent = [], []
     for _ in range(40):
-        stored = factor * table_energy(table, fine.joint_position("j") - rest)
+        stored = factor * table_integral(table, fine.joint_position("j") - rest)
         speed = float(fine.state.body_v.numpy()[0, 0, 0])
         found.append(float(fine.measure_energy().numpy()[0]))
         assert found[-1] == pytest.approx(0.5 * speed**2 + stored, rel=1e-5)  # float32 velocities
