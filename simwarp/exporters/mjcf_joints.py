@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import ModelError, PositionDrive
+from simwarp.core.types import Dof, ModelError, PositionDrive
 from simwarp.exporters.mjcf_tree import Node, PlacedMotion, row_of
 from simwarp.model.checks import INFINITE
 from simwarp.model.model import Model
@@ -81,6 +81,10 @@ class JointWriter:
             named = node.free_joint >= 0
             name = builder.joints[node.free_joint].name if named else f"{self.model.body_names[node.body]}:free"
             dof = builder.dof_start(node.free_joint) if named else -1
+            if named and any(own != Dof() for own in builder.joints[node.free_joint].dofs):
+                raise ModelError(
+                    f"MJCF: joint '{name}': laws of a floating body are not written, got some; leave them out"
+                )
             ElementTree.SubElement(element, "freejoint", name=name)
             self.joints.append(FileJoint(name, "free", node.body, dof, origin=origin))
         for motion in node.motions:

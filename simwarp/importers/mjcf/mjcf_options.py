@@ -37,7 +37,7 @@ REFUSABLE: Final[dict[str, str]] = {
     "actuator pid": "there is no integral control; write it into the task",
     "actuator so3": "there is no control of rotations",
     "actuator armature": "give armature and damping to the joint",
-    "actuator on ball or free joint": "of a free joint, a wrench has the axes of the world or of the body, not of both",
+    "actuator on ball or free joint": "the wrench on a free joint must have one frame and no length: split it in two",
     "transmission so3": "there is no control of rotations",
     "transmission undefined": "it pulls on nothing",
     "tendon actuatorfrcrange": "forces are bounded by actuator, not by tendon",

@@ -93,7 +93,7 @@ NEAR = {
 
 REFUSED = {
     "mocap": ({"world": '<body name="puppet" mocap="true"><geom name="tip" size=".01"/></body>'}, "puppet"),
-    "free joint law": ({"top": '<joint type="free" name="root" damping="1"/>'}, "root"),
+    "free joint law": ({"top": '<joint type="free" name="root" frictionloss="1"/>'}, "root"),
     "ball range": ({"hip": '<joint name="hip" type="ball" range="0 1" limited="true"/>'}, "hip"),
     "gravcomp": ({"trunk": 'gravcomp="1"'}, "trunk"),
     "density": ({"option": '<option density="1.2"/>'}, "density"),
@@ -106,7 +106,7 @@ REFUSED = {
     "slidercrank": (
         {"rest": actuator('<motor name="crank" cranksite="s1" slidersite="s0" cranklength=".5"/>')}, "crank"
     ),
-    "actuator on ball or free joint": ({"rest": actuator('<motor name="push" joint="root" gear="1 0 0"/>')}, "push"),
+    "actuator on ball or free joint": ({"rest": actuator('<motor name="push" joint="root" gear="1 0 0 1"/>')}, "push"),
     "actuator armature": ({"rest": actuator('<motor name="push" joint="hip" armature=".1"/>')}, "push"),
     "delay": ({"rest": actuator('<motor name="push" joint="hip" delay=".01" nsample="3"/>')}, "push"),
     "spatial tendon": (
