@@ -262,7 +262,7 @@ class ReferenceStep:
 
     def _boxes(self, inputs: list[DofInput]) -> Boxes:
         jacobian, rest, self.box_dof = [], [], []
-        drive_terms_of = {}
+        drive_terms_of: dict[int, tuple[float, float]] = {}
         for first in self.rotations:
             three = slice(first, first + 3)
             gain, start = drive_terms(self.dofs[three], inputs[three], self.dt, bounded=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import simwarp as sw
 from simwarp.actuators import Actuators
 from simwarp.importers import load_mjcf
 
-mujoco = pytest.importorskip("mujoco")
+mujoco: Any = pytest.importorskip("mujoco")
 
 DT = 1.0e-4
 SCENE = """
@@ -39,7 +40,7 @@ ACTUATORS = {
 PLACES = {f"{where} {name}": f'{where}="{name}"' for where in ("joint", "jointinparent") for name in ("ball", "root")}
 
 
-def loaded(folder: Path, xml: str) -> tuple[mujoco.MjModel, mujoco.MjData, sw.importers.Imported]:
+def loaded(folder: Path, xml: str) -> tuple[Any, Any, sw.importers.Imported]:
     path = folder / "scene.xml"
     path.write_text(xml)
     with warnings.catch_warnings():
@@ -55,7 +56,7 @@ def loaded(folder: Path, xml: str) -> tuple[mujoco.MjModel, mujoco.MjData, sw.im
     return model, data, robot
 
 
-def simulated(robot: sw.importers.Imported, data: mujoco.MjData) -> sw.Simulation:
+def simulated(robot: sw.importers.Imported, data: Any) -> sw.Simulation:
     model = robot.builder.finalize(1, "cpu")
     actuators = Actuators(model, robot.actuators)
     sim = sw.Simulation(model, DT, elements=[actuators], threads=1)
@@ -64,7 +65,7 @@ def simulated(robot: sw.importers.Imported, data: mujoco.MjData) -> sw.Simulatio
     return sim
 
 
-def world_torque(model: mujoco.MjModel, data: mujoco.MjData, joint: str) -> np.ndarray:
+def world_torque(model: Any, data: Any, joint: str) -> np.ndarray:
     """What the actuators apply about a ball, from its parent to its child, world axes."""
     index = model.joint(joint).id
     first = model.jnt_dofadr[index] + (3 if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_FREE else 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -46,10 +47,24 @@ def tendons() -> sw.ModelBuilder:
     return builder
 
 
+def balls() -> sw.ModelBuilder:
+    """A chain on balls whose springs differ from axis to axis, with a bounded drive, and a bushing that closes it."""
+    builder = sw.ModelBuilder()
+    drive = sw.PositionDrive(stiffness=5.0, damping=0.2, effort_limit=0.3)
+    for k in range(3):
+        body = builder.add_body(f"b{k}", mass=1.0, inertia=(0.1, 0.1, 0.05), pose=sw.pose((0.4 * k, 0.0, 0.1)))
+        dofs = [sw.Dof(stiffness=3.0 * (1 + axis * k), rest=0.3 - 0.2 * axis, damping=0.1) for axis in range(3)]
+        if k == 1:
+            dofs = [dataclasses.replace(dof, drive=drive) for dof in dofs]
+        builder.add_joint_spherical(f"j{k}", body - 1, body, anchor=(0.4 * k - 0.2, 0.0, 0.1), dofs=dofs)
+    builder.add_bushing("bush", sw.WORLD, 2, anchor=(1.0, 0.0, 0.1), stiffness=(50.0, 50.0, 50.0, 1.0, 9.0, 0.2))
+    return builder
+
+
 MODELS: dict[str, Any] = {
     "pendulum": scenes.pendulum, "four_bar": scenes.four_bar, "ant": scenes.ant, "stack": lambda: scenes.stack(count=3),
     "everything": lambda: random_mechanism(0, bounds=True, couplings=True), "held": held,
-    "tendons": tendons, "yard": lambda: yard(PARTS),
+    "tendons": tendons, "balls": balls, "yard": lambda: yard(PARTS),
 }  # fmt: skip
 TOLERANCE = 2e-5
 """Compilers fuse multiplications and additions of one kernel differently from those of ten: after 20 steps rounding

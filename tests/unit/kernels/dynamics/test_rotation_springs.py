@@ -7,6 +7,7 @@ no motion gains energy from it, it comes to rest at its rest, and swings about i
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def sprung(place: str, dofs: list[Dof], gravity: tuple[float, float, float] = (0
         along = builder.joints[index].dofs[:3]
         builder.joints[index] = dataclasses.replace(builder.joints[index], dofs=(*along, *dofs))
     else:
-        along = [Dof(stiffness=500.0)] * 3
+        along = (Dof(stiffness=500.0),) * 3
         builder.add_joint_free("spring", body, anchor=(0, 0, 0), dofs=[*along, *dofs])
     return builder
 
@@ -69,7 +70,7 @@ def energies(sim: sw.Simulation) -> np.ndarray:
     return sim.diagnostics.energy.numpy()
 
 
-def free_dofs(stiffness: tuple[float, ...], rest: tuple[float, ...] = (0.6, -0.5, 0.4), **more: object) -> list[Dof]:
+def free_dofs(stiffness: tuple[float, ...], rest: tuple[float, ...] = (0.6, -0.5, 0.4), **more: Any) -> list[Dof]:
     return [Dof(stiffness=k, rest=r, **more) for k, r in zip(stiffness, rest, strict=True)]
 
 
@@ -192,7 +193,7 @@ def test_small_oscillations_about_the_rest(stiffness):
         after = relative_rotation(fresh.state.joint_x.numpy()[mode], rest)
         # damped by backward Euler; the springs' quadratic terms are (k_i - k_j) / k of the amplitude, less than 1e-3
         expected = shapes[mode] * np.exp(-0.5 * square * dt * period)
-        np.testing.assert_allclose(after, expected, atol=2e-3 * np.linalg.norm(shapes[mode]))
+        np.testing.assert_allclose(after, expected, atol=2e-3 * float(np.linalg.norm(shapes[mode])))
 
 
 def test_unequal_stiffness_of_worlds_of_an_even_ball_stays_passive():
