@@ -33,6 +33,7 @@ from simwarp.core.types import (
 )
 from simwarp.model.active_entries import refuse_idle_writes
 from simwarp.model.checks import (
+    check_floats,
     check_link_across_axis,
     check_perpendicular,
     checked_dof,
@@ -260,7 +261,7 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         """
         thing = checked_name("joint", name)
         body = self._body(thing, "child", child)
-        self._check_floats(thing, child)
+        check_floats(thing, child, self.bodies[child].name, self.joints)
         offset = np.zeros(3)
         if anchor is not None:
             offset = finite_vector(thing, "anchor", anchor, 3) - body.pose.position
@@ -588,23 +589,3 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         self._new_name("joint", spec.name, (joint.name for joint in self.joints))
         self.joints.append(spec)
         return len(self.joints) - 1
-
-    def _check_floats(self, thing: str, child: int) -> None:
-        """A FREE joint only makes sense on a floating tree, and once: its coordinates would contradict others."""
-        tied = {child}
-        fresh = True
-        while fresh:
-            fresh = False
-            for spec in self.joints:
-                ends = {spec.parent, spec.child}
-                in_tree = ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
-                if not in_tree or not (ends & tied):
-                    continue
-                if WORLD in ends:
-                    how = "floats under" if spec.type == JointType.FREE else "is tied to the world by"
-                    raise ModelError(
-                        f"{thing}: body '{self.bodies[child].name}' must float and have no other FREE joint, but it "
-                        f"{how} joint '{spec.name}'; leave this one out"
-                    )
-                fresh = fresh or not ends <= tied
-                tied |= ends

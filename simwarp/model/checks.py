@@ -16,6 +16,7 @@ from simwarp.core.rotation import unit_vector
 from simwarp.core.types import (
     FLOAT32_LEAST,
     FLOAT32_MAX,
+    WORLD,
     Dof,
     JointType,
     ModelError,
@@ -34,6 +35,8 @@ from simwarp.core.types import (
     pose as make_pose,
 )
 from simwarp.core.wording import close_names
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.specifications import JointSpec
 
 Array = npt.NDArray[np.float64]
 Member = TypeVar("Member", bound=IntEnum)
@@ -385,3 +388,28 @@ def _check_table(thing: str, table: Any) -> None:
         usable = within and bool((np.diff(parts[0]) > 0.0).all())
     if not usable:
         raise ModelError(f"{thing} {rule}, got {shown(table)}; {remedy}")
+
+
+def check_floats(thing: str, child: int, name: str, joints: Sequence[JointSpec]) -> None:
+    """A FREE joint only makes sense on a floating tree, and once: its coordinates would contradict others.
+
+    Raises:
+        ModelError: the body `child`, called `name`, is tied to the world by one of the joints.
+    """
+    tied = {child}
+    fresh = True
+    while fresh:
+        fresh = False
+        for spec in joints:
+            ends = {spec.parent, spec.child}
+            in_tree = ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
+            if not in_tree or not (ends & tied):
+                continue
+            if WORLD in ends:
+                how = "floats under" if spec.type == JointType.FREE else "is tied to the world by"
+                raise ModelError(
+                    f"{thing}: body '{name}' must float and have no other FREE joint, but it {how} joint "
+                    f"'{spec.name}'; leave this one out"
+                )
+            fresh = fresh or not ends <= tied
+            tied |= ends

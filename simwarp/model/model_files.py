@@ -24,6 +24,7 @@ from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import (
+    check_floats,
     checked_dofs,
     checked_inertia,
     checked_member,
@@ -325,7 +326,7 @@ def _joint(builder: ModelBuilder, entry: JointEntry, taken: Taken) -> JointSpec:
     if kind == JointType.FREE:
         _want(thing, "parent", entry.parent, WORLD, kind)
         _want(thing, "frame0", entry.frame0, FrameEntry(), kind)
-        builder._check_floats(thing, entry.child)
+        check_floats(thing, entry.child, builder.bodies[entry.child].name, builder.joints)
     if kind == JointType.RELATIVE_ROTATION:  # nothing acts on it
         _want(thing, "dofs", entry.dofs, (), kind)
     dofs = checked_dofs(thing, kind.name, len(ELEMENTS[kind].dofs), tuple(dof_of(dof) for dof in entry.dofs))

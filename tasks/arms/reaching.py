@@ -45,8 +45,8 @@ class ReachReward(enum.Enum):
 
     ``shaped`` is this project's own, at most 2 in a step: nearness on the scales of 0.3 m and 2 cm, less at most 1.4
     for touches, forces on the fingers, effort, joints at their stops and trembling. ``thesis`` has the terms that the
-    thesis prints (its eq. 9.1), of whose coefficients it gives -1000 for a touch alone; the others are the original code's:
-    1 / (d + 0.1 mm), less forces on the fingers, 0.001 |action x rate|, 2 per joint at a stop.
+    thesis prints (its eq. 9.1), of whose coefficients it gives -1000 for a touch alone; the others are those of the
+    original code: 1 / (d + 0.1 mm), less forces on the fingers, 0.001 |action x rate|, 2 per joint at a stop.
     """
 
     SHAPED = "shaped"

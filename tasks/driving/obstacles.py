@@ -12,6 +12,7 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
+from simwarp.core.readable import Readable, plural
 from simwarp.kernels.tasks.driving.obstacles import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 from ..framework.drawing import Line
@@ -33,7 +34,7 @@ class ObstacleKind:
     scale: tuple[float, float]
 
 
-class Obstacles:
+class Obstacles(Readable):
     """Slots for obstacles, as many as a world may have; every world fills its own, anew in each episode.
 
     Contact sees the hull of a thing's first proxy, cameras its picture; both share one geometry for all worlds.
@@ -56,6 +57,9 @@ class Obstacles:
     def __init__(self, kinds: Sequence[ObstacleKind], count: int, *, group: int, mask: int) -> None:
         self.kinds, self.count = tuple(kinds), count
         self._group, self._mask = group, mask
+
+    def _printed_title(self) -> str:
+        return f": {plural(self.count, 'slot')} for {plural(len(self.kinds), 'kind')}"
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the slots as shapes; they meet the groups of the mask."""

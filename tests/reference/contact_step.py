@@ -20,7 +20,6 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.specifications import ShapeSpec
 from tests.reference.contact_solve import Cones, solve_cones
 from tests.reference.step import ReferenceStep
-from tests.reference.step_laws import implicit_terms
 from tests.reference.step_solve import Bilateral
 
 
@@ -222,20 +221,20 @@ class ContactReference(ReferenceStep):
         zeros = np.zeros(len(self.dofs))
         controls = (joint_force, target_q, target_qd)
         inputs = self._inputs(*(zeros if a is None else np.asarray(a, float) for a in controls))
-        terms = np.array([implicit_terms(dof, s, h) for dof, s in zip(self.dofs, inputs, strict=True)]).reshape(-1, 2)
+        gain, start = self._implicit(inputs)
         mass, jd = self.mass_matrix(), self.dof_jacobian
-        implicit = mass + jd.T @ (terms[:, :1] * jd)
-        free = np.linalg.solve(implicit, mass @ self._free_velocity(body_force, body_torque) + jd.T @ terms[:, 1])
+        implicit = mass + jd.T @ gain @ jd
+        free = np.linalg.solve(implicit, mass @ self._free_velocity(body_force, body_torque) + jd.T @ start)
         jacobian, bias = self._bilateral_rows(inputs)
         bilateral = Bilateral(implicit, jacobian, self.rank)
         boxes = self._boxes(inputs)
         smooth = bilateral.project(free, bias)
         self.touches = self.find_contacts(smooth)
-        contact_jacobian, contact_bias_, gain, cones = self._contact_rows(self.touches, smooth)
+        contact_jacobian, contact_bias_, softness, cones = self._contact_rows(self.touches, smooth)
         cones.low, cones.high = boxes.low, boxes.high
         rows = np.vstack([boxes.jacobian, contact_jacobian])
         columns = bilateral.compliance(rows)
-        delassus = rows @ columns + np.diag(np.concatenate([boxes.compliance, gain]))
+        delassus = rows @ columns + np.diag(np.concatenate([boxes.compliance, softness]))
         offset = rows @ smooth + np.concatenate([boxes.bias, contact_bias_])
         impulse, self.solve_residual = solve_cones(delassus, offset, cones, exact=self.exact)
         velocity = bilateral.project(smooth + columns @ impulse, bias)
@@ -244,5 +243,5 @@ class ContactReference(ReferenceStep):
         pushed = contact_jacobian.T @ self.contact_impulse.reshape(-1)
         self.contact_force_on_body = pushed[: 6 * len(self.mass)].reshape(-1, 6)[:, :3] / h
         impulses = bilateral.impulses(velocity - free - np.linalg.solve(implicit, rows.T @ impulse))
-        self._record(impulses, terms, velocity, boxes)
+        self._record(impulses, gain, start, velocity, boxes)
         self._advance(velocity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -128,9 +129,12 @@ def test_momentum_of_crashes_side_by_side() -> None:
 
 
 @pytest.mark.parametrize("dense_rows", [128, 0])
-@pytest.mark.parametrize(("apart", "seed"), [(0.1995, 1), (0.19, 3)])  # where the reference itself converges
+@pytest.mark.parametrize(("apart", "seed"), [(0.1995, 1), (0.1994, 4)])  # where the reference itself converges
 def test_several_islands_against_the_reference(dense_rows: int, apart: float, seed: int) -> None:
-    """Balls that roll, slide and press on each other in heaps: all of a world are one problem for the reference."""
+    """Balls that roll, slide and press on each other in heaps: all of a world are one problem for the reference.
+
+    Rows take their overlaps of up to 0.8 mm away: a fiftieth of the depenetration velocity in a step is 1 mm.
+    """
     builder = sw.ModelBuilder()
     builder.add_shape_plane(material=Material(friction=0.5))
     rng = np.random.default_rng(seed)
@@ -142,8 +146,9 @@ def test_several_islands_against_the_reference(dense_rows: int, apart: float, se
                 omega=rng.normal(size=3),
             )  # fmt: skip
     options = sw.SolverOptions(tolerance=1e-7, max_iterations=2000, dense_rows=dense_rows, contact_margin=0.1)
+    options = dataclasses.replace(options, max_depenetration_velocity=50.0)
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3, solver=options)
-    reference = ContactReference(builder, 1e-3, envelope=0.1)
+    reference = ContactReference(builder, 1e-3, envelope=0.1, max_depenetration_velocity=50.0)
     for _ in range(5):
         sim.step()
         reference.step()
