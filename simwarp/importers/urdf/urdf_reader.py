@@ -75,6 +75,7 @@ def load_urdf(
         ModelError: the file, one of its meshes or an argument is not usable; names the element.
     """
     file = _checked_file(path, base)
+    assert base is not None
     report = ImportReport(file.name, REFUSABLE, allow)
     placed = checked_pose(f"{file.name}: import", pose)
     choice = checked_self_collision(file.name, self_collision)
