@@ -37,9 +37,9 @@ class Diagnostics(ReportFields):
 
 def explain_worlds(
     model: Model, state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float, *,
-    told: Iterable[Mapping[int, str]] = (),
+    findings: Iterable[Mapping[int, str]] = (),
 ) -> list[str]:  # fmt: skip
-    """See `Simulation.problems`; `told`: lines by world that others found."""
+    """See `Simulation.problems`; `findings`: more lines by world."""
     checks = (
         _status_lines(state),
         _overflow_lines(contacts),
@@ -47,7 +47,7 @@ def explain_worlds(
         _row_lines(state, diagnostics),
         joints_apart(model, state, diagnostics.position_error),
         _report_lines(model, state, diagnostics),
-        *told,
+        *findings,
     )
     worlds = sorted({world for lines in checks for world in lines})
     return [

@@ -281,7 +281,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
         model = self.model
         titles = coordinate_titles(model.joint_names, model.joint_dof_start)
-        told = [
+        findings = [
             crossed_limits(model.joint_limit_lower, model.joint_limit_upper, titles, model.world_count),
             idle_changes(model, self.solver.contact_model),
             non_finite_parameters({name: getattr(model, name) for name in PARAMETERS}, model.world_count),
@@ -289,7 +289,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             *(part.world_problems() for part in self.elements if hasattr(part, "world_problems")),
         ]
         return explain_worlds(
-            model, self.state, self.contacts, self.diagnostics, self.solver.tolerance, told=told
+            model, self.state, self.contacts, self.diagnostics, self.solver.tolerance, findings=findings
         )  # fmt: skip
 
     def check_state(self, world: int = 0) -> StateFaults:

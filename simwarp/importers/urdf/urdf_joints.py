@@ -149,7 +149,7 @@ class JointTree:
 
     # ---- placed -----------------------------------------------------------------------------------------------------
 
-    def placed(self, links: Sequence[Link], base: str | None, pose: Pose) -> list[JointValues]:
+    def placed(self, links: Sequence[Link], base: str, pose: Pose) -> list[JointValues]:
         """Puts every link where it stands as built; returns the joints, that of the base first, in the file's order."""
         link_of = {link.name: link for link in links}
         link_of[self.root].pose = pose
