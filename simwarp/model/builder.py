@@ -422,6 +422,9 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
             stiffness: (6,) along the axes [N/m], then about them [N·m/rad].
             damping: (6,) along the axes [N·s/m], then about them [N·m·s/rad].
             dofs: six of any law, in the place of stiffness and damping.
+
+        Raises:
+            ModelError: both are given, or an argument cannot be used.
         """
         thing = checked_name("bushing", name)
         k = finite_vector(thing, "stiffness", stiffness, 6)
