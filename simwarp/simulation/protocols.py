@@ -8,11 +8,12 @@ are part of resets and snapshots. Sensors measure; they are in `simwarp.sensors`
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import warp as wp
 
+from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
@@ -125,3 +126,31 @@ class Sensor(Protocol):
     def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:
         """Resets the worlds of the (W,) mask and publishes a frame of their present state at once."""
         ...
+
+
+def recorded(record: Callable[..., Iterable[Any]], simulation: StepContext, *arguments: Any) -> list[Any]:
+    """Launches that a method of a force element or a sensor records for a Simulation that is being built.
+
+    Raises:
+        ModelError: the method asks the Simulation for what is not there yet, as by `step` or `reset`, or returns
+            something that is no launch.
+    """
+    name = record.__qualname__
+    try:
+        commands = record(simulation, *arguments)
+    except AttributeError as error:
+        if error.obj is not simulation:
+            raise
+        raise ModelError(
+            f"{name}: steps, resets and snapshots must wait until the Simulation is built, but it needed "
+            f"'{error.name}'; return launches, and call the Simulation after it is made"
+        ) from error
+    if not isinstance(commands, Iterable):
+        raise ModelError(f"{name}: must return a sequence of launches, got {shown(commands)}; return () for none")
+    commands = list(commands)
+    for command in commands:
+        if not callable(getattr(command, "launch", None)):
+            raise ModelError(
+                f"{name}: must return launches, got {shown(command)} among them; take what shares.record returns"
+            )
+    return commands

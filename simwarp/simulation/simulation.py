@@ -36,7 +36,7 @@ from simwarp.simulation.collision_recording import CollisionArrays, parts_layout
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.joint_values import joint_values
-from simwarp.simulation.protocols import ForceElement, Sensor
+from simwarp.simulation.protocols import ForceElement, Sensor, recorded
 from simwarp.simulation.readings import Readings
 from simwarp.simulation.requirements import collision_sizes, element_effects, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
@@ -394,7 +394,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def _record_step(self, all_solvers: bool, *, newton: bool) -> list[Any]:
         """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
-        commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
+        commands = [command for part in self.elements for command in recorded(part.record, self, self._config.dt)]
         self._colliding = record_collision(
             self.shares,
             CollisionArrays(
@@ -411,11 +411,11 @@ class Simulation(Readable, Readings, FixedAttributes):
         )  # fmt: skip
         commands += record_step(self.shares, arrays)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
-        return commands + [command for record in measuring for command in record(self, self._config.dt)]
+        return commands + [command for record in measuring for command in recorded(record, self, self._config.dt)]
 
     def _record_sensors(self) -> list[list[Any]]:
         """The launches of each sensor in every sub-step; where they are due in a round is told to `rounds`."""
-        commands = [list(sensor.record(self, self._config.dt)) for sensor in self.sensors]
+        commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
         self.rounds.told += [
             sensor.between_looks(self) if hasattr(sensor, "between_looks") else None for sensor in self.sensors
         ]
@@ -424,7 +424,7 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _record_outputs(self) -> list[Any]:
         """Launches that publish what elements tell of a state that was set."""
         telling = [part.record_outputs for part in self.elements if hasattr(part, "record_outputs")]
-        return [command for record in telling for command in record(self, self._all_worlds)]
+        return [command for record in telling for command in recorded(record, self, self._all_worlds)]
 
     def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state, which is that of now, back in the worlds of the mask."""
@@ -443,7 +443,8 @@ class Simulation(Readable, Readings, FixedAttributes):
             self.shares.record(copy_rows, inputs=[self._all_worlds, initial], outputs=[present])
             for present, initial in self._initial_memory
         ]
-        return [state, *rows, *(command for part in own for command in part.record_reset(self, self._all_worlds))]
+        resetting = [command for part in own for command in recorded(part.record_reset, self, self._all_worlds)]
+        return [state, *rows, *resetting]
 
     def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
         """Launches that set worlds to coordinates and rates, each with the index of these inputs."""
