@@ -7,7 +7,12 @@ for _name in ("SIMWARP_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+import signal
 import tempfile
+
+# Tests interrupt themselves: in the background of a shell, where Ctrl-C is ignored, they would wait for ever
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What tests pass off as a decomposition is none that a user should find again
 os.environ["SIMWARP_CACHE"] = tempfile.mkdtemp(prefix="simwarp-tests-")

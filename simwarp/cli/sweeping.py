@@ -153,7 +153,7 @@ def run(arguments: list[str]) -> int:
     from simwarp.train.sweeps.running import SweepRunner
     from simwarp.train.sweeps.sweep_display import SweepDisplay
 
-    check_root(plan.folder)
+    check_root(plan.folder, "--runs" if options.out is None else "--out")
     options.check(options.warm_start)
     launcher = _launcher(plan)
     plan.folder.mkdir(parents=True, exist_ok=True)

@@ -46,7 +46,7 @@ def joint_values(name: str, values: Any, model: Model, mask: wp.array | None) ->
             "row for each world"
         )
     array = array_on(thing, given, model.device, wp.float32)
-    at_hand = given if is_on("cpu", given) else array
+    at_hand = array if is_on("cpu", array) else given
     if is_on("cpu", at_hand):
         _check_finite(name, np.asarray(at_hand), mask)  # not numpy(): nothing waits for a device here
     return array

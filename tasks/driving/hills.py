@@ -8,7 +8,6 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.core.readable import Readable, plural
 from simwarp.kernels.tasks.driving.hills import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
 
 from ..framework.launching import TensorFunction, filled
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["FLATTEST", "Hills"]
 
 
-class Hills(Readable):
+class Hills:
     """Ground of fields whose heights are at most 1 m above or below 0, times the amplitude of each world.
 
     Call `build` in `build_world`, return `terrain` from `ground`, call `bind` in `setup` before its ``super()``, and
@@ -44,8 +43,8 @@ class Hills(Readable):
         self.side = side
         self.fields = [hills(seed + index, size=(side, side), spacing=1.5, amplitude=1.0) for index in range(count)]
 
-    def _printed_title(self) -> str:
-        return f": {plural(len(self.fields), 'field')} of {self.side:g} m"
+    def __repr__(self) -> str:
+        return f"Hills: {len(self.fields)} fields of {self.side:g} m"
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the ground as a shape that is seen, and that nothing but tires meets."""

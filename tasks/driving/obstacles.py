@@ -12,7 +12,6 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.core.readable import Readable, plural
 from simwarp.kernels.tasks.driving.obstacles import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 from ..framework.drawing import Line
@@ -34,7 +33,7 @@ class ObstacleKind:
     scale: tuple[float, float]
 
 
-class Obstacles(Readable):
+class Obstacles:
     """Slots for obstacles, as many as a world may have; every world fills its own, anew in each episode.
 
     Contact sees the hull of a thing's first proxy, cameras its picture; both share one geometry for all worlds.
@@ -58,8 +57,8 @@ class Obstacles(Readable):
         self.kinds, self.count = tuple(kinds), count
         self._group, self._mask = group, mask
 
-    def _printed_title(self) -> str:
-        return f": {plural(self.count, 'slot')} for {plural(len(self.kinds), 'kind')}"
+    def __repr__(self) -> str:
+        return f"Obstacles: {self.count} slots for {len(self.kinds)} kinds"
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the slots as shapes; they meet the groups of the mask."""

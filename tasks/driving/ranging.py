@@ -5,13 +5,12 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from simwarp.core.readable import Readable, plural
 from simwarp.kernels.tasks.driving.ranging import tell_ranges
 
 from ..framework.launching import TensorFunction
 
 
-class RangeFan(Readable):
+class RangeFan:
     """Rays in a plane, from a vehicle to discs.
 
     Args:
@@ -34,8 +33,8 @@ class RangeFan(Readable):
         fixed = [reach, self.direction]
         self._ranges = TensorFunction(tell_ranges, fixed, [(torch.float32, ())], device, dimensions=2)
 
-    def _printed_title(self) -> str:
-        return f": {plural(self.direction.shape[0], 'ray')} of {self.reach:g} m"
+    def __repr__(self) -> str:
+        return f"RangeFan: {self.direction.shape[0]} rays of {self.reach:g} m"
 
     def ranges(self, place: torch.Tensor, radius: torch.Tensor) -> torch.Tensor:
         """Return (W, rays) distances [m] to the first disc on each ray, at most the reach; 0 inside a disc.

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.core.readable import Readable, plural
 from simwarp.kernels.tasks.driving.routes import RouteTables, tell_distances, tell_locations, tell_places
 
 from ..framework.launching import TensorFunction, filled
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from simwarp.vehicle import Path
 
 
-class Routes(Readable):
+class Routes:
     """Paths as points at equal steps, all closed or all open.
 
     Args:
@@ -56,9 +55,8 @@ class Routes(Readable):
         self._distance = TensorFunction(tell_distances, [self.tables], [number], device)
         self._locate = TensorFunction(tell_locations, [self.tables], [number, number], device)
 
-    def _printed_title(self) -> str:
-        closed = "closed" if self.tables.closed else "open"
-        return f": {plural(self.length.shape[0], 'path')}, {closed}"
+    def __repr__(self) -> str:
+        return f"Routes: {self.length.shape[0]} paths, {'closed' if self.tables.closed else 'open'}"
 
     def at(self, route: torch.Tensor, arc: torch.Tensor) -> torch.Tensor:
         """Return (W, M, 3) x, y [m] and heading [rad] at lengths (W, M) along the routes (W,).

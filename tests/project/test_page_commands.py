@@ -63,14 +63,20 @@ def label(page):
     return str(page.relative_to(ROOT))
 
 
-def forget():
-    """Take tasks of files out of the registry: others may have the same names, in another folder."""
-    for name in registry._tasks.keys() - registry._BUILT_IN.keys():
+def forget(known):
+    """Take tasks of a page's files out of the registry: others may have the same names, in another folder."""
+    for name in registry._tasks.keys() - known:
         del registry._tasks[name]
 
 
 @pytest.fixture
-def reader(tmp_path, monkeypatch):
+def known():
+    """Tasks that are there before a page is read."""
+    return frozenset({*registry._tasks, *registry._BUILT_IN})
+
+
+@pytest.fixture
+def reader(tmp_path, monkeypatch, known):
     """Make the folder of a reader who followed the pages, and enter it; its tasks are forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
 
@@ -90,7 +96,7 @@ def reader(tmp_path, monkeypatch):
         return tmp_path
 
     yield prepare
-    forget()
+    forget(known)
 
 
 def as_installed(words):
@@ -132,7 +138,7 @@ def test_every_file_that_is_saved_from_a_page_is_tried():
 
 @pytest.mark.long("docs/driving.md", "docs/results.md", "docs/training.md")
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=label)
-def test_the_commands_of_a_page_are_understood(page, reader):
+def test_the_commands_of_a_page_are_understood(page, reader, known):
     text = page.read_text(encoding="utf-8")
     folder, meant = reader(text), MEANT.get(page.name, {})
     commands = [words for block in shell_blocks(page) for words in called(block, folder, meant)]
@@ -143,7 +149,7 @@ def test_the_commands_of_a_page_are_understood(page, reader):
     for words in commands:
         try:
             if any(word.startswith("new/") for word in words):
-                forget()  # a file that was moved: in one process its task would be there twice
+                forget(known)  # a file that was moved: in one process its task would be there twice
             if shlex.join(words) not in later:
                 parse(as_there(as_installed(words)))
         except Exception as error:  # noqa: BLE001 - all of a page's mistakes at once

@@ -186,16 +186,16 @@ def _time_of(stamp: str) -> float:
         return -math.inf
 
 
-def check_root(root: Path) -> None:
-    """Refuse a folder of runs in which none could be made, before any work is done.
+def check_root(root: Path, option: str = "--runs") -> None:
+    """Refuse a folder of runs in which none could be made, before any work is done; `option` gave it.
 
     Raises:
         FileError: it, or the nearest folder above it that there is, is no folder or write-protected.
     """
     above = next((path for path in (root, *root.absolute().parents) if os.path.lexists(path)), Path("/"))
     if not os.path.isdir(above):
-        raise FileError(f"--runs: '{above}' is no folder; name one in which run folders can be made")
-    check_output(above / "run", "--runs")
+        raise FileError(f"{option}: '{above}' is no folder; name one in which run folders can be made")
+    check_output(above / "run", option)
 
 
 def create_run(root: Path, task: str, config: dict[str, Any]) -> RunFolder:

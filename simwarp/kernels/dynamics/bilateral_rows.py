@@ -26,9 +26,9 @@ from simwarp.kernels.dynamics.joints import (
     POINT_AXIS0,
     POINT_AXIS1,
     JointFrames,
-    half_step,
     joint_frames,
     legal_translation,
+    row_bend,
 )
 from simwarp.kernels.dynamics.tree import Wrench, project_tree_dof, walk_to_root
 
@@ -178,12 +178,8 @@ def loop_row_limit(kind: int, config: StepConfig) -> float:
 
 
 @wp.func
-def row_bend(
-    joint: int, kind: int, axis0: int, axis1: int, dt: float, frames: JointFrames, topology: Topology, work: Work
-) -> float:
-    """Half a step (`half_step`) times the second derivative of a row's value along a motion of the velocities of the
-    step's start [m/s or 1/s].
-    """
+def bend_of_row(row: int, joint: int, dt: float, frames: JointFrames, topology: Topology, work: Work) -> float:
+    """`row_bend` of a row, with the velocities of the step's start."""
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
     omega0 = wp.vec3()
@@ -195,33 +191,8 @@ def row_bend(
     if link1 >= 0:
         omega1 = work.o_ang[link1]
         speed += work.o_lin[link1]
-    half = half_step(omega0, omega1, dt)
-    if kind == DOT:
-        e = to_float(column(frames.f0, axis0))
-        f = to_float(column(frames.f1, axis1))
-        e_rate = wp.cross(omega0, e)
-        f_rate = wp.cross(omega1, f)
-        turned = wp.dot(wp.cross(omega0, e_rate), f) + wp.dot(e, wp.cross(omega1, f_rate))
-        return half * (turned + 2.0 * wp.dot(e_rate, f_rate))
-    rate0 = wp.cross(omega0, to_float(frames.r0))
-    rate1 = wp.cross(omega1, to_float(frames.r1))
-    speed += rate1 - rate0
-    bend = wp.cross(omega1, rate1) - wp.cross(omega0, rate0)
-    d = to_float(frames.d)
-    if kind == DISTANCE:
-        length = wp.length(d)
-        if length == 0.0:
-            return 0.0
-        n = d / length
-        along = wp.dot(n, speed)
-        return half * (wp.dot(n, bend) + (wp.dot(speed, speed) - along * along) / length)
-    u = to_float(column(frames.f0, axis0))
-    turning = omega0
-    if kind == POINT_AXIS1:
-        u = to_float(column(frames.f1, axis1))
-        turning = omega1
-    u_rate = wp.cross(turning, u)
-    return half * (wp.dot(wp.cross(turning, u_rate), d) + 2.0 * wp.dot(u_rate, speed) + wp.dot(u, bend))
+    axis0 = topology.row_axis0[row]
+    return row_bend(topology.row_kind[row], axis0, topology.row_axis1[row], dt, omega0, omega1, speed, frames)
 
 
 @wp.func(inline=True)
@@ -236,7 +207,7 @@ def loop_row_wrenches(
     offset = wp.float64(0.0)
     if topology.row_dof[row] < 0:
         offset = row_offset(kind, joint, world, parameters)
-        work.row_bend[row] = row_bend(joint, kind, axis0, axis1, dt, frames, topology, work)
+        work.row_bend[row] = bend_of_row(row, joint, dt, frames, topology, work)
     geometry = row_geometry(topology.joint_type[joint], kind, axis0, axis1, offset, frames)
     work.j0_ang[row] = geometry.w0.ang
     work.j0_lin[row] = geometry.w0.lin

@@ -163,6 +163,42 @@ def half_step(omega0: wp.vec3, omega1: wp.vec3, dt: float) -> float:
 
 
 @wp.func
+def row_bend(
+    kind: int, axis0: int, axis1: int, dt: float, omega0: wp.vec3, omega1: wp.vec3, speed: wp.vec3, frames: JointFrames
+) -> float:
+    """Half a step (`half_step`) times the second derivative of a row's value (RowKind) along a motion of two bodies, of
+    which `speed` is the difference of their velocities [m/s or 1/s].
+    """
+    half = half_step(omega0, omega1, dt)
+    e = to_float(column(frames.f0, axis0))
+    f = to_float(column(frames.f1, axis1))
+    if kind == DOT:
+        e_rate = wp.cross(omega0, e)
+        f_rate = wp.cross(omega1, f)
+        turned = wp.dot(wp.cross(omega0, e_rate), f) + wp.dot(e, wp.cross(omega1, f_rate))
+        return half * (turned + 2.0 * wp.dot(e_rate, f_rate))
+    rate0 = wp.cross(omega0, to_float(frames.r0))
+    rate1 = wp.cross(omega1, to_float(frames.r1))
+    apart = speed + rate1 - rate0
+    bend = wp.cross(omega1, rate1) - wp.cross(omega0, rate0)
+    d = to_float(frames.d)
+    if kind == DISTANCE:
+        length = wp.length(d)
+        if length == 0.0:
+            return 0.0
+        n = d / length
+        along = wp.dot(n, apart)
+        return half * (wp.dot(n, bend) + (wp.dot(apart, apart) - along * along) / length)
+    u = e
+    turning = omega0
+    if kind == POINT_AXIS1:
+        u = f
+        turning = omega1
+    u_rate = wp.cross(turning, u)
+    return half * (wp.dot(wp.cross(turning, u_rate), d) + 2.0 * wp.dot(u_rate, apart) + wp.dot(u, bend))
+
+
+@wp.func
 def corrected(error: wp.vec3, bend: wp.vec3, inv_dt: float, limit: float, config: StepConfig) -> wp.vec3:
     """Rate at which a joint's error must fall [m/s or rad/s]: `bend`, half a step of its curvature, and the error of
     the step's start. What that has beyond the steady error of a moving joint is limited (docs/theory.md).

@@ -208,7 +208,7 @@ def test_feet_feel_the_ground_up_to_the_clip():
     felt = torch.stack([task.step(idle(task)).observations["policy"][0, 47:53].clone() for _ in range(5)])
     assert felt.min() >= 0.0
     assert 0.0 < felt.max() <= 5.0
-    place(task, height=0.1)
+    place(task, height=0.1, velocity=(0.0, 0.0, -3.0))
     task.simulation.step()
     assert task.observations()["policy"][0, 47:53].max() == 5.0
 

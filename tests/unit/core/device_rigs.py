@@ -542,6 +542,7 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
 BY_SUBCLASSES: Final = "a task overrides it, and is called with its own tensors"
 APART: Final[dict[str, str]] = {
     "Task.apply": BY_SUBCLASSES,
+    "Levelled.set_level": "numbers, one for each world, which torch brings to the task's device",
     "Task.reset": BY_SUBCLASSES,
     "SavedTask.load_extra_state": BY_SUBCLASSES,
     "ActuatorNetwork.begin": "a task calls it with its own tensors",

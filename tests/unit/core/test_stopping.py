@@ -186,14 +186,19 @@ COPIES = """
 import os, signal, sys, threading, time
 from simwarp.core.stopping import exit_at_signals, interrupted_by_signals
 
+ready = []
+
 def copies():
+    while not ready:  # an interrupt inside `Thread.start` would leave its lock behind
+        time.sleep(0.001)
     for _ in range(50):
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(0.01)
 
 with interrupted_by_signals():
+    threading.Thread(target=copies).start()
     try:
-        threading.Thread(target=copies).start()
+        ready.append(True)
         while True:
             time.sleep(0.01)
     except KeyboardInterrupt:

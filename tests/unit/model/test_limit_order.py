@@ -70,6 +70,12 @@ def test_a_stop_beyond_the_other_one_is_refused(write, name, value, message):
     np.testing.assert_array_equal(array.numpy(), before)
 
 
+def crossed(sim):
+    """Lines on stops that crossed, without those on coordinates that start outside."""
+    lines = [line.partition("; outside limits")[0] for line in sim.problems()]
+    return [line for line in lines if "crossed" in line]
+
+
 def test_stops_move_one_after_the_other_and_may_meet():
     model = built()
     model.joint_limit_upper[1, HINGE] = 3.0
@@ -79,7 +85,7 @@ def test_stops_move_one_after_the_other_and_may_meet():
     model.joint_limit_lower[1, HINGE] = 3.0
     model.joint_limit_upper.fill_(1e30)
     model.joint_limit_lower.fill_(-1e30)
-    assert sw.Simulation(model, 1e-3).problems() == []
+    assert crossed(sw.Simulation(model, 1e-3)) == []
 
 
 def test_stops_that_are_filled_and_zeroed():
@@ -108,10 +114,10 @@ def test_stops_that_crossed_through_a_torch_view_are_problems(per_world):
     """A view writes the memory itself, which nobody can check; so does what is written on a GPU."""
     model = built(per_world)
     sim = sw.Simulation(model, 1e-3)
-    assert sim.problems() == []
+    assert crossed(sim) == []
     sw.to_torch(model.joint_limit_lower)[-1, TURN] = 0.5
     worlds = [WORLDS - 1] if per_world else range(WORLDS)
-    assert sim.problems() == [
+    assert crossed(sim) == [
         f"world {world}: stops of joint 'thread' (coordinate 1) crossed: lower 0.5 is above upper 0.3; write them in "
         "order"
         for world in worlds

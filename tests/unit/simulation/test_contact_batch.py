@@ -205,7 +205,7 @@ def test_overflow_keeps_the_deepest_and_flags_its_world() -> None:
     assert sim.contacts.contact_count.numpy().tolist() == [2, 1, 2]
     # float32 of 4 mm
     assert np.allclose(np.sort(sim.contacts.contact_gap.numpy()[0]), [-4e-3, -3e-3], atol=1e-7)
-    lines = sim.problems()
+    lines = [line for line in sim.problems() if "contact_capacity" in line]
     assert [line.split(":")[0] for line in lines] == ["world 0", "world 2"]
     assert all("contact_capacity=4" in line for line in lines)
 
@@ -213,7 +213,7 @@ def test_overflow_keeps_the_deepest_and_flags_its_world() -> None:
 def test_enough_slots_are_no_problem() -> None:
     sim = simulation()
     steps(sim, 60)
-    assert sim.problems() == []
+    assert not any("contact_capacity" in line for line in sim.problems())
     assert not sim.contacts.contact_overflow.numpy().any()
 
 
