@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from simwarp.cli import DONE, UsageError
+from simwarp.cli.evaluation.grids import level_of
 from simwarp.cli.options import CommonOptions
 from simwarp.cli.policy_command import policy_command
 from simwarp.core.warp_start import told_compiling
@@ -53,6 +54,8 @@ class PlayOptions(CommonOptions):
     """Draw crosses on the ground at whole metres, larger ones every five."""
     seed: int = 1_000_003
     """Seed of the worlds."""
+    level: float = 1.0
+    """Level of the curriculum in [0, 1], held throughout: 1 is the whole difficulty."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
     capture: bool = True
@@ -76,6 +79,7 @@ def run(arguments: list[str]) -> int:
     name, options, source = command.name, command.options(), command.source
     assert source is not None  # options() has ended the process where help was asked for
     _check(options)
+    level = level_of("--level", options.level)
     console = options.console()
     target = _target(name, options, source.path, console)
     console.print(f"building worlds of '{name}' ...", highlight=False)
@@ -84,6 +88,7 @@ def run(arguments: list[str]) -> int:
             name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task,
             capture=options.capture,
         )  # fmt: skip
+    task.set_level(level)
     video = target.suffix.lower() in VIDEO_SUFFIXES
     policy = source.policy(task)
     film = _html_film(task, target) if options.html is not None else Film(task, video, _film_options(options))

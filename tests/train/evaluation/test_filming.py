@@ -106,6 +106,18 @@ def test_play_renders_what_can_be_seen(tmp_path, monkeypatch, capfd):
 SMALL = ("--seconds", "0.12", "--size", "48", "32")
 
 
+def test_play_holds_a_level_of_the_curriculum(tmp_path, monkeypatch, capfd):
+    """What is seen and counted is that of the level, as in `eval`."""
+    monkeypatch.chdir(tmp_path)
+    held = []
+    monkeypatch.setattr(Task, "set_level", lambda task, level: held.append(level))
+    for words in ((), ("--level", "0.2")):
+        assert cli.main(["play", "pendulum", *SMALL, "--video", "b.png", *words]) == 0
+    assert held == [1.0, 0.2]
+    assert cli.main(["play", "pendulum", *SMALL, "--video", "b.png", "--level", "1.5"]) == 2
+    assert "[0, 1]" in capfd.readouterr().err
+
+
 def test_play_writes_an_mp4_unasked(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["play", "fast", "--checkpoint", "none", *SMALL]) == 2
