@@ -10,9 +10,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 import signal
 import tempfile
 
-# Tests interrupt themselves: in the background of a shell, where Ctrl-C is ignored, they would wait for ever
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# Tests interrupt themselves: in the background of a shell, which ignores Ctrl-C (nohup: hang-ups), they would wait on
+for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _handler)
 
 # What tests pass off as a decomposition is none that a user should find again
 os.environ["SIMWARP_CACHE"] = tempfile.mkdtemp(prefix="simwarp-tests-")
