@@ -9,6 +9,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 import signal
 import tempfile
+from pathlib import Path
 
 # Tests interrupt themselves: in the background of a shell, which ignores Ctrl-C (nohup: hang-ups), they would wait on
 for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
@@ -39,6 +40,8 @@ def _kernels() -> None:
         compile_together()
 
 
+MEASURED = Path(__file__).with_name("slow_tests.txt")
+"""Names of tests that take more than a second, one in a line."""
 SWEEP = 5
 """Of the cases of a test marked `sweep`, one in so many, and at least two, are part of `make test`."""
 
@@ -55,6 +58,20 @@ def _mark_sweeps(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.slow)
 
 
+def _mark_measured(items: list[pytest.Item], *, all_there: bool) -> None:
+    names = {line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")}
+    for item in items:
+        if item.nodeid in names:
+            item.add_marker(pytest.mark.slow)
+    # Cases may depend on what is installed, as whole files do
+    tests = {item.nodeid.partition("[")[0] for item in items}
+    files = {test.partition("::")[0] for test in tests}
+    named = {name.partition("[")[0] for name in names}
+    stale = sorted(test for test in named - tests if all_there and test.partition("::")[0] in files)
+    if stale:
+        raise pytest.UsageError(f"{MEASURED.name} names tests that are not there: {', '.join(stale)}; take them out")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark slow cases of tests (`quick`, `long`, `sweep`); skip tests marked `cuda` where Warp finds no CUDA device."""
@@ -68,7 +85,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         sampled.setdefault(item.nodeid.partition("[")[0], (set(mark.args), set()))[1].add(case)
         if (case in mark.args) == (long is not None):
             item.add_marker(pytest.mark.slow)
-    if config.args_source is pytest.Config.ArgsSource.TESTPATHS:  # all tests are there, so all their cases
+    all_there = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    _mark_measured(items, all_there=all_there)
+    if all_there:  # and so all their cases
         for test, (named, cases) in sampled.items():
             if not named <= cases:
                 raise pytest.UsageError(f"{test}: marks name cases that it does not have: {sorted(named - cases)}")
