@@ -27,7 +27,7 @@ import warp as wp
 ARCH = 90
 """Hopper: what the package is tuned for."""
 SETS = {
-    "step": "simwarp.kernels.dynamics.step_parts", "solve": "simwarp.kernels.dynamics.solve_parts",
+    "step": "simwarp.kernels.dynamics.step_stages",
     "collision": "simwarp.kernels.collision.collide_parts", "triangles": "simwarp.kernels.collision.triangle_parts",
     "state": "simwarp.kernels.dynamics.world",
     "tires": "simwarp.kernels.vehicle.tires.tires",
@@ -66,7 +66,7 @@ def assembler() -> Path | None:
 
 def step_kernels() -> list[wp.Kernel]:
     """All kernels of a step and of its collision, each in a module of its own."""
-    names = ("step", "solve", "collision", "triangles")
+    names = ("step", "collision", "triangles")
     return [kernel for name in names for kernel in importlib.import_module(SETS[name]).kernels_for_cuda_check()]
 
 

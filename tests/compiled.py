@@ -8,7 +8,7 @@ from pathlib import Path
 
 import warp as wp
 
-from simwarp.kernels.dynamics.world import step_worlds_kernel
+from simwarp.kernels.dynamics.step_stages import fused_step
 
 LONG = (
     "simwarp.kernels.cones.batch", "simwarp.kernels.collision.collide", "simwarp.kernels.sensors.cameras.image",
@@ -22,7 +22,7 @@ CPU_BLOCK = 1
 def compile_together() -> None:
     """Compile what Warp's cache does not hold: each unit in one worker, while the others take the next ones."""
     wp.init()
-    units = [step_worlds_kernel(all_solvers).module for all_solvers in (True, False)]
+    units = [fused_step(all_solvers).kernel.module for all_solvers in (True, False)]
     units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
     # First what nobody is at, then what the others have made
     for lock in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):

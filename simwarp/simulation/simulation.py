@@ -406,10 +406,9 @@ class Simulation(Readable, Readings, FixedAttributes):
         arrays = StepArrays(
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
-            reports=self.diagnostics.arrays, scratch=self._scratch, all_solvers=all_solvers,
-            newton=newton,
+            reports=self.diagnostics.arrays, scratch=self._scratch,
         )  # fmt: skip
-        commands += record_step(self.shares, arrays)
+        commands += record_step(self.shares, arrays, all_solvers=all_solvers, newton=newton)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
         return commands + [command for record in measuring for command in recorded(record, self, self._config.dt)]
 

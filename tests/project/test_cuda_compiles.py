@@ -17,8 +17,6 @@ from types import ModuleType
 import pytest
 import warp as wp
 
-from simwarp.kernels.dynamics.world import step_worlds_kernel
-
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 HOOK = "kernels_for_cuda_check"
@@ -80,7 +78,7 @@ def compile_for_cuda(module: ModuleType, folder: Path | None = None) -> int:
 LONG = {
     f"simwarp.kernels.{name}"
     for name in (
-        "dynamics.world", "dynamics.step_parts", "dynamics.solve_parts", "cones.batch", "collision.collide",
+        "dynamics.world", "dynamics.step_stages", "cones.batch", "collision.collide",
         "collision.collide_parts", "collision.triangle_parts", "vehicle.tires.tires", "sensors.cameras.image",
         "kinematics.jacobian", "kinematics.inverse_kinematics",
     )
@@ -99,12 +97,6 @@ def test_device_code_has_one_home():
 @pytest.mark.parametrize("name", MODULES)
 def test_kernels_compile_for_cuda(name):
     assert compile_for_cuda(importlib.import_module(name)) > 0
-
-
-@pytest.mark.slow
-def test_the_step_with_all_solvers_compiles_for_cuda():
-    # Minutes of NVRTC, as for the small one, whose module tells of itself only.
-    wp.compile_aot_module(step_worlds_kernel(True).module, device=None, arch=ARCH)
 
 
 TOY = '''

@@ -6,6 +6,7 @@
 
 import warp as wp
 
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
 
 
@@ -150,6 +151,23 @@ class StepConfig:
     restitution_threshold: float  # m/s: slower impacts do not bounce
     contact_margin: float  # m: contacts nearer than this always take part
     dense_rows: int  # most rows of a dense Schur complement
+
+
+@wp.struct
+class StepProgress:
+    """(W,) numbers that one stage of a step passes to the next."""
+
+    limits: wp.array[int]  # blocks on coordinates, in front until islands are formed
+    blocks: wp.array[int]  # all of the cone problem
+    islands: wp.array[int]  # of it; 0: one that moves everything
+    recovers: wp.array[int]  # 1: overlaps and passed limits recover by moving alone
+    row_residual: wp.array[float]  # of the bilateral rows [m/s or rad/s]
+    position_error: wp.array[float]  # of the joints [m or rad]
+
+
+def progress_layouts(worlds: int) -> dict[str, ArrayLayout]:
+    """Return the arrays of a `StepProgress`."""
+    return {name: ArrayLayout((worlds,), member.type.dtype) for name, member in StepProgress.vars.items()}
 
 
 class WorkScratch(ScratchGroup):

@@ -56,7 +56,7 @@ def load_poses(world: int, topology: Topology, state: StateArrays, work: Work):
             work.rot[body] = wp.quat_to_matrix(q)
 
 
-@wp.func
+@wp.func(inline=True)
 def total_velocities(topology: Topology, work: Work):
     """T <- velocity of the start plus its change."""
     for link in range(topology.link_count):
@@ -322,28 +322,16 @@ def apply_row_forces(
             apply_force(link_of(topology.joint_body1[joint], topology), row.w1, dt * force, work)
 
 
-@wp.func
-def publish(
-    world: int, projected: int, recovers: int, topology: Topology, parameters: Parameters, config: StepConfig,
-    state: StateArrays, work: Work,
-) -> int:  # fmt: skip
-    """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written).
-
-    `projected` is 1 where `work` no longer holds the poses of the step's start, `recovers` where a recovery is to be
-    made.
-    """
-    if publish_motion(world, projected, recovers, topology, parameters, config, state, work) == 0:
-        return 0
-    publish_coordinates(world, config.dt, topology, parameters, state, work)
-    return 1
-
-
 @wp.func(inline=True)
 def publish_motion(
     world: int, projected: int, recovers: int, topology: Topology, parameters: Parameters, config: StepConfig,
     state: StateArrays, work: Work,
 ) -> int:  # fmt: skip
-    """As `publish`, without the coordinates."""
+    """Rates at the old poses, then poses of record; 0 if any value is not finite (nothing written).
+
+    `projected` is 1 where `work` no longer holds the poses of the step's start, `recovers` where a recovery is to be
+    made.
+    """
     finite = int(1)
     for link in range(topology.link_count):
         total = wp.length(work.t_ang[link]) + wp.length(work.t_lin[link])

@@ -10,7 +10,7 @@ from simwarp.core.types import FrictionLaw, FrictionRule
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, Parameters
 from simwarp.kernels.core.spatial import contact_frame
-from simwarp.kernels.core.tables import StepConfig, Topology, Work, given_pair, world_row
+from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, given_pair, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
 from simwarp.kernels.recovery.recovery import recovery_speed
@@ -309,58 +309,18 @@ def opposite(w: Wrenches) -> Wrenches:
     return other
 
 
-@wp.func
-def contact_response(
-    block: int, row: int, count: int, c: ContactLinks, topology: Topology, work: Work, cone: ConeProblem
-):
-    """Entries of a contact's rows and their diagonal."""
-    entries = walk_rows(
-        block, row, wp.min(count, 3), 0, c.link0, opposite(force_wrenches(c.arm0, c.frame)), c.link1,
-        force_wrenches(c.arm1, c.frame), topology, work, cone,
-    )  # fmt: skip
-    if count == 6:
-        turn = turn_wrenches(c.frame)
-        entries = walk_rows(block, row + 3, 3, 0, c.link0, opposite(turn), c.link1, turn, topology, work, cone)
-    cone.block_entries[block] = entries
-    loop_share(block, row, count, topology, work, cone)
-
-
-@wp.func
+@wp.func(inline=True)
 def collect_contacts(
-    world: int, dt: float, blocks: int, rows: int, topology: Topology, parameters: Parameters, contacts: ContactArrays,
-    config: StepConfig, work: Work, cone: ConeProblem,
-) -> int:  # fmt: skip
-    """Appends the contacts that can act in this step as blocks; returns the number of blocks then.
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, contacts: ContactArrays,
+    progress: StepProgress, work: Work, cone: ConeProblem,
+):  # fmt: skip
+    """Appends the contacts that can act in this step as blocks, without their responses.
 
     A contact further away than the margin takes part if the free motion would close it.
     """
-    block = int(blocks)
-    row = int(rows)
-    for contact in range(contacts.contact_count[world]):
-        c = contact_links(world, contact, topology, contacts)
-        r = contact_rows(world, contact, dt, c, topology, parameters, contacts, config, work)
-        if r.acts == 1:
-            count = set_block(block, row, dt, r.surface, cone)
-            contact_response(block, row, count, c, topology, work, cone)
-            if cone.diagonal[row] > FREE_MOBILITY:
-                fill_contact(row, count, dt, c, r, config, work, cone)
-                finish_diagonal(row, count, cone)
-                work.active[block] = topology.box_count + contact
-                work.recovery[block] = r.recovery
-                block += 1
-                row += count
-    cone.block_row[block] = row
-    return block
-
-
-@wp.func
-def list_contacts(
-    world: int, dt: float, blocks: int, rows: int, topology: Topology, parameters: Parameters, contacts: ContactArrays,
-    config: StepConfig, work: Work, cone: ConeProblem,
-) -> int:  # fmt: skip
-    """The first part of `collect_contacts`: all but the responses, for contacts that may be unable to move, too."""
-    block = int(blocks)
-    row = int(rows)
+    dt = config.dt
+    block = int(progress.limits[world])
+    row = int(block)
     for contact in range(contacts.contact_count[world]):
         c = contact_links(world, contact, topology, contacts)
         r = contact_rows(world, contact, dt, c, topology, parameters, contacts, config, work)
@@ -372,7 +332,7 @@ def list_contacts(
             block += 1
             row += count
     cone.block_row[block] = row
-    return block
+    progress.blocks[world] = block
 
 
 @wp.func
@@ -399,12 +359,12 @@ def move_block(source: int, source_row: int, count: int, block: int, row: int, w
             cone.y[row + i, entry] = cone.y[source_row + i, entry]
 
 
-@wp.func
-def walk_contacts(
-    world: int, first: int, listed: int, topology: Topology, contacts: ContactArrays, work: Work, cone: ConeProblem
+@wp.func(inline=True)
+def contact_responses(
+    world: int, topology: Topology, contacts: ContactArrays, progress: StepProgress, work: Work, cone: ConeProblem
 ):
-    """The second part: entries of the rows of listed contacts."""
-    for source in range(first, listed):
+    """Entries of the rows of the contacts: what these move in the trees."""
+    for source in range(progress.limits[world], progress.blocks[world]):
         # one call for both halves of the rows, and nothing kept over it, takes fewer registers
         for half in range((cone.block_row[source + 1] - cone.block_row[source] + 2) // 3):
             row = cone.block_row[source]
@@ -429,13 +389,14 @@ def walk_contacts(
             )
 
 
-@wp.func
-def settle_contacts(first: int, listed: int, topology: Topology, work: Work, cone: ConeProblem) -> int:
-    """The third part: the loops' share, and only the contacts that can move; returns the number of blocks then."""
+@wp.func(inline=True)
+def reduce_contacts(world: int, topology: Topology, progress: StepProgress, work: Work, cone: ConeProblem):
+    """The loops' share of them; contacts that can move nothing are dropped."""
+    first = progress.limits[world]
     block = int(first)
     row = cone.block_row[first]
     end = int(row)
-    for source in range(first, listed):
+    for source in range(first, progress.blocks[world]):
         source_row = end
         end = cone.block_row[source + 1]
         count = end - source_row
@@ -447,7 +408,7 @@ def settle_contacts(first: int, listed: int, topology: Topology, work: Work, con
             block += 1
             row += count
     cone.block_row[block] = row
-    return block
+    progress.blocks[world] = block
 
 
 @wp.func

@@ -3,18 +3,21 @@
 import warp as wp
 
 from simwarp.core.types import WorldStatus
-from simwarp.kernels.cones.islands import leave_islands
-from simwarp.kernels.cones.problem import ConeConfig, ConeProblem
-from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
+from simwarp.kernels.cones.islands import enter_islands, leave_islands, world_report
+from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
-from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, world_row
+from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_group,
     combination_laws,
     coupling_row,
     group_residual,
-    loop_joint_rows,
     loop_responses,
+    loop_row_law,
+    loop_row_wrenches,
+    rotation_rows,
     rows_residual,
     silent_responses,
 )
@@ -25,14 +28,17 @@ from simwarp.kernels.dynamics.bodies import (
     load_distances,
     load_poses,
     load_tree_dofs,
-    publish,
+    publish_coordinates,
+    publish_motion,
     total_velocities,
 )
 from simwarp.kernels.dynamics.box_constraints import collect_boxes
 from simwarp.kernels.dynamics.cone_rows import apply_cones
-from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
+from simwarp.kernels.dynamics.contact_rows import publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
-from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
+from simwarp.kernels.dynamics.joints import FREE, SHAFT, joint_frames, link_geometry
+from simwarp.kernels.dynamics.position_projection import project_positions
+from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
 from simwarp.kernels.recovery.recovery import find_recovery, wants_recovery
@@ -106,16 +112,46 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
     forward_pass(topology, work)
 
 
-@wp.struct
-class StepProgress:
-    """Results that one part of a step passes to the next: blocks of the cone problem, and residuals."""
+@wp.func
+def has_rows(topology: Topology) -> bool:
+    """Joints that close loops, couplings, or combinations with a law."""
+    return topology.row_count > 0
 
-    limits: int  # blocks on coordinates, in front until islands are formed
-    blocks: int  # all
-    islands: int  # of the cone problem; 0: one that moves everything
-    row_residual: float  # of the bilateral rows [m/s or rad/s]
-    position_error: float  # of the joints [m or rad]
-    recovers: int  # 1: overlaps and passed limits recover by moving alone
+
+@wp.func
+def has_cones(topology: Topology) -> bool:
+    """Bounded impulses: contacts, limits, drives or friction."""
+    return topology.box_count > 0 or topology.pair_count > 0
+
+
+@wp.func
+def has_contacts(topology: Topology, config: StepConfig) -> bool:
+    """Rigid contacts."""
+    return topology.pair_count > 0 and config.contact_model == RIGID
+
+
+@wp.func
+def has_islands(topology: Topology) -> bool:
+    """Several units, which may be islands of the cone problem."""
+    return topology.unit_count > 1 and (topology.box_count > 0 or topology.pair_count > 0)
+
+
+@wp.func
+def has_projection(config: StepConfig) -> bool:
+    """Positions are projected."""
+    return config.projection_iterations > 0
+
+
+@wp.func
+def has_accelerations(config: StepConfig) -> bool:
+    """Accelerations are asked for."""
+    return config.accelerations == 1
+
+
+@wp.func
+def has_reactions(config: StepConfig) -> bool:
+    """Reactions are asked for."""
+    return config.reactions == 1
 
 
 @wp.func
@@ -132,21 +168,24 @@ def cone_config(config: StepConfig) -> ConeConfig:
 @wp.func(inline=True)
 def load_step(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
-    state: StateArrays, contacts: ContactArrays, work: Work,
-) -> StepProgress:  # fmt: skip
+    state: StateArrays, contacts: ContactArrays, progress: StepProgress, work: Work,
+):  # fmt: skip
     """Bodies, their forces, and the tree's geometry at the present state."""
     dt = config.dt
-    progress = StepProgress()
+    progress.limits[world] = 0
+    progress.blocks[world] = 0
+    progress.islands[world] = 0
+    progress.recovers[world] = 0
+    progress.row_residual[world] = 0.0
     load_poses(world, topology, state, work)
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     apply_row_forces(world, dt, topology, parameters, control, work)
     if config.contact_model != RIGID and topology.pair_count > 0:
         apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
     load_tree_dofs(world, dt, state.world_time[world], topology, parameters, state, control, config, work)
-    progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
+    progress.position_error[world] = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
     load_distances(world, dt, topology, parameters, state, control, work)
     load_combinations(world, dt, topology, parameters, control, work)
-    return progress
 
 
 @wp.func(inline=True)
@@ -164,24 +203,44 @@ def move_freely(world: int, config: StepConfig, topology: Topology, parameters: 
 
 @wp.func(inline=True)
 def form_rows(
-    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    control: ControlArrays, state: StateArrays, work: Work,
-) -> StepProgress:  # fmt: skip
-    """Wrenches and right-hand sides of the rows of loop joints, right-hand sides of those of combinations."""
-    progress = before
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, progress: StepProgress, work: Work
+):
+    """Wrenches of the rows of loop joints, and what they lack in `row_b` [m or rad]."""
+    worst = progress.position_error[world]
     for row in range(topology.row_count):
         work.row_impulse[row] = 0.0
     for index in range(topology.loop_joint_count):
-        error = loop_joint_rows(
-            index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
-        )
-        progress.position_error = wp.max(progress.position_error, error)
-    combination_laws(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
-    return progress
+        joint = topology.loop_joint[index]
+        frames = joint_frames(joint, world, topology, parameters, work)
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
+            value = float(loop_row_wrenches(row, joint, world, config.dt, frames, topology, parameters, work))
+            work.row_b[row] = value
+            if topology.row_dof[row] < 0:
+                worst = wp.max(worst, wp.abs(value))
+    progress.position_error[world] = worst
 
 
 @wp.func(inline=True)
-def answer_rows(
+def bias_rows(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    state: StateArrays, work: Work,
+):  # fmt: skip
+    """Right-hand sides of the rows of loop joints and of combinations."""
+    time = state.world_time[world]
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
+            loop_row_law(
+                row, joint, world, config.dt, time, wp.float64(work.row_b[row]), topology, parameters, state, control,
+                config, work,
+            )  # fmt: skip
+        if topology.loop_row[index, 1] < topology.loop_row[index, 2]:
+            rotation_rows(index, world, config.dt, time, topology, parameters, state, control, config, work)
+    combination_laws(world, config.dt, time, topology, parameters, state, control, config, work)
+
+
+@wp.func(inline=True)
+def factor_constraints(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
 ):
     """Responses of the loop and coupling rows, and their factor."""
@@ -194,12 +253,19 @@ def answer_rows(
 
 
 @wp.func(inline=True)
+def solve_bilateral(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, progress: StepProgress, work: Work
+):
+    """Velocities that obey the bilateral rows."""
+    progress.row_residual[world] = enforce_rows(world, 2, topology, parameters, config, work)
+
+
+@wp.func(inline=True)
 def collect_bounds(
-    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    control: ControlArrays, state: StateArrays, work: Work, cone: ConeProblem,
-) -> StepProgress:  # fmt: skip
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    state: StateArrays, progress: StepProgress, work: Work, cone: ConeProblem,
+):  # fmt: skip
     """The rows of bounded impulses on coordinates, in front of those of contacts."""
-    progress = before
     total_velocities(topology, work)
     for tree_dof in range(topology.tree_dof_count):
         cone.tree_dof_sum[tree_dof] = 0.0
@@ -207,60 +273,117 @@ def collect_bounds(
     limits = collect_boxes(world, config.dt, topology, parameters, state, control, config, work, cone)
     for index in range(topology.box_count):
         state.box_impulse[world, index] = 0.0
-    progress.limits = limits
-    progress.blocks = limits
+    progress.limits[world] = limits
+    progress.blocks[world] = limits
     cone.block_row[limits] = limits
-    return progress
 
 
 @wp.func(inline=True)
-def collect_cones(
-    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    control: ControlArrays, state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
-) -> StepProgress:  # fmt: skip
-    """The rows that the cone problem has to decide on: limits, drives, friction and contacts."""
-    progress = collect_bounds(world, before, config, topology, parameters, control, state, work, cone)
-    limits = progress.limits
-    if config.contact_model == RIGID:
-        progress.blocks = collect_contacts(
-            world, config.dt, limits, limits, topology, parameters, contacts, config, work, cone
-        )
-    return progress
+def build_islands(world: int, topology: Topology, progress: StepProgress, work: Work, cone: ConeProblem):
+    """Islands of the cone problem."""
+    if progress.blocks[world] > 0:
+        progress.islands[world] = enter_islands(progress.blocks[world], topology, work, cone)
 
 
 @wp.func(inline=True)
-def take_impulses(
-    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
-) -> StepProgress:  # fmt: skip
+def apply_impulses(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays,
+    contacts: ContactArrays, progress: StepProgress, work: Work, cone: ConeProblem,
+):  # fmt: skip
     """Velocities after the impulses of the cone problem, and the forces of the contacts."""
-    progress = before
-    if progress.blocks > 0:
-        leave_islands(progress.islands, cone)
-        apply_cones(cone, progress.blocks, topology, work)
+    blocks = progress.blocks[world]
+    if blocks > 0:
+        leave_islands(progress.islands[world], cone)
+        apply_cones(cone, blocks, topology, work)
         forward_pass(topology, work)
         if topology.row_count > 0:
-            progress.row_residual = enforce_rows(world, 1, topology, parameters, config, work)
-        for block in range(progress.blocks):
+            progress.row_residual[world] = enforce_rows(world, 1, topology, parameters, config, work)
+        for block in range(blocks):
             if work.active[block] < topology.box_count:
                 impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
                 state.box_impulse[world, work.active[block]] = impulse
-        if wants_recovery(progress.blocks, work):
-            progress.recovers = find_recovery(world, progress.blocks, topology, parameters, contacts, work, cone)
+        if wants_recovery(blocks, work):
+            progress.recovers[world] = find_recovery(world, blocks, topology, parameters, contacts, work, cone)
     if topology.pair_count > 0:
-        publish_contacts(world, config.dt, progress.blocks, topology, contacts, work, cone)
-    return progress
+        publish_contacts(world, config.dt, blocks, topology, contacts, work, cone)
 
 
 @wp.func(inline=True)
-def finish_step(
-    world: int, moved: int, recovers: int, config: StepConfig, topology: Topology, parameters: Parameters,
-    state: StateArrays, work: Work,
+def keep_rate_changes(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, reports: Reports,
+    work: Work,
 ):  # fmt: skip
-    """Publishes the state after the step; `moved` = 1: its positions were projected already; `recovers` = 1: there is
-    a recovery to make.
-    """
-    if publish(world, moved, recovers, topology, parameters, config, state, work) == 0:
+    """Changes of the rates, before the projection."""
+    keep_changes(world, config.dt, topology, parameters, state, work, reports)
+
+
+@wp.func(inline=True)
+def project(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, reports: Reports,
+    progress: StepProgress, work: Work,
+):  # fmt: skip
+    """Positions back onto the joints."""
+    total_velocities(topology, work)
+    progress.position_error[world] = project_positions(
+        world, config.dt, topology, parameters, state, config, work, reports
+    )
+
+
+@wp.func(inline=True)
+def compute_accelerations(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, reports: Reports,
+    work: Work,
+):  # fmt: skip
+    """Accelerations of the coordinates."""
+    total_velocities(topology, work)
+    if config.projection_iterations > 0:
+        load_poses(world, topology, state, work)
+    record_accelerations(world, config.dt, topology, parameters, state, work, reports)
+
+
+@wp.func(inline=True)
+def compute_reactions(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    state: StateArrays, contacts: ContactArrays, reports: Reports, progress: StepProgress, work: Work,
+    cone: ConeProblem,
+):  # fmt: skip
+    """Forces and torques in the joints."""
+    total_velocities(topology, work)
+    if config.projection_iterations > 0:
+        load_poses(world, topology, state, work)
+    record_reactions(
+        world, config.dt, progress.blocks[world], topology, parameters, state, control, contacts, config, work, cone,
+        reports,
+    )  # fmt: skip
+
+
+@wp.func(inline=True)
+def publish_bodies(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, reports: Reports,
+    progress: StepProgress, work: Work, cone: ConeProblem,
+):  # fmt: skip
+    """Velocities and poses after the step, and the numbers that users read."""
+    total_velocities(topology, work)
+    solution = SolveReport()
+    if progress.blocks[world] > 0:
+        solution = world_report(progress.islands[world], cone)
+    reports.constraint_count[world] = progress.blocks[world]
+    reports.iterations[world] = solution.iterations
+    reports.cone_residual[world] = solution.residual
+    reports.row_residual[world] = progress.row_residual[world]
+    reports.position_error[world] = progress.position_error[world]
+    moved = int(0)
+    if config.projection_iterations > 0 and config.reactions == 0 and config.accelerations == 0:
+        moved = 1
+    if publish_motion(world, moved, progress.recovers[world], topology, parameters, config, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
-    else:
+
+
+@wp.func(inline=True)
+def publish_joints(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
+):
+    """Coordinates of the joints at these poses, and the time."""
+    if (state.world_status[world] & NON_FINITE) == 0:
+        publish_coordinates(world, config.dt, topology, parameters, state, work)
         state.world_time[world] = state.world_time[world] + wp.float64(config.dt)

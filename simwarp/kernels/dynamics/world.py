@@ -5,17 +5,13 @@ packed under names as a `Work`: a world writes everything that it reads there, s
 """
 
 import dataclasses
-import functools
 from typing import Any
 
 import warp as wp
 
-from simwarp.core.types import ArrayLayout
-from simwarp.kernels.cones.apgd import solve_apgd
-from simwarp.kernels.cones.islands import enter_islands, island_problem, worse
-from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, ConeScratch, SolveReport
-from simwarp.kernels.cones.solve import solve_with_fallback
-from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
+from simwarp.core.types import ArrayLayout, WorldStatus
+from simwarp.kernels.cones.problem import ConeProblem, ConeScratch
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.scratch import (
     ScratchGroup,
     make_memory,
@@ -26,26 +22,10 @@ from simwarp.kernels.core.scratch import (
 )
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkScratch
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
-from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
-from simwarp.kernels.dynamics.bodies import load_poses, total_velocities
-from simwarp.kernels.dynamics.cone_rows import assemble_dense
 from simwarp.kernels.dynamics.dense_rows import padded
-from simwarp.kernels.dynamics.position_projection import project_positions
-from simwarp.kernels.dynamics.reactions import record_reactions
-from simwarp.kernels.dynamics.step import (
-    NON_FINITE,
-    StepProgress,
-    answer_rows,
-    collect_cones,
-    cone_config,
-    enforce_rows,
-    finish_step,
-    form_rows,
-    load_step,
-    move_freely,
-    take_impulses,
-)
+
+NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
@@ -133,98 +113,9 @@ def make_scratch(device: wp.Device, slots: int, sizes: ScratchSizes) -> Any:
 
 
 @wp.func
-def solve_quickly(problem: ConeProblem, config: ConeConfig, kept: wp.array[float]) -> SolveReport:
-    """Accelerated gradient descent alone."""
-    return solve_apgd(problem, config)
-
-
-@wp.func
-def solve_or_fall_back(problem: ConeProblem, config: ConeConfig, kept: wp.array[float]) -> SolveReport:
-    """The solver of the configuration, and the interior point for what it leaves above the tolerance."""
-    return solve_with_fallback(problem, config, 1, kept)
-
-
-@wp.func
-def report_progress(world: int, progress: StepProgress, solution: SolveReport, reports: Reports):
-    """The numbers that users read."""
-    reports.constraint_count[world] = progress.blocks
-    reports.iterations[world] = solution.iterations
-    reports.cone_residual[world] = solution.residual
-    reports.row_residual[world] = progress.row_residual
-    reports.position_error[world] = progress.position_error
-
-
-@functools.cache
-def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
-    """The kernel, with accelerated gradient descent as its only solver, or with all of them (twice the code)."""
-    solve = solve_or_fall_back if all_solvers else solve_quickly
-
-    @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
-    def step_worlds(
-        # inputs
-        worlds: WorldRange,
-        config: StepConfig,
-        topology: Topology,
-        parameters: Parameters,
-        control: ControlArrays,
-        scratch: Scratch,
-        # in and out
-        state: StateArrays,
-        contacts: ContactArrays,
-        # outputs
-        reports: Reports,
-    ):
-        """Steps all worlds that are not frozen, one after the other: what the arrays are is looked up once for all."""
-        work = pack(scratch, worlds.slot)
-        cone = pack_cone(scratch, worlds.slot)
-        for k in range(worlds.count):
-            world = worlds.first + k
-            if (state.world_status[world] & NON_FINITE) != 0:
-                continue
-            progress = load_step(world, config, topology, parameters, control, state, contacts, work)
-            move_freely(world, config, topology, parameters, work)
-            if topology.row_count > 0:
-                progress = form_rows(world, progress, config, topology, parameters, control, state, work)
-                answer_rows(world, config, topology, parameters, state, work)
-                progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
-            if topology.box_count > 0 or topology.pair_count > 0:
-                progress = collect_cones(
-                    world, progress, config, topology, parameters, control, state, contacts, work, cone
-                )
-            solution = SolveReport()
-            if progress.blocks > 0:
-                if topology.unit_count > 1:
-                    progress.islands = enter_islands(progress.blocks, topology, work, cone)
-                for island in range(wp.max(progress.islands, 1)):
-                    problem = island_problem(island, progress.islands, progress.blocks, topology, config, cone)
-                    if problem.dense == 1:
-                        assemble_dense(problem)
-                    report = solve(problem, cone_config(config), scratch.kept[worlds.slot])
-                    solution = worse(solution, report)
-            progress = take_impulses(world, progress, config, topology, parameters, state, contacts, work, cone)
-            if config.accelerations == 1:
-                keep_changes(world, config.dt, topology, parameters, state, work, reports)
-            total_velocities(topology, work)
-            moved = int(0)
-            if config.projection_iterations > 0:
-                progress.position_error = project_positions(
-                    world, config.dt, topology, parameters, state, config, work, reports
-                )
-                moved = 1
-            report_progress(world, progress, solution, reports)
-            if moved == 1 and (config.reactions == 1 or config.accelerations == 1):
-                load_poses(world, topology, state, work)
-                moved = 0
-            if config.accelerations == 1:
-                record_accelerations(world, config.dt, topology, parameters, state, work, reports)
-            if config.reactions == 1:
-                record_reactions(
-                    world, config.dt, progress.blocks, topology, parameters, state, control, contacts, config, work,
-                    cone, reports,
-                )  # fmt: skip
-            finish_step(world, moved, progress.recovers, config, topology, parameters, state, work)
-
-    return step_worlds
+def kept_rows(scratch: Scratch, slot: int) -> wp.array[float]:
+    """Impulses of the first solver, of one slot."""
+    return scratch.kept[slot]
 
 
 @wp.func

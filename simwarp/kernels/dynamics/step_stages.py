@@ -1,0 +1,110 @@
+"""The stages of a step, in order: one table for the kernels of a CPU and of a GPU (docs/theory.md)."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import warp as wp
+
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
+from simwarp.kernels.core.stages import Stage, StageKernel, StageRoom, fused_kernel, separate_kernel
+from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
+from simwarp.kernels.dynamics.contact_rows import collect_contacts, contact_responses, reduce_contacts
+from simwarp.kernels.dynamics.solve_stages import cone_solve, stages_for_cuda_check
+from simwarp.kernels.dynamics.step import (
+    apply_impulses,
+    bias_rows,
+    build_islands,
+    collect_bounds,
+    compute_accelerations,
+    compute_reactions,
+    factor_constraints,
+    form_rows,
+    has_accelerations,
+    has_cones,
+    has_contacts,
+    has_islands,
+    has_projection,
+    has_reactions,
+    has_rows,
+    keep_rate_changes,
+    load_step,
+    move_freely,
+    project,
+    publish_bodies,
+    publish_joints,
+    solve_bilateral,
+)
+from simwarp.kernels.dynamics.world import MODULE_OPTIONS, Scratch, kept_rows, pack, pack_cone
+
+ROOM = StageRoom(
+    module=__name__, options=MODULE_OPTIONS,
+    arguments={
+        "config": StepConfig, "topology": Topology, "parameters": Parameters, "control": ControlArrays,
+        "scratch": Scratch, "state": StateArrays, "contacts": ContactArrays, "progress": StepProgress,
+        "reports": Reports,
+    },
+    locals={"work": pack, "cone": pack_cone, "kept": kept_rows},
+)  # fmt: skip
+
+
+def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
+    """The stages of a step, of which the cone problem is solved by `solve`."""
+    return (
+        Stage(name="load", function=load_step,
+              reads="poses, velocities, controls, element forces",
+              writes="momenta, efforts, axes and shifts of the tree's joints"),
+        Stage(name="move", function=move_freely,
+              reads="momenta, efforts, axes", writes="the tree's factor, velocities of the free motion"),
+        Stage(name="form_rows", function=form_rows, when=has_rows,
+              reads="poses", writes="wrenches of the rows of closed loops, position errors"),
+        Stage(name="bias_rows", function=bias_rows, when=has_rows,
+              reads="position errors, velocities, controls", writes="right-hand sides of bilateral rows"),
+        Stage(name="factor_constraints", function=factor_constraints, when=has_rows,
+              reads="the tree's factor, wrenches", writes="responses of bilateral rows, their factor"),
+        Stage(name="solve_bilateral", function=solve_bilateral, when=has_rows,
+              reads="responses, factor, right-hand sides", writes="velocities that obey the bilateral rows"),
+        Stage(name="collect_bounds", function=collect_bounds, when=has_cones,
+              reads="velocities, limits, drives, friction", writes="blocks of bounded impulses on coordinates"),
+        Stage(name="collect_contacts", function=collect_contacts, when=has_contacts,
+              reads="contacts, velocities", writes="blocks of contacts, their right-hand sides and warm starts"),
+        Stage(name="contact_responses", function=contact_responses, when=has_contacts,
+              reads="contacts, the tree's factor", writes="responses of the contacts' rows"),
+        Stage(name="reduce_contacts", function=reduce_contacts, when=has_contacts,
+              reads="responses, the factor of bilateral rows", writes="their shares, blocks that can move"),
+        Stage(name="build_islands", function=build_islands, when=has_islands,
+              reads="blocks", writes="blocks sorted by islands"),
+        *solve,
+        Stage(name="apply_impulses", function=apply_impulses, when=has_cones,
+              reads="impulses", writes="velocities after the impulses, forces of contacts, a recovery"),
+        Stage(name="keep_rate_changes", function=keep_rate_changes, when=has_accelerations,
+              reads="velocities", writes="changes of the rates"),
+        Stage(name="project", function=project, when=has_projection,
+              reads="poses, velocities", writes="poses on the joints"),
+        Stage(name="compute_accelerations", function=compute_accelerations, when=has_accelerations,
+              reads="changes of the rates", writes="accelerations of coordinates"),
+        Stage(name="compute_reactions", function=compute_reactions, when=has_reactions,
+              reads="impulses, momenta", writes="reactions of joints"),
+        Stage(name="publish_bodies", function=publish_bodies,
+              reads="velocities, poses, a recovery", writes="state of bodies, diagnostics"),
+        Stage(name="publish_joints", function=publish_joints,
+              reads="poses", writes="coordinates of joints, time"),
+    )  # fmt: skip
+
+
+@functools.cache
+def fused_step(all_solvers: bool) -> StageKernel:
+    """The step in one kernel, with accelerated gradient descent as its only solver, or with all (twice the code)."""
+    return fused_kernel("step_worlds", step_stages([cone_solve(all_solvers)]), ROOM)
+
+
+@functools.cache
+def stage_kernel(stage: Stage) -> StageKernel:
+    """The kernel of one stage."""
+    return separate_kernel(stage, ROOM)
+
+
+def kernels_for_cuda_check() -> list[wp.Kernel]:
+    """All stages, with all solvers."""
+    return [stage_kernel(stage).kernel for stage in step_stages(stages_for_cuda_check())]
