@@ -28,7 +28,7 @@ ARCH = 90
 """Hopper: what the package is tuned for."""
 SETS = {
     "step": "simwarp.kernels.dynamics.step_stages",
-    "collision": "simwarp.kernels.collision.collide_parts", "triangles": "simwarp.kernels.collision.triangle_parts",
+    "collision": "simwarp.kernels.collision.collision_stages",
     "state": "simwarp.kernels.dynamics.world",
     "tires": "simwarp.kernels.vehicle.tires.tires",
     "camera": "simwarp.kernels.sensors.cameras.image",
@@ -66,7 +66,7 @@ def assembler() -> Path | None:
 
 def step_kernels() -> list[wp.Kernel]:
     """All kernels of a step and of its collision, each in a module of its own."""
-    names = ("step", "collision", "triangles")
+    names = ("step", "collision")
     return [kernel for name in names for kernel in importlib.import_module(SETS[name]).kernels_for_cuda_check()]
 
 

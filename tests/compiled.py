@@ -8,10 +8,11 @@ from pathlib import Path
 
 import warp as wp
 
+from simwarp.kernels.collision.collision_stages import fused_collision
 from simwarp.kernels.dynamics.step_stages import fused_step
 
 LONG = (
-    "simwarp.kernels.cones.batch", "simwarp.kernels.collision.collide", "simwarp.kernels.sensors.cameras.image",
+    "simwarp.kernels.cones.batch", "simwarp.kernels.sensors.cameras.image",
     "simwarp.kernels.vehicle.tires.tires", "simwarp.kernels.sensors.ranging.radar",
     "simwarp.kernels.sensors.ranging.lidar",
 )  # fmt: skip
@@ -23,6 +24,7 @@ def compile_together() -> None:
     """Compile what Warp's cache does not hold: each unit in one worker, while the others take the next ones."""
     wp.init()
     units = [fused_step(all_solvers).kernel.module for all_solvers in (True, False)]
+    units.append(fused_collision().kernel.module)
     units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
     # First what nobody is at, then what the others have made
     for lock in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):

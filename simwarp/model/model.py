@@ -29,7 +29,7 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
-from simwarp.model.shapes import contact_limit, shape_pairs
+from simwarp.model.shapes import contact_limit, pair_ways, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,
@@ -341,6 +341,7 @@ def _pair_topology(
     """Shapes, and which of them can meet."""
     shapes = builder.shapes
     t.shape_count, t.pair_count = len(shapes), len(pairs)
+    t.formula_pairs, t.searched_pairs, t.ground_pairs = pair_ways([shape.type for shape in shapes], pairs)
     t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > LISTED_PAIRS else 0
     t.shape_body = ints([shape.body for shape in shapes])
     t.shape_type = ints([shape.type for shape in shapes])

@@ -34,6 +34,8 @@ from simwarp.geometry.assets import (
     shape_mass,
     triangle_mesh,
 )
+from simwarp.kernels.collision.narrow import has_formula
+from simwarp.kernels.collision.surfaces import is_triangle_surface
 from simwarp.model.checks import (
     checked_flag,
     checked_name,
@@ -507,3 +509,12 @@ def shape_pairs(builder: Specification, apart: set[tuple[int, int]]) -> npt.NDAr
         left = first * count + second
         first, second = np.divmod(np.union1d(left[~np.isin(left, excluded)], given).astype(np.int64), count)
     return np.stack([first, second], axis=1).astype(np.int32)
+
+
+def pair_ways(types: Sequence[ShapeType], pairs: npt.NDArray[np.int32]) -> tuple[int, int, int]:
+    """Count pairs with a formula, other convex pairs, and pairs with a height field or mesh."""
+    counts = [0, 0, 0]
+    kinds, numbers = np.unique(np.sort(np.array(types, int)[pairs], axis=1), axis=0, return_counts=True)
+    for (low, high), number in zip(kinds.tolist(), numbers.tolist(), strict=True):
+        counts[2 if is_triangle_surface.func(high) else 0 if has_formula.func(low, high) else 1] += number
+    return counts[0], counts[1], counts[2]

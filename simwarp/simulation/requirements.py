@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from simwarp.core.types import ArrayLayout
+from simwarp.kernels.collision.contact_lists import ListSizes, list_layouts
 from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
 from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON_VECTORS
@@ -67,11 +68,31 @@ def collision_sizes(model: Model) -> CollisionSizes:
     )
 
 
-def step_layouts(model: Model, sizes: ScratchSizes, slots: int) -> dict[str, ArrayLayout]:
+LEAST_PAIRS = 64
+LEAST_TRIANGLES = {True: 256, False: 8192}
+"""By whether every world has scratch of its own: on a CPU a few slots have room for a large body on a fine surface."""
+PER_SLOT = 4
+"""Pairs and triangles that there is room for, per contact slot: bounds of boxes cross more often than shapes touch."""
+
+
+def list_sizes(model: Model, *, own_slots: bool) -> ListSizes:
+    """Room for the lists that stages of collision hand on."""
+    topology, slots = model.topology, model.contact_capacity
+    searched, ground = topology.searched_pairs, topology.ground_pairs
+    return ListSizes(
+        lists=0 if topology.pair_count == 0 else 3 if ground else 2 if searched else 1,
+        found=2 * slots if topology.pair_count else 0,
+        pairs=min(searched, max(LEAST_PAIRS, PER_SLOT * slots)),
+        triangles=max(LEAST_TRIANGLES[own_slots], PER_SLOT * slots) if ground else 0,
+    )  # fmt: skip
+
+
+def step_layouts(model: Model, sizes: ScratchSizes, slots: int, *, own_slots: bool = False) -> dict[str, ArrayLayout]:
     """Scratch of a step and of collision, in so many slots."""
     groups = {
         "scratch": scratch_layouts(slots, sizes),
         "collision": collision_layouts(slots, collision_sizes(model)),
+        "lists": list_layouts(slots, list_sizes(model, own_slots=own_slots)),
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
 

@@ -14,6 +14,7 @@ from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, shown
 from simwarp.core.warp_start import told_compiling
+from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.energy import measure_energy
@@ -32,13 +33,20 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.model.parameters import PARAMETERS, non_finite_parameters
-from simwarp.simulation.collision_recording import CollisionArrays, parts_layouts, record_collision
+from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.protocols import ForceElement, Sensor, recorded
 from simwarp.simulation.readings import Readings
-from simwarp.simulation.requirements import collision_sizes, element_effects, scratch_slots_of, step_layouts, step_sizes
+from simwarp.simulation.requirements import (
+    collision_sizes,
+    element_effects,
+    list_sizes,
+    scratch_slots_of,
+    step_layouts,
+    step_sizes,
+)
 from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
@@ -135,9 +143,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
         """Where the sensors' clocks stand between two looks."""
         slots = scratch_slots_of(self.shares)
-        layouts |= step_layouts(model, sizes, slots)
-        if self.shares.own_slots:
-            layouts |= parts_layouts(model)
+        layouts |= step_layouts(model, sizes, slots, own_slots=self.shares.own_slots)
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, **effects)
@@ -150,6 +156,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self._scratch = make_scratch(model.device, slots, sizes)
         self.contacts = Contacts(model)
         self._collision_scratch = make_collision_scratch(model.device, slots, collision_sizes(model))
+        self._contact_lists = make_lists(model.device, slots, list_sizes(model, own_slots=self.shares.own_slots))
         self.state = initial_arrays(model)
         self._measuring = self.shares.record(
             measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
@@ -399,7 +406,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             self.shares,
             CollisionArrays(
                 config=self._config, model=self.model, state=self.state.arrays, contacts=self.contacts.arrays,
-                scratch=self._collision_scratch,
+                scratch=self._collision_scratch, lists=self._contact_lists,
             ),
         )  # fmt: skip
         commands += self._colliding

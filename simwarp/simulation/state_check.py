@@ -13,6 +13,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.types import WORLD, ContactModel, JointType, RowKind
+from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch, measure_worlds
@@ -21,7 +22,7 @@ from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
 from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_sizes
+from simwarp.simulation.requirements import collision_sizes, list_sizes, scratch_slots_of, step_sizes
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.simulation.state import State, initial_arrays
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares
@@ -275,6 +276,7 @@ def initial_faults(model: Model) -> StateFaults:
     arrays = CollisionArrays(
         config=config, model=model, state=state.arrays, contacts=contacts.arrays,
         scratch=make_collision_scratch(model.device, slots, collision_sizes(model)),
+        lists=make_lists(model.device, slots, list_sizes(model, own_slots=shares.own_slots)),
     )  # fmt: skip
     return StateCheck(model, state, contacts, config, record_collision(shares, arrays)).of(0)
 

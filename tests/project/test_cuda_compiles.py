@@ -78,8 +78,8 @@ def compile_for_cuda(module: ModuleType, folder: Path | None = None) -> int:
 LONG = {
     f"simwarp.kernels.{name}"
     for name in (
-        "dynamics.world", "dynamics.step_stages", "cones.batch", "collision.collide",
-        "collision.collide_parts", "collision.triangle_parts", "vehicle.tires.tires", "sensors.cameras.image",
+        "dynamics.world", "dynamics.step_stages", "cones.batch", "collision.collision_stages",
+        "vehicle.tires.tires", "sensors.cameras.image",
         "kinematics.jacobian", "kinematics.inverse_kinematics",
     )
 }  # fmt: skip

@@ -1,133 +1,279 @@
-"""Collision of one world: places its shapes, goes through the pairs, keeps the contacts and their warm starts.
+"""Collision of one world as stages: its shapes placed, pairs found and searched, contacts kept with their warm starts.
 
-Contacts come in the order of the pairs of shapes, so that slots are deterministic and the cache of the last step is
-read in step with them.
+Pairs with a formula are written down at once. Others are listed, searched for a normal, and cut; those of triangles
+(ground.py) are then put together, surface by surface. The last stage goes through the lists of contacts in the order
+of the pairs, so that slots are deterministic and the cache of the last step is read in step with them. What finds no
+room in a list counts as overflow of the contacts.
 """
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.collision.broad import Grid, candidates
+from simwarp.kernels.collision.contact_lists import FoundContacts, Search, Searches
 from simwarp.kernels.collision.contact_slots import ContactProgress, keep_last_contacts, keep_pair, passed_contacts
-from simwarp.kernels.collision.pair import pair_contacts
+from simwarp.kernels.collision.narrow import axis_between, axis_contacts, formula_contacts, has_formula, swapped
 from simwarp.kernels.collision.placement import (
     CollisionScratch,
     fill_world_grid,
     may_touch,
     near_distance,
-    pack_grid,
-    pack_manifold,
-    pack_raw,
     pair_origin,
     pair_reach,
     place_shapes,
     placed,
     reach_time,
 )
-from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.collision.surfaces import TriangleSurface, is_triangle_surface, triangle_surface_of
+from simwarp.kernels.collision.shape import SPHERE, TRIANGLE, Assets, Manifold
+from simwarp.kernels.collision.surfaces import is_triangle_surface
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
-from simwarp.kernels.core.world_range import WorldRange
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
-NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
+FORMULA = wp.constant(0)
+SEARCHED = wp.constant(1)
+GROUND = wp.constant(2)
 
 
 @wp.func
-def collide_pair(
-    world: int, scratch_slot: int, shape0: int, shape1: int, reach: float, cached: int, progress: ContactProgress,
-    topology: Topology, parameters: Parameters, assets: Assets, state: StateArrays, contacts: ContactArrays,
+def has_formula_pairs(topology: Topology) -> bool:
+    """Pairs whose contacts are written down."""
+    return topology.formula_pairs > 0
+
+
+@wp.func
+def has_searched_pairs(topology: Topology) -> bool:
+    """Convex pairs whose normal is looked for."""
+    return topology.searched_pairs > 0
+
+
+@wp.func
+def has_ground_pairs(topology: Topology) -> bool:
+    """Pairs of a convex shape and a height field or mesh."""
+    return topology.ground_pairs > 0
+
+
+@wp.func
+def way_of(shape0: int, shape1: int, topology: Topology) -> int:
+    """How the contacts of a pair are found: by FORMULA, SEARCHED for, or on the triangles of a GROUND."""
+    kind0 = topology.shape_type[shape0]
+    kind1 = topology.shape_type[shape1]
+    if is_triangle_surface(kind0) or is_triangle_surface(kind1):
+        return GROUND
+    if has_formula(wp.min(kind0, kind1), wp.max(kind0, kind1)):
+        return FORMULA
+    return SEARCHED
+
+
+@wp.func
+def reach_of(
+    world: int, scratch_slot: int, shape0: int, shape1: int, near: float, time: float, parameters: Parameters,
     scratch: CollisionScratch,
-) -> ContactProgress:  # fmt: skip
-    """The contacts of one pair of shapes."""
-    now = progress
-    ground = int(-1)
-    convex = int(-1)
-    if is_triangle_surface(topology.shape_type[shape0]):
-        ground = shape0
-        convex = shape1
-    elif is_triangle_surface(topology.shape_type[shape1]):
-        ground = shape1
-        convex = shape0
-    origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
-    a = placed(shape0, world, origin, scratch_slot, topology, parameters, scratch)
-    b = placed(shape1, world, origin, scratch_slot, topology, parameters, scratch)
-    flip = int(0)
-    if ground == shape1:
-        swap = a
-        a = b
-        b = swap
-        flip = 1
-    g = TriangleSurface()
-    g.kind = -1
-    if ground >= 0:
-        offset = scratch.x[scratch_slot, ground] - origin
-        g = triangle_surface_of(
-            a, offset, scratch.lower[scratch_slot, convex], scratch.upper[scratch_slot, convex], reach
-        )
-    found = pair_contacts(
-        a, b, g, flip, reach, assets, pack_manifold(scratch, scratch_slot), pack_raw(scratch, scratch_slot)
-    )
-    if found > 0:
-        now.cursor = passed_contacts(scratch_slot, shape0, shape1, now.cursor, cached, scratch)
-        now.count = keep_pair(
-            world, scratch_slot, shape0, shape1, found, origin, now.count, cached, now.cursor, topology, state,
-            contacts, scratch,
-        )  # fmt: skip
-        for k in range(found):
-            now.deepest = wp.max(now.deepest, -scratch.pair_gap[scratch_slot, k])
-    return now
+) -> float:  # fmt: skip
+    """What two shapes may be apart and still touch [m]; negative if they cannot come that near."""
+    reach = pair_reach(scratch_slot, shape0, shape1, near, time, scratch)
+    w = world_row(world, parameters.shape_enabled.shape[0])
+    enabled = parameters.shape_enabled[w, shape0] * parameters.shape_enabled[w, shape1]
+    if enabled == 0 or not may_touch(scratch_slot, shape0, shape1, reach, scratch):
+        return -1.0
+    return reach
 
 
 @wp.func
-def collide_world(
+def add_found(way: int, shape0: int, shape1: int, contacts: int, manifold: Manifold, found: FoundContacts):
+    """Appends the contacts of a pair to the list `way`."""
+    for k in range(contacts):
+        place = found.count[way]
+        if place == found.shape0.shape[1]:
+            found.lost[way] = found.lost[way] + 1
+        else:
+            found.shape0[way, place] = shape0
+            found.shape1[way, place] = shape1
+            found.normal[way, place] = manifold.normal[k]
+            found.point[way, place] = manifold.point[k]
+            found.gap[way, place] = manifold.gap[k]
+            found.feature[way, place] = manifold.feature[k]
+            found.count[way] = place + 1
+
+
+@wp.func
+def place_world(
     world: int, scratch_slot: int, config: StepConfig, topology: Topology, parameters: Parameters, assets: Assets,
-    state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch, grid: Grid,
+    state: StateArrays, scratch: CollisionScratch, grid: Grid, found: FoundContacts,
 ):  # fmt: skip
-    """The contacts of one world at its present poses, warm-started from the last ones."""
-    cached = keep_last_contacts(world, scratch_slot, contacts, scratch)
+    """Places the shapes, and sorts them into the grid of worlds that have one; empties the lists of contacts."""
     place_shapes(world, scratch_slot, topology, parameters, state, assets, scratch)
-    contacts.contact_overflow[world] = 0
+    if topology.grid_buckets > 0:
+        near = near_distance(world, config, parameters)
+        time = reach_time(world, config, topology, parameters)
+        fill_world_grid(scratch_slot, near, time, topology, scratch, grid)
+    for way in range(found.count.shape[0]):
+        found.count[way] = 0
+        found.passed[way] = 0
+        found.lost[way] = 0
+
+
+@wp.func
+def touch_pairs(
+    world: int, scratch_slot: int, config: StepConfig, topology: Topology, parameters: Parameters, assets: Assets,
+    scratch: CollisionScratch, grid: Grid, manifold: Manifold, found: FoundContacts,
+):  # fmt: skip
+    """Contacts of the pairs with a formula."""
     near = near_distance(world, config, parameters)
     time = reach_time(world, config, topology, parameters)
-    we = world_row(world, parameters.shape_enabled.shape[0])
-    if topology.grid_buckets > 0:
-        fill_world_grid(scratch_slot, near, time, topology, scratch, grid)
-    progress = ContactProgress()
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
-            reach = pair_reach(scratch_slot, shape0, shape1, near, time, scratch)
-            enabled = parameters.shape_enabled[we, shape0] * parameters.shape_enabled[we, shape1]
-            if enabled != 0 and may_touch(scratch_slot, shape0, shape1, reach, scratch):
-                progress = collide_pair(
-                    world, scratch_slot, shape0, shape1, reach, cached, progress, topology, parameters, assets, state,
-                    contacts, scratch,
-                )  # fmt: skip
+            if way_of(shape0, shape1, topology) == FORMULA:
+                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
+                if reach >= 0.0:
+                    origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
+                    p = placed(shape0, world, origin, scratch_slot, topology, parameters, scratch)
+                    q = placed(shape1, world, origin, scratch_slot, topology, parameters, scratch)
+                    flip = swapped(p, q)
+                    if flip == 1:
+                        other = p
+                        p = q
+                        q = other
+                    contacts = formula_contacts(p, q, reach, flip, assets, manifold)
+                    add_found(FORMULA, shape0, shape1, contacts, manifold, found)
+
+
+@wp.func
+def list_pairs(
+    world: int, scratch_slot: int, config: StepConfig, topology: Topology, parameters: Parameters,
+    scratch: CollisionScratch, grid: Grid, pairs: Searches,
+):  # fmt: skip
+    """Lists the convex pairs whose normal has to be looked for."""
+    near = near_distance(world, config, parameters)
+    time = reach_time(world, config, topology, parameters)
+    count = int(0)
+    lost = int(0)
+    for shape0 in range(topology.shape_count):
+        for index in range(candidates(shape0, topology, grid)):
+            shape1 = grid.candidate[index]
+            if way_of(shape0, shape1, topology) == SEARCHED:
+                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
+                if reach >= 0.0:
+                    if count == pairs.search.shape[0]:
+                        lost += 1
+                    else:
+                        origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
+                        s = Search()
+                        s.shape0 = shape0
+                        s.shape1 = shape1
+                        s.reach = reach
+                        s.wanted = 1
+                        s.p = placed(shape0, world, origin, scratch_slot, topology, parameters, scratch)
+                        s.q = placed(shape1, world, origin, scratch_slot, topology, parameters, scratch)
+                        s.flip = swapped(s.p, s.q)
+                        if s.flip == 1:
+                            other = s.p
+                            s.p = s.q
+                            s.q = other
+                        pairs.search[count] = s
+                        count += 1
+    pairs.count[0] = count
+    pairs.lost[0] = lost
+
+
+@wp.func
+def find_axes(assets: Assets, searches: Searches):
+    """The normals of all listed pairs; spheres and triangles have a formula."""
+    for k in range(searches.count[0]):
+        p = searches.search[k].p
+        q = searches.search[k].q
+        if searches.search[k].wanted == 1 and (p.kind != SPHERE or q.kind != TRIANGLE):
+            searches.axis[k] = axis_between(p, q, searches.search[k].reach, assets)
+
+
+@wp.func
+def search_pairs(world: int, assets: Assets, pairs: Searches):
+    """The normals of the listed convex pairs."""
+    find_axes(assets, pairs)
+
+
+@wp.func
+def cut_search(k: int, flip: int, assets: Assets, searches: Searches, manifold: Manifold) -> int:
+    """Contacts of a pair whose normal is known."""
+    s = searches.search[k]
+    return axis_contacts(s.p, s.q, searches.axis[k], s.reach, flip, assets, manifold)
+
+
+@wp.func
+def cut_pairs(world: int, assets: Assets, pairs: Searches, manifold: Manifold, found: FoundContacts):
+    """Contacts of the pairs that were searched."""
+    found.lost[SEARCHED] = pairs.lost[0]
+    for k in range(pairs.count[0]):
+        contacts = cut_search(k, pairs.search[k].flip, assets, pairs, manifold)
+        add_found(SEARCHED, pairs.search[k].shape0, pairs.search[k].shape1, contacts, manifold, found)
+
+
+@wp.func
+def first_list(found: FoundContacts) -> int:
+    """The list whose next contact belongs to the earliest pair; -1 at the end of all."""
+    best = int(-1)
+    shape0 = int(0)
+    shape1 = int(0)
+    for way in range(found.count.shape[0]):
+        passed = found.passed[way]
+        if passed < found.count[way]:
+            a = found.shape0[way, passed]
+            b = found.shape1[way, passed]
+            if best < 0 or a < shape0 or (a == shape0 and b < shape1):
+                best = way
+                shape0 = a
+                shape1 = b
+    return best
+
+
+@wp.func
+def next_pair(way: int, manifold: Manifold, found: FoundContacts) -> int:
+    """Moves the contacts of a list's next pair to `manifold`; returns how many."""
+    first = found.passed[way]
+    end = found.count[way]
+    shape0 = found.shape0[way, first]
+    shape1 = found.shape1[way, first]
+    contacts = int(0)
+    while (
+        first + contacts < end
+        and found.shape0[way, first + contacts] == shape0
+        and found.shape1[way, first + contacts] == shape1
+    ):
+        manifold.normal[contacts] = found.normal[way, first + contacts]
+        manifold.point[contacts] = found.point[way, first + contacts]
+        manifold.gap[contacts] = found.gap[way, first + contacts]
+        manifold.feature[contacts] = found.feature[way, first + contacts]
+        contacts += 1
+    found.passed[way] = first + contacts
+    return contacts
+
+
+@wp.func
+def keep_contacts(
+    world: int, scratch_slot: int, topology: Topology, state: StateArrays, contacts: ContactArrays,
+    scratch: CollisionScratch, manifold: Manifold, found: FoundContacts,
+):  # fmt: skip
+    """The contacts of all pairs, in their order, warm-started from the last ones."""
+    cached = keep_last_contacts(world, scratch_slot, contacts, scratch)
+    lost = int(0)
+    for way in range(found.count.shape[0]):
+        lost += found.lost[way]
+    contacts.contact_overflow[world] = lost
+    progress = ContactProgress()
+    way = first_list(found)
+    while way >= 0:
+        shape0 = found.shape0[way, found.passed[way]]
+        shape1 = found.shape1[way, found.passed[way]]
+        count = next_pair(way, manifold, found)
+        progress.cursor = passed_contacts(scratch_slot, shape0, shape1, progress.cursor, cached, scratch)
+        origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
+        progress.count = keep_pair(
+            world, scratch_slot, shape0, shape1, count, origin, progress.count, cached, progress.cursor, topology,
+            state, contacts, scratch,
+        )  # fmt: skip
+        for k in range(count):
+            progress.deepest = wp.max(progress.deepest, -manifold.gap[k])
+        way = first_list(found)
     contacts.contact_count[world] = progress.count
     contacts.penetration[world] = progress.deepest
-
-
-@wp.kernel(enable_backward=False)
-def collide_worlds(
-    # inputs
-    worlds: WorldRange,
-    config: StepConfig,
-    topology: Topology,
-    parameters: Parameters,
-    assets: Assets,
-    state: StateArrays,
-    scratch: CollisionScratch,
-    # in and out
-    contacts: ContactArrays,
-):
-    """Finds the contacts of all worlds that are not frozen, one after the other."""
-    grid = pack_grid(scratch, worlds.slot)
-    for k in range(worlds.count):
-        world = worlds.first + k
-        if (state.world_status[world] & NON_FINITE) == 0:
-            collide_world(
-                world, worlds.slot, config, topology, parameters, assets, state, contacts, scratch, grid
-            )  # fmt: skip

@@ -9,7 +9,6 @@ from simwarp.kernels.collision.shape import (
     BOX,
     CAPSULE,
     HULL,
-    MANIFOLD_CONTACTS,
     PLANE,
     POLYGON_CAPACITY,
     SPHERE,
@@ -17,11 +16,9 @@ from simwarp.kernels.collision.shape import (
     Manifold,
     Shape,
 )
-from simwarp.kernels.collision.support import column, rounding, safe_direction, shape_bounds, shape_extent, sign_of
+from simwarp.kernels.collision.support import column, rounding, safe_direction, sign_of
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
-
-__all__ = ["MANIFOLD_CONTACTS", "POLYGON_CAPACITY", "collide", "shape_bounds", "shape_extent"]
 
 ORDER = wp.constant(wp.vec3(0.4714, 0.2718, 0.8389))  # a direction along which no arrangement is likely to be level
 
@@ -188,33 +185,19 @@ def formula_contacts(p: Shape, q: Shape, reach: float, flip: int, assets: Assets
 
 
 @wp.func
-def searched_contacts(p: Shape, q: Shape, reach: float, flip: int, assets: Assets, out: Manifold) -> int:
-    """Contacts of two convex shapes whose normal is looked for."""
+def axis_between(p: Shape, q: Shape, reach: float, assets: Assets) -> Axis:
+    """The normal of two convex shapes without a formula."""
     axis = Axis()
     if p.kind == CAPSULE and q.kind == CAPSULE:
         axis = capsule_axis(p, q)
     else:
         axis = separation_axis(p, q, reach, assets)
-    if axis.separation - rounding(p) - rounding(q) >= reach:
-        return 0
-    return contact_manifold(p, q, axis, reach, flip, assets, out)
+    return axis
 
 
 @wp.func
-def collide(a: Shape, b: Shape, reach: float, assets: Assets, out: Manifold) -> int:
-    """Contacts of two shapes whose gap is below `reach` [m], at most MANIFOLD_CONTACTS; returns how many.
-
-    `a` and `b`: any of ShapeType up to HULL, or TRIANGLE; two planes never touch. Results go to normal (from a to b),
-    point (on a), gap and feature of `out`. The contacts of (b, a) are the same, seen from the other side.
-    """
-    flip = swapped(a, b)
-    p = a
-    q = b
-    if flip == 1:
-        p = b
-        q = a
-    if q.kind == PLANE:
+def axis_contacts(p: Shape, q: Shape, axis: Axis, reach: float, flip: int, assets: Assets, out: Manifold) -> int:
+    """Contacts of two convex shapes whose normal is known."""
+    if axis.separation - rounding(p) - rounding(q) >= reach:
         return 0
-    if has_formula(p.kind, q.kind):
-        return formula_contacts(p, q, reach, flip, assets, out)
-    return searched_contacts(p, q, reach, flip, assets, out)
+    return contact_manifold(p, q, axis, reach, flip, assets, out)

@@ -9,7 +9,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import (
     MANIFOLD_CONTACTS,
-    SPHERE,
+    MESH,
     Assets,
     Manifold,
     Shape,
@@ -110,6 +110,40 @@ def covers(t: Triangle, along: wp.vec3, p: wp.vec3) -> bool:
         if wp.dot(wp.cross(corner_of(t, (k + 1) % 3) - a, p - a), along) < 0.0:
             inside = False
     return inside
+
+
+@wp.struct
+class FacingTriangle:
+    """A triangle of the ground as a convex shape sees it."""
+
+    t: Triangle
+    low: wp.vec3  # the shape's lowest point
+    gap: float  # of that along the triangle's normal [m]
+    height: float  # of the shape's middle above it [m]
+    sunk: int  # 1: the middle is below the triangle
+    wanted: int  # 1: there may be contacts
+
+
+@wp.func
+def facing_triangle(
+    g: TriangleSurface, index: int, b: Shape, middle: wp.vec3, up: wp.vec3, reach: float, assets: Assets
+) -> FacingTriangle:
+    """Where a shape is, seen from a triangle."""
+    f = FacingTriangle()
+    t = ground_triangle(g, index, assets)
+    low = b.x + support(b, -t.normal, assets) - rounding(b) * t.normal
+    gap = wp.dot(t.normal, low - t.p0) - g.margin
+    top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + g.margin
+    f.t = t
+    f.low = low
+    f.gap = gap
+    f.height = wp.dot(t.normal, middle - t.p0)
+    f.wanted = 1
+    if f.height < 0.0 and covers(t, wp.where(g.kind == MESH, t.normal, up), middle):
+        f.sunk = 1
+    if gap >= reach or top < 0.0:
+        f.wanted = 0
+    return f
 
 
 @wp.func
@@ -360,31 +394,6 @@ def surface_contact(
         c.gap = manifold.gap[i]
         c.feature = feature_id(t.index, manifold.feature[i]) | EDGE_CONTACT
     return c
-
-
-@wp.func
-def add_contacts(
-    found: ContactAccumulator, contacts: int, g: TriangleSurface, t: Triangle, b: Shape, ahead: int, size: float,
-    assets: Assets,
-    manifold: Manifold, raw: RawContacts,
-) -> ContactAccumulator:  # fmt: skip
-    """Those of the contacts with one triangle that the surface as a whole has. `ahead`: the shape's middle is on the
-    triangle's outer side.
-    """
-    now = found
-    dropped = float(0.0)
-    for i in range(contacts):
-        c = surface_contact(i, g, t, size, assets, manifold)
-        if c.taken == 1:
-            now.count = add_raw(now.count, c.normal, c.point, c.gap, c.feature, size, raw)
-        else:
-            dropped = wp.max(dropped, -manifold.gap[i])
-    if dropped > 0.0 and ahead == 1 and b.kind != SPHERE:  # whose contact is exact
-        for k in range(4):
-            c = deepest_vertex(k, dropped, g, t, b, assets)
-            if c.taken == 1:
-                now.count = add_raw(now.count, c.normal, c.point, c.gap, c.feature, size, raw)
-    return now
 
 
 @wp.func

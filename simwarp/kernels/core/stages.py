@@ -27,8 +27,8 @@ class Stage:
 
     Attributes:
         name: of the stage; its own kernel is called `{name}_worlds`.
-        function: device function of one world. The names of its parameters say what it gets: `world`, a name of
-            `StageRoom.locals`, or an argument of the kernel.
+        function: device function of one world. The names of its parameters say what it gets: `world`, `scratch_slot`,
+            its place in scratch memory, a name of `StageRoom.locals`, or an argument of the kernel.
         reads, writes: what it needs and what it leaves to those that follow.
         when: device function of some arguments of the kernel, which tells on the host as well whether the model has
             this stage; None: every model has it.
@@ -47,19 +47,19 @@ class Stage:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StageRoom:
-    """What the functions of some stages can ask for by name, beside `world`.
+    """What the functions of some stages can ask for by name, beside `world` and `scratch_slot`.
 
     Attributes:
         module: that their kernels belong to.
         options: of that module.
         arguments: of the kernels, by name, with their types, in their order.
-        locals: found once in a kernel, by name: a device function of `scratch` and a slot of it.
+        locals: found once in a kernel, by name: a device function of an argument and a slot of that, and its name.
     """
 
     module: str
     options: Mapping[str, Any]
     arguments: Mapping[str, Any]
-    locals: Mapping[str, Any]
+    locals: Mapping[str, tuple[Any, str]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,10 +77,9 @@ def parameters_of(function: Any) -> tuple[str, ...]:
 
 def _arguments_of(functions: Iterable[Any], room: StageRoom) -> tuple[str, ...]:
     """What a kernel of these functions takes, in the room's order."""
-    names = {name for function in functions for name in parameters_of(function)} - {"world"}
-    if names & set(room.locals):
-        names.add("scratch")
-    names = (names - set(room.locals)) | {"state"}
+    asked = {name for function in functions for name in parameters_of(function)}
+    names = {room.locals[name][1] if name in room.locals else name for name in asked}
+    names = (names - {"world", "scratch_slot"}) | {"state"}
     unknown = names - set(room.arguments)
     if unknown:
         raise ValueError(f"{room.module}: stages ask for {', '.join(sorted(unknown))}, which their kernels do not have")
@@ -107,11 +106,14 @@ def _make(name: str, body: Sequence[str], arguments: tuple[str, ...], names: dic
 
 def _local_lines(functions: Iterable[Any], slot: str, room: StageRoom) -> list[str]:
     asked = {name for function in functions for name in parameters_of(function)}
-    return [f"{name} = make_{name}(scratch, {slot})" for name in room.locals if name in asked]
+    lines = [f"scratch_slot = {slot}"]
+    return lines + [
+        f"{name} = make_{name}({memory}, scratch_slot)" for name, (_, memory) in room.locals.items() if name in asked
+    ]
 
 
 def _scope(stages: Sequence[Stage], room: StageRoom) -> dict[str, Any]:
-    names = {f"make_{name}": function for name, function in room.locals.items()}
+    names = {f"make_{name}": function for name, (function, _) in room.locals.items()}
     for stage in stages:
         names[f"stage_{stage.name}"] = stage.function
         if stage.when is not None:

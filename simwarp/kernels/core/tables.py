@@ -36,6 +36,9 @@ class Topology:
     massless_count: int
     shape_count: int
     pair_count: int
+    formula_pairs: int  # of convex shapes whose contacts are written down
+    searched_pairs: int  # of other convex shapes
+    ground_pairs: int  # of a convex shape and a height field or mesh
     grid_buckets: int  # 0: pairs come from the list
     given_count: int
     pair_rule: int  # PairRule

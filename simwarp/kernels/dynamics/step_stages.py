@@ -45,7 +45,7 @@ ROOM = StageRoom(
         "scratch": Scratch, "state": StateArrays, "contacts": ContactArrays, "progress": StepProgress,
         "reports": Reports,
     },
-    locals={"work": pack, "cone": pack_cone, "kept": kept_rows},
+    locals={"work": (pack, "scratch"), "cone": (pack_cone, "scratch"), "kept": (kept_rows, "scratch")},
 )  # fmt: skip
 
 

@@ -9,11 +9,12 @@ import pytest
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.simulation import world_launches
-from simwarp.simulation.collision_recording import CollisionArrays, pair_counts, record_collision
+from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.requirements import collision_sizes
+from simwarp.simulation.requirements import collision_sizes, list_sizes
 from simwarp.simulation.world_launches import WorldShares
 
 pytestmark = pytest.mark.slow  # the parts compile for half a minute
@@ -91,8 +92,9 @@ def in_parts(sim: sw.Simulation, contacts: Contacts) -> list[world_launches.Worl
     assert shares.own_slots
     scratch = make_collision_scratch(sim.model.device, WORLDS, collision_sizes(sim.model))
     arrays = CollisionArrays(
-        config=sim._config, model=sim.model, state=sim.state.arrays, contacts=contacts.arrays, scratch=scratch
-    )
+        config=sim._config, model=sim.model, state=sim.state.arrays, contacts=contacts.arrays, scratch=scratch,
+        lists=make_lists(sim.model.device, WORLDS, list_sizes(sim.model, own_slots=True)),
+    )  # fmt: skip
     return record_collision(shares, arrays)
 
 
@@ -138,17 +140,20 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
         sim = sw.Simulation(model, 1e-3)
         return [command.kernel.key.rpartition("__")[2] for command in in_parts(sim, Contacts(model))]
 
-    ends = ["place_worlds", "keep_worlds"]
-    searched = ["list_pairs", "search_worlds", "cut_pairs"]
-    triangles = ["list_triangles", "search_worlds", "cut_triangles", "take_triangles", "join_triangles"]
-    assert kernels("ant") == [ends[0], "touch_worlds", ends[1]]
-    assert kernels("stack") == [ends[0], "touch_worlds", *searched, ends[1]]
-    assert kernels("mesh") == [ends[0], "touch_worlds", *searched, *triangles, ends[1]]
+    ends = ["place_shapes_worlds", "keep_contacts_worlds"]
+    formula = ["touch_pairs_worlds"]
+    searched = ["list_pairs_worlds", "search_pairs_worlds", "cut_pairs_worlds"]
+    triangles = [f"{name}_worlds" for name in (
+        "list_triangles", "search_triangles", "cut_triangles", "drop_invalid", "join_triangles"
+    )]  # fmt: skip
+    assert kernels("ant") == [ends[0], *formula, ends[1]]
+    assert kernels("stack") == [ends[0], *formula, *searched, ends[1]]
+    assert kernels("mesh") == [ends[0], *formula, *searched, *triangles, ends[1]]
 
 
 def test_pairs_are_counted_by_the_way_that_they_are_found():
     builder = soup(all_grounds, each=1)
-    formula, searched, ground = pair_counts(builder.finalize(1, "cpu"))
-    assert formula == 7 + 2  # on the plane; sphere and capsule, sphere and box
-    assert searched == 7 * 6 // 2 - 2
-    assert ground == 2 * 7
+    topology = builder.finalize(1, "cpu").topology
+    assert topology.formula_pairs == 7 + 2  # on the plane; sphere and capsule, sphere and box
+    assert topology.searched_pairs == 7 * 6 // 2 - 2
+    assert topology.ground_pairs == 2 * 7

@@ -7,7 +7,7 @@ import warp as wp
 
 from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import convex_hull, hull_assets
-from simwarp.kernels.collision.narrow import collide
+from simwarp.kernels.collision.narrow import axis_between, axis_contacts, formula_contacts, has_formula, swapped
 from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
 from tests.reference.collision import TRIANGLE, Solid
 
@@ -17,6 +17,26 @@ KINDS = [SPHERE, CAPSULE, CYLINDER, BOX, ELLIPSOID, CONE, HULL, TRIANGLE]
 
 # mypy: disable-error-code="index"
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+
+@wp.func
+def collide(a: Shape, b: Shape, reach: float, assets: Assets, out: Manifold) -> int:
+    """Contacts of two shapes whose gap is below `reach` [m], as the stages of collision find them; returns how many.
+
+    `a` and `b`: any of ShapeType up to HULL, or TRIANGLE; two planes never touch. Results go to normal (from a to b),
+    point (on a), gap and feature of `out`. The contacts of (b, a) are the same, seen from the other side.
+    """
+    flip = swapped(a, b)
+    p = a
+    q = b
+    if flip == 1:
+        p = b
+        q = a
+    if q.kind == int(PLANE):
+        return 0
+    if has_formula(p.kind, q.kind):
+        return formula_contacts(p, q, reach, flip, assets, out)
+    return axis_contacts(p, q, axis_between(p, q, reach, assets), reach, flip, assets, out)
 
 
 @wp.kernel(enable_backward=False)

@@ -1,0 +1,94 @@
+"""The stages of collision, in order: one table for the kernels of a CPU and of a GPU (docs/theory.md)."""
+
+from __future__ import annotations
+
+import functools
+
+import warp as wp
+
+from simwarp.kernels.collision.collide import (
+    cut_pairs,
+    has_formula_pairs,
+    has_ground_pairs,
+    has_searched_pairs,
+    keep_contacts,
+    list_pairs,
+    place_world,
+    search_pairs,
+    touch_pairs,
+)
+from simwarp.kernels.collision.contact_lists import (
+    ContactLists,
+    pack_cut,
+    pack_found,
+    pack_pairs,
+    pack_triangles,
+    pack_valid,
+)
+from simwarp.kernels.collision.ground import (
+    cut_triangles,
+    drop_invalid,
+    join_triangles,
+    list_triangles,
+    search_triangles,
+)
+from simwarp.kernels.collision.placement import CollisionScratch, pack_grid, pack_manifold, pack_raw
+from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
+from simwarp.kernels.core.stages import Stage, StageKernel, StageRoom, fused_kernel, separate_kernel
+from simwarp.kernels.core.tables import StepConfig, Topology
+
+ROOM = StageRoom(
+    module=__name__, options={"enable_backward": False, "max_unroll": 0},
+    arguments={
+        "config": StepConfig, "topology": Topology, "parameters": Parameters, "assets": Assets, "state": StateArrays,
+        "scratch": CollisionScratch, "lists": ContactLists, "contacts": ContactArrays,
+    },
+    locals={
+        "grid": (pack_grid, "scratch"), "manifold": (pack_manifold, "scratch"), "raw": (pack_raw, "scratch"),
+        "pairs": (pack_pairs, "lists"), "triangles": (pack_triangles, "lists"), "cut": (pack_cut, "lists"),
+        "valid": (pack_valid, "lists"), "found": (pack_found, "lists"),
+    },
+)  # fmt: skip
+
+STAGES = (
+    Stage(name="place_shapes", function=place_world,
+          reads="poses, velocities", writes="shapes in the world, their bounds, the grid"),
+    Stage(name="touch_pairs", function=touch_pairs, when=has_formula_pairs,
+          reads="shapes, bounds", writes="contacts of pairs with a formula"),
+    Stage(name="list_pairs", function=list_pairs, when=has_searched_pairs,
+          reads="shapes, bounds", writes="convex pairs that may touch"),
+    Stage(name="search_pairs", function=search_pairs, when=has_searched_pairs,
+          reads="convex pairs", writes="their normals"),
+    Stage(name="cut_pairs", function=cut_pairs, when=has_searched_pairs,
+          reads="convex pairs, normals", writes="contacts of convex pairs"),
+    Stage(name="list_triangles", function=list_triangles, when=has_ground_pairs,
+          reads="shapes, bounds", writes="triangles that shapes may touch"),
+    Stage(name="search_triangles", function=search_triangles, when=has_ground_pairs,
+          reads="triangles", writes="their normals"),
+    Stage(name="cut_triangles", function=cut_triangles, when=has_ground_pairs,
+          reads="triangles, normals", writes="contacts with single triangles"),
+    Stage(name="drop_invalid", function=drop_invalid, when=has_ground_pairs,
+          reads="contacts with single triangles", writes="those that the surface as a whole has"),
+    Stage(name="join_triangles", function=join_triangles, when=has_ground_pairs,
+          reads="contacts of the surface", writes="contacts with surfaces"),
+    Stage(name="keep_contacts", function=keep_contacts,
+          reads="contacts of all pairs, those of the last step", writes="contacts with warm starts"),
+)  # fmt: skip
+
+
+@functools.cache
+def fused_collision() -> StageKernel:
+    """All stages in one kernel."""
+    return fused_kernel("collide_worlds", STAGES, ROOM)
+
+
+@functools.cache
+def stage_kernel(stage: Stage) -> StageKernel:
+    """The kernel of one stage."""
+    return separate_kernel(stage, ROOM)
+
+
+def kernels_for_cuda_check() -> list[wp.Kernel]:
+    """All stages."""
+    return [stage_kernel(stage).kernel for stage in STAGES]

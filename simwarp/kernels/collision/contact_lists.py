@@ -1,0 +1,149 @@
+"""What the stages of collision hand on: pairs to search, and contacts found, in the order of the pairs."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import warp as wp
+
+from simwarp.core.types import ArrayLayout
+from simwarp.kernels.collision.axis import Axis
+from simwarp.kernels.collision.shape import Shape
+from simwarp.kernels.collision.triangles import FacingTriangle
+from simwarp.kernels.core.scratch import (
+    ScratchGroup,
+    make_memory,
+    memory_layouts,
+    memory_struct,
+    scratch_array,
+    slot_function,
+)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+
+@wp.struct
+class Search:
+    """Two placed shapes whose normal is looked for, in the order in which they are searched."""
+
+    shape0: int
+    shape1: int
+    p: Shape
+    q: Shape  # a triangle of the ground, or the pair's other shape
+    flip: int  # 1: p is the pair's shape 1
+    reach: float  # [m]
+    wanted: int  # 0: nothing to search
+
+
+class PairScratch(ScratchGroup, packed=False, prefix="pairs_"):
+    """Convex pairs to search."""
+
+    count = scratch_array(wp.int32, 1)
+    lost = scratch_array(wp.int32, 1)  # for which there was no room
+    search = scratch_array(Search, "pairs")
+    axis = scratch_array(Axis, "pairs")  # results
+    facing = scratch_array(FacingTriangle, "none")  # of searches on triangles
+
+
+class TriangleScratch(ScratchGroup, packed=False, prefix="triangles_"):
+    """Shapes and triangles of the ground to search."""
+
+    count = scratch_array(wp.int32, 1)
+    lost = scratch_array(wp.int32, 1)
+    search = scratch_array(Search, "triangles")
+    axis = scratch_array(Axis, "triangles")
+    facing = scratch_array(FacingTriangle, "triangles")
+
+
+class CutScratch(ScratchGroup, packed=False, prefix="cut_"):
+    """Contacts with triangles of the ground, in the order of the searches that they are from."""
+
+    count = scratch_array(wp.int32, 1)
+    lost = scratch_array(wp.int32, 1)
+    owner = scratch_array(wp.int32, "entries")  # its search
+    sunk = scratch_array(wp.int32, "entries")  # 1: no contact, but the shape may leave along this triangle's normal
+    normal = scratch_array(wp.vec3, "entries")
+    point = scratch_array(wp.vec3, "entries")
+    gap = scratch_array(wp.float32, "entries")
+    feature = scratch_array(wp.int32, "entries")
+
+
+class ValidScratch(ScratchGroup, packed=False, prefix="valid_"):
+    """Those of them that the surface as a whole has."""
+
+    count = scratch_array(wp.int32, 1)
+    lost = scratch_array(wp.int32, 1)
+    owner = scratch_array(wp.int32, "entries")
+    sunk = scratch_array(wp.int32, "entries")
+    normal = scratch_array(wp.vec3, "entries")
+    point = scratch_array(wp.vec3, "entries")
+    gap = scratch_array(wp.float32, "entries")
+    feature = scratch_array(wp.int32, "entries")
+
+
+class FoundScratch(ScratchGroup, packed=False, prefix="found_"):
+    """Contacts in lists, one for each way that they are found; within a list in the order of the pairs.
+
+    Points are in the pair's frame.
+    """
+
+    count = scratch_array(wp.int32, "lists")
+    passed = scratch_array(wp.int32, "lists")
+    lost = scratch_array(wp.int32, "lists")
+    shape0 = scratch_array(wp.int32, "lists", "found")
+    shape1 = scratch_array(wp.int32, "lists", "found")
+    normal = scratch_array(wp.vec3, "lists", "found")
+    point = scratch_array(wp.vec3, "lists", "found")
+    gap = scratch_array(wp.float32, "lists", "found")
+    feature = scratch_array(wp.int32, "lists", "found")
+
+
+Searches = PairScratch.struct("Searches", __name__)
+TriangleContacts = CutScratch.struct("TriangleContacts", __name__)
+FoundContacts = FoundScratch.struct("FoundContacts", __name__)
+
+GROUPS = (PairScratch, TriangleScratch, CutScratch, ValidScratch, FoundScratch)
+ContactLists = memory_struct("ContactLists", __name__, GROUPS)
+pack_pairs = slot_function("pack_pairs", __name__, PairScratch, Searches, ContactLists)
+pack_triangles = slot_function("pack_triangles", __name__, TriangleScratch, Searches, ContactLists)
+pack_cut = slot_function("pack_cut", __name__, CutScratch, TriangleContacts, ContactLists)
+pack_valid = slot_function("pack_valid", __name__, ValidScratch, TriangleContacts, ContactLists)
+pack_found = slot_function("pack_found", __name__, FoundScratch, FoundContacts, ContactLists)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ListSizes:
+    """Room of one world, 0 where a model needs none.
+
+    Attributes:
+        lists: of found contacts.
+        found: contacts in each of them.
+        pairs: convex pairs that are searched.
+        triangles: pairs of a convex shape and a triangle.
+    """
+
+    lists: int
+    found: int
+    pairs: int
+    triangles: int
+    none: int = 0
+
+    @property
+    def entries(self) -> int:
+        """Room for contacts with triangles."""
+        return ENTRIES * self.triangles
+
+
+ENTRIES = 4
+"""Room for contacts with triangles, for each triangle."""
+
+
+def list_layouts(slots: int, sizes: ListSizes) -> dict[str, ArrayLayout]:
+    """The arrays of the lists."""
+    return memory_layouts(GROUPS, slots, sizes)
+
+
+def make_lists(device: wp.Device, slots: int, sizes: ListSizes) -> Any:
+    """Allocates the lists."""
+    return make_memory(ContactLists, list_layouts(slots, sizes), device)
