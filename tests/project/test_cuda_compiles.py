@@ -20,6 +20,8 @@ import warp as wp
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 HOOK = "kernels_for_cuda_check"
+WRITERS = {"simwarp.kernels.core.stages"}
+"""Modules that write kernels from the tables of others, which tell of them."""
 # Hopper: what the package is tuned for. Code that compiles for it and for no older card is not our problem.
 ARCH = 90
 
@@ -47,10 +49,11 @@ def kernel_modules() -> list[str]:
     for folder, package in FOLDERS.items():
         for path in sorted((ROOT / folder).rglob("*.py")):
             source = path.read_text(encoding="utf-8")
-            if re.search(r"\.[kK]ernel\b", source) and defines_kernels(ast.parse(source)):
+            found_here = re.search(r"\.[kK]ernel\b", source) and defines_kernels(ast.parse(source))
+            if found_here or f"def {HOOK}(" in source:
                 parts = path.relative_to(ROOT / folder).with_suffix("").parts
                 found.append(".".join([package, *(p for p in parts if p != "__init__")]))
-    return found
+    return [name for name in found if name not in WRITERS]
 
 
 def warp_modules(module: ModuleType) -> list[wp.Module]:

@@ -13,6 +13,7 @@ import warp as wp
 import simwarp as sw
 import simwarp.model.model
 from scripts.array_tables import with_tables
+from scripts.stage_picture import PICTURE, picture
 from simwarp.cli import COMMANDS
 from simwarp.core.types import WorldStatus
 from simwarp.model.joint_types import ELEMENTS
@@ -182,6 +183,10 @@ def test_the_tables_of_arrays_are_made_from_their_declarations():
     text = page.read_text(encoding="utf-8")
     assert with_tables(text) == text, "run: python -m scripts.array_tables"
     assert with_tables(text.replace("| `body_mass` ", "| `mass` ")) == text
+
+
+def test_the_picture_of_the_stages_is_made_from_their_tables():
+    assert PICTURE.read_text(encoding="utf-8") == picture(), "run: python -m scripts.stage_picture"
 
 
 def test_the_joint_table_is_that_of_the_code():

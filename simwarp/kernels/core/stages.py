@@ -26,7 +26,7 @@ class Stage:
     """One stage of a table.
 
     Attributes:
-        name: of the stage; its own kernel is called `{name}_worlds`.
+        name: of the stage, and of its own kernel.
         function: device function of one world. The names of its parameters say what it gets: `world`, `scratch_slot`,
             its place in scratch memory, a name of `StageRoom.locals`, or an argument of the kernel.
         reads, writes: what it needs and what it leaves to those that follow.
@@ -148,4 +148,4 @@ def separate_kernel(stage: Stage, room: StageRoom) -> StageKernel:
         *_local_lines([stage.function], "scratch_slot_of(world, worlds)", room),
         _call(f"stage_{stage.name}", stage.function),
     ]  # fmt: skip
-    return StageKernel(_make(f"{stage.name}_worlds", body, arguments, _scope([stage], room), room), arguments)
+    return StageKernel(_make(stage.name, body, arguments, _scope([stage], room), room), arguments)

@@ -360,7 +360,7 @@ def move_block(source: int, source_row: int, count: int, block: int, row: int, w
 
 
 @wp.func(inline=True)
-def contact_responses(
+def respond_to_contacts(
     world: int, topology: Topology, contacts: ContactArrays, progress: StepProgress, work: Work, cone: ConeProblem
 ):
     """Entries of the rows of the contacts: what these move in the trees."""

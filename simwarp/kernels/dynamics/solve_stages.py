@@ -137,7 +137,7 @@ those of worlds: they take half as many registers again (docs/decisions.md).
 
 
 def _stage(name: str, function: object, several: bool) -> Stage:
-    name = f"{name}_islands" if several else name
+    name = f"{name}_of_islands" if several else name
     return Stage(name=name, function=function, reads=READS, writes=WRITES, when=has_cones)
 
 
@@ -166,7 +166,8 @@ def solve_stage(solver: ConeSolver, stand_in: bool, several: bool) -> Stage:
                         assemble_dense(problem)
                     keep_report(island, solve(problem, numbers), cone)
 
-    return _stage(f"solve_by_{'descent' if stand_in else solver.name.lower()}", solve_problems, several)
+    name = solver.name.lower()
+    return _stage(f"descend_for_{name}" if stand_in else f"solve_by_{name}", solve_problems, several)
 
 
 @functools.cache
@@ -196,12 +197,6 @@ def go_on_stage(stand_in: ConeSolver | None, rest: bool, several: bool) -> Stage
 
 
 @wp.func
-def newton_config(config: StepConfig) -> ConeConfig:
-    """Numbers of the interior point, where it is the solver."""
-    return cone_config(config)
-
-
-@wp.func
 def following_config(config: StepConfig) -> ConeConfig:
     """Numbers of the interior point, where it follows another solver."""
     numbers = cone_config(config)
@@ -226,7 +221,7 @@ def start_newton_stage(several: bool) -> Stage:
                 if can_factorise(problem):
                     problem.dense = 1  # which it is: no code for others
                     assemble_dense(problem)
-                    found = start_interior_point(problem, newton_config(config))
+                    found = start_interior_point(problem, cone_config(config))
                     cone.newton_steps[island] = found.iterations
                     cone.newton_residual[island] = found.residual
 
@@ -266,7 +261,7 @@ def follow_newton_stage(several: bool) -> Stage:
 def refine_newton_stage(follows: bool, several: bool) -> Stage:
     """The stage of the gradient steps after them; with `follows`, the better of the two solutions."""
     islands_of, problem_of = VIEWS[several]
-    numbers_of = following_config if follows else newton_config
+    numbers_of = following_config if follows else cone_config
 
     @wp.func(inline=True)
     def refine_newton(

@@ -166,7 +166,7 @@ def cone_config(config: StepConfig) -> ConeConfig:
 
 
 @wp.func(inline=True)
-def load_step(
+def load_state(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
     state: StateArrays, contacts: ContactArrays, progress: StepProgress, work: Work,
 ):  # fmt: skip
@@ -318,7 +318,7 @@ def keep_rate_changes(
 
 
 @wp.func(inline=True)
-def project(
+def project_onto_joints(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, reports: Reports,
     progress: StepProgress, work: Work,
 ):  # fmt: skip

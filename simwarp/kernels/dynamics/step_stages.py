@@ -10,7 +10,7 @@ import warp as wp
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.stages import Stage, StageKernel, StageRoom, fused_kernel, separate_kernel
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
-from simwarp.kernels.dynamics.contact_rows import collect_contacts, contact_responses, reduce_contacts
+from simwarp.kernels.dynamics.contact_rows import collect_contacts, reduce_contacts, respond_to_contacts
 from simwarp.kernels.dynamics.solve_stages import cone_solve, stages_for_cuda_check
 from simwarp.kernels.dynamics.step import (
     apply_impulses,
@@ -29,9 +29,9 @@ from simwarp.kernels.dynamics.step import (
     has_reactions,
     has_rows,
     keep_rate_changes,
-    load_step,
+    load_state,
     move_freely,
-    project,
+    project_onto_joints,
     publish_bodies,
     publish_joints,
     solve_bilateral,
@@ -52,10 +52,10 @@ ROOM = StageRoom(
 def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
     """The stages of a step, of which the cone problem is solved by `solve`."""
     return (
-        Stage(name="load", function=load_step,
+        Stage(name="load_state", function=load_state,
               reads="poses, velocities, controls, element forces",
               writes="momenta, efforts, axes and shifts of the tree's joints"),
-        Stage(name="move", function=move_freely,
+        Stage(name="move_freely", function=move_freely,
               reads="momenta, efforts, axes", writes="the tree's factor, velocities of the free motion"),
         Stage(name="form_rows", function=form_rows, when=has_rows,
               reads="poses", writes="wrenches of the rows of closed loops, position errors"),
@@ -69,7 +69,7 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
               reads="velocities, limits, drives, friction", writes="blocks of bounded impulses on coordinates"),
         Stage(name="collect_contacts", function=collect_contacts, when=has_contacts,
               reads="contacts, velocities", writes="blocks of contacts, their right-hand sides and warm starts"),
-        Stage(name="contact_responses", function=contact_responses, when=has_contacts,
+        Stage(name="respond_to_contacts", function=respond_to_contacts, when=has_contacts,
               reads="contacts, the tree's factor", writes="responses of the contacts' rows"),
         Stage(name="reduce_contacts", function=reduce_contacts, when=has_contacts,
               reads="responses, the factor of bilateral rows", writes="their shares, blocks that can move"),
@@ -80,7 +80,7 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
               reads="impulses", writes="velocities after the impulses, forces of contacts, a recovery"),
         Stage(name="keep_rate_changes", function=keep_rate_changes, when=has_accelerations,
               reads="velocities", writes="changes of the rates"),
-        Stage(name="project", function=project, when=has_projection,
+        Stage(name="project_onto_joints", function=project_onto_joints, when=has_projection,
               reads="poses, velocities", writes="poses on the joints"),
         Stage(name="compute_accelerations", function=compute_accelerations, when=has_accelerations,
               reads="changes of the rates", writes="accelerations of coordinates"),

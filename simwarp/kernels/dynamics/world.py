@@ -1,4 +1,4 @@
-"""The kernels that work on whole worlds, one thread each: a step, an assembly, a measurement, and resets.
+"""Scratch of a step, and the kernels beside it that work on whole worlds: assembly, measurement, resets.
 
 All sizes are data, so one compiled kernel serves every model. Intermediate values live in a scratch of few slots,
 packed under names as a `Work`: a world writes everything that it reads there, so that slots can be reused.
@@ -179,7 +179,7 @@ def measure_worlds(
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
-    """All but the step in one kernel, which a GPU runs in parts (step_parts.py)."""
+    """Those with modules of their own."""
     return [assemble_worlds, measure_worlds]
 
 

@@ -1,4 +1,4 @@
-"""The step in parts, as a GPU runs it, against the step in one kernel: the same functions, so the same motion."""
+"""The step stage by stage, as a GPU runs it, against the step in one kernel: the same functions, the same motion."""
 
 from __future__ import annotations
 
@@ -128,8 +128,10 @@ def test_every_solver_finds_the_same(solver, dense_rows, monkeypatch):
     monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
     parts = stepped()
     names = [command.kernel.key.rpartition("__")[2] for command in parts.physics_commands]
-    assert names.count("newton_islands") == (2 if solver == "interior_point" else 1)
-    assert names.count("solve_islands") == (2 if solver == "padmm" else 1)
+    newton = {"start_newton_of_islands", "follow_newton_of_islands"} & set(names)
+    assert len(newton) == (2 if solver == "interior_point" else 1)
+    solves = {name for name in names if name.startswith("solve_by_")}
+    assert len(solves) == (2 if solver == "padmm" else 1)
     np.testing.assert_allclose(parts.state.body_v.numpy(), whole.state.body_v.numpy(), atol=TOLERANCE)
     counted = parts.diagnostics.iterations.numpy()
     np.testing.assert_allclose(counted, whole.diagnostics.iterations.numpy(), atol=30)  # rounding may cost some
@@ -151,7 +153,7 @@ def test_every_solver_takes_the_islands_in_turn(solver, dense_rows, monkeypatch)
         return sim
 
     together = stepped(*PARTS)
-    assert "part_worlds" in [command.kernel.key.rpartition("__")[2] for command in together.physics_commands]
+    assert "build_islands" in [command.kernel.key.rpartition("__")[2] for command in together.physics_commands]
     most, worst = 0, 0.0
     for part in PARTS:
         alone = stepped(part)
@@ -179,24 +181,20 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
         sim = sw.Simulation(MODELS[name]().finalize(2, "cpu"), 1e-3, **options)
         return [command.kernel.key.rpartition("__")[2] for command in sim.physics_commands]
 
-    start, end = ["load_worlds", "move_worlds"], ["publish_worlds", "finish_worlds"]
-    loops = ["form_worlds", "bias_worlds", "answer_worlds", "hold_worlds", "project_worlds"]
-    contacts = ["meet_worlds", "respond_worlds", "settle_worlds"]
+    start, end = ["load_state", "move_freely"], ["publish_bodies", "publish_joints"]
+    loops = ["form_rows", "bias_rows", "factor_constraints", "solve_bilateral"]
+    contacts = ["collect_bounds", "collect_contacts", "respond_to_contacts", "reduce_contacts"]
     assert kernels("pendulum") == [*start, *end]
     assert kernels("four_bar") == [*start, *loops, *end]
-    collision = ["place_worlds", "touch_worlds", "keep_worlds"]
-    solves = ["solve_worlds", "proximal_worlds", "proximal_worlds"]
-    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, *solves, "push_worlds", *end]
+    collision = ["place_shapes", "touch_pairs", "keep_contacts"]
+    solves = ["solve_by_apgd", "step_newton", "descend_on"]
+    assert kernels("ant") == [*collision, *start, *contacts, *solves, "apply_impulses", *end]
     several = kernels("stack")
-    steps = [
-        *start,
-        "collect_worlds",
-        *contacts,
-        "part_worlds",
-        *(name.replace("worlds", "islands") for name in solves),
-        "push_worlds",
-        *end,
-    ]
-    assert several[several.index("load_worlds") :] == steps
-    assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]
-    assert kernels("pendulum", joint_accelerations=True) == [*start, "change_worlds", "accelerate_worlds", *end]
+    of_islands = [f"{name}_of_islands" for name in solves]
+    steps = [*start, *contacts, "build_islands", *of_islands, "apply_impulses", *end]
+    assert several[several.index("load_state") :] == steps
+    assert kernels("pendulum", joint_reactions=True) == [*start, "compute_reactions", *end]
+    accelerations = ["keep_rate_changes", "compute_accelerations"]
+    assert kernels("pendulum", joint_accelerations=True) == [*start, *accelerations, *end]
+    projecting = kernels("four_bar", solver=sw.SolverOptions(position_projection=1))
+    assert projecting == [*start, *loops, "project_onto_joints", *end]

@@ -1,4 +1,4 @@
-"""Collision in parts, as a GPU runs it, against collision in one kernel: the same functions, so the same bits."""
+"""Collision stage by stage, as a GPU runs it, against collision in one kernel: the same functions, so the same bits."""
 
 from __future__ import annotations
 
@@ -140,12 +140,10 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
         sim = sw.Simulation(model, 1e-3)
         return [command.kernel.key.rpartition("__")[2] for command in in_parts(sim, Contacts(model))]
 
-    ends = ["place_shapes_worlds", "keep_contacts_worlds"]
-    formula = ["touch_pairs_worlds"]
-    searched = ["list_pairs_worlds", "search_pairs_worlds", "cut_pairs_worlds"]
-    triangles = [f"{name}_worlds" for name in (
-        "list_triangles", "search_triangles", "cut_triangles", "drop_invalid", "join_triangles"
-    )]  # fmt: skip
+    ends = ["place_shapes", "keep_contacts"]
+    formula = ["touch_pairs"]
+    searched = ["list_pairs", "search_pairs", "cut_pairs"]
+    triangles = ["list_triangles", "search_triangles", "cut_triangles", "drop_invalid", "join_triangles"]
     assert kernels("ant") == [ends[0], *formula, ends[1]]
     assert kernels("stack") == [ends[0], *formula, *searched, ends[1]]
     assert kernels("mesh") == [ends[0], *formula, *searched, *triangles, ends[1]]
