@@ -30,6 +30,8 @@ OTHERS = {
     ("drive", "drawbar"): {"--duration": "5.5"},  # it pulls from 5 s on
 }
 """Further options, where a command has words that ask for them."""
+NAMED_RUN = "2026-01-31_12-00-00"
+"""Of the run folders that pages name."""
 VALUES = 2
 """Of a key of a grid: the first ones are run."""
 
@@ -93,16 +95,25 @@ def _fewer(grid: str) -> str:
 
 
 def program(commands: list[list[str]], report: Path) -> str:
-    """Return Python that runs commands one after the other in one process, and writes their exit codes to a file."""
+    """Return Python that runs commands one after the other in one process, and writes their exit codes to a file.
+
+    A run that one of them trains takes the place of the run that the pages name: its reader reads the date of theirs.
+    """
     return f"""
-import json, pathlib, time
+import json, pathlib, shutil, time
 from simwarp import cli
 
 codes = []
 for words in {commands!r}:
     print("$", *words, flush=True)
     start = time.perf_counter()
+    before = set(pathlib.Path("runs").glob("*/*"))
     code = cli.main(words[1:])
     codes.append((words, code, time.perf_counter() - start))
+    for run in set(pathlib.Path("runs").glob("*/*")) - before if words[1] == "train" else ():
+        named = run.with_name({NAMED_RUN!r})
+        if named.exists():
+            shutil.rmtree(named)
+            shutil.copytree(run, named)
     pathlib.Path({str(report)!r}).write_text(json.dumps(codes))
 """
