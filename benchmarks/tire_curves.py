@@ -17,10 +17,10 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.vehicle.tires.parameter_vector import Common
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.parameter_vector import MODELS
+from simwarp.vehicle.tires.parameter_vector_kernels import Common
 from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
 
 ROOT = Path(__file__).resolve().parents[1]

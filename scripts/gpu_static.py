@@ -30,9 +30,9 @@ SETS = {
     "step": "simwarp.kernels.dynamics.step_stages",
     "collision": "simwarp.kernels.collision.collision_stages",
     "state": "simwarp.kernels.dynamics.world",
-    "tires": "simwarp.kernels.vehicle.tires.tires",
-    "camera": "simwarp.kernels.sensors.cameras.image",
-    "soil": "simwarp.kernels.soil.pressing",
+    "tires": "simwarp.vehicle.tires.tires_kernels",
+    "camera": "simwarp.sensors.cameras.image_kernels",
+    "soil": "simwarp.soil.pressing_kernels",
 }  # fmt: skip
 
 

@@ -12,9 +12,9 @@ from simwarp.kernels.collision.collision_stages import fused_collision
 from simwarp.kernels.dynamics.step_stages import fused_step
 
 LONG = (
-    "simwarp.kernels.cones.batch", "simwarp.kernels.sensors.cameras.image",
-    "simwarp.kernels.vehicle.tires.tires", "simwarp.kernels.sensors.ranging.radar",
-    "simwarp.kernels.sensors.ranging.lidar",
+    "simwarp.kernels.cones.batch", "simwarp.sensors.cameras.image_kernels",
+    "simwarp.vehicle.tires.tires_kernels", "simwarp.sensors.ranging.radar_kernels",
+    "simwarp.sensors.ranging.lidar_kernels",
 )  # fmt: skip
 CPU_BLOCK = 1
 """Threads of a block in launches on a CPU; a unit is compiled anew for every size of blocks."""

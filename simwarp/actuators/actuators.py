@@ -12,6 +12,13 @@ import warp as wp
 
 from simwarp.actuators.actuator_checks import checked_specs
 from simwarp.actuators.actuator_spec import ActuatorSpec, Law, SitePull
+from simwarp.actuators.actuators_kernels import (
+    ActuatorParameters,
+    ActuatorState,
+    ActuatorTables,
+    drive_actuators,
+    map_actions,
+)
 from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.arrays import (
     ANY,
@@ -26,13 +33,6 @@ from simwarp.core.arrays import (
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, number, shown
 from simwarp.core.wording import close_names
-from simwarp.kernels.actuators.actuators import (
-    ActuatorParameters,
-    ActuatorState,
-    ActuatorTables,
-    drive_actuators,
-    map_actions,
-)
 from simwarp.model.checks import INFINITE, checked_names, positive_number
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext

@@ -23,11 +23,11 @@ import warp as wp
 from simwarp.bench.health import Health, pushing_contacts
 from simwarp.bench.measure import Row, SceneRun, judge
 from simwarp.bench.motion import STACK_TORQUE, swing_targets, twist_torques
+from simwarp.bench.motion_kernels import hold_swing_by_leg, write_swing
 from simwarp.bench.mujoco_rollout import Rollout
 from simwarp.bench.timing import array_bytes, measure_speed
 from simwarp.bench.workloads import BenchScene
 from simwarp.core.threads import thread_count
-from simwarp.kernels.bench.motion import hold_swing_by_leg, write_swing
 
 Array = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.kernels.bench.motion import SWING, SWING_HZ, TWIST_HZ, aim_swing, hold_swing, twist
+from simwarp.bench.motion_kernels import SWING, SWING_HZ, TWIST_HZ, aim_swing, hold_swing, twist
 from simwarp.simulation.simulation import Simulation
 
 

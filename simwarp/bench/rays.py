@@ -14,8 +14,8 @@ from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, judge
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.core.memory import check_fits
-from simwarp.kernels.rays.cast import cast_rays
 from simwarp.model.builder import ModelBuilder
+from simwarp.sensors.ray_casting_kernels import cast_rays
 from simwarp.sensors.scene import Visuals
 from simwarp.simulation.simulation import Simulation
 

@@ -12,7 +12,7 @@ from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.readable import Readable
 from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.core.tables import StepConfig
-from simwarp.kernels.kinematics.inverse_kinematics import Found, Search, SearchArrays, search_coordinates
+from simwarp.kinematics.inverse_kinematics_kernels import Found, Search, SearchArrays, search_coordinates
 from simwarp.kinematics.jacobian import body_index, checked_tree, tree_scratch
 from simwarp.model.checks import positive_number, whole_number
 from simwarp.simulation.simulation import Simulation

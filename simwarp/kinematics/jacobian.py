@@ -10,7 +10,7 @@ from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch
-from simwarp.kernels.kinematics.jacobian import measure_point_jacobian
+from simwarp.kinematics.jacobian_kernels import measure_point_jacobian
 from simwarp.simulation.requirements import scratch_slots_of, step_sizes
 from simwarp.simulation.simulation import Simulation
 

@@ -15,7 +15,8 @@ from simwarp.core.arrays import writable_from
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import Readable, array_text, plural
 from simwarp.core.types import WORLD, ModelError, shown
-from simwarp.kernels.sensors.clock import (
+from simwarp.model.model import Model
+from simwarp.sensors.clock_kernels import (
     ClockSettings,
     ClockState,
     SampleEvents,
@@ -24,9 +25,8 @@ from simwarp.kernels.sensors.clock import (
     publish_bytes,
     publish_words,
 )
-from simwarp.kernels.sensors.motion.mount_motion import MountArrays
-from simwarp.model.model import Model
 from simwarp.sensors.interface import Mount, Schedule, ScheduleSteps, body_index, checked_model
+from simwarp.sensors.motion.mount_motion_kernels import MountArrays
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext

@@ -19,7 +19,9 @@ import warp as wp
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Infinite, MinLen, NotNegative, Positive, Tagged
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.sensors.noise import (
+from simwarp.model.model import Model
+from simwarp.sensors.interface import Configuration
+from simwarp.sensors.noise_kernels import (
     BIAS_WALK,
     BOUNDED_DRIFT,
     NORMAL,
@@ -27,8 +29,6 @@ from simwarp.kernels.sensors.noise import (
     SATURATION,
     NoiseArrays,
 )
-from simwarp.model.model import Model
-from simwarp.sensors.interface import Configuration
 
 Numbers: TypeAlias = float | Annotated[tuple[float, ...], MinLen(1)]
 """One for all channels, or one per channel."""

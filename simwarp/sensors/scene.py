@@ -20,13 +20,13 @@ from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.instances import SOIL, RayScene, SoilView, place_instances
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
 from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import body_index, wanted_arrays
+from simwarp.sensors.ray_instances_kernels import SOIL, RayScene, SoilView, place_instances
 from simwarp.sensors.soil_ground import ground_instance
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.state import State

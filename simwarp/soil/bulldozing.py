@@ -11,10 +11,10 @@ import warp as wp
 
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.soil.bulldozing import FlowScratch, FlowTables, push_soil_aside
 from simwarp.model.checks import whole_number
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.requirements import scratch_slots_of
+from simwarp.soil.bulldozing_kernels import FlowScratch, FlowTables, push_soil_aside
 from simwarp.soil.soil_shapes import SoilShape, greatest_reach
 
 MOST_STEPS: Final = 100

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from simwarp.core.types import ModelError, numbers, shown
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
-from simwarp.kernels.soil.soil_tables import SIDE
-from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
+from simwarp.soil.soil_tables_kernels import SIDE
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
 
 MOST_PAGES: Final = 1 << 20
 STEEPEST: Final = math.radians(45.0)

@@ -13,11 +13,6 @@ from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
-from simwarp.kernels.soil.imprint import find_resting_shifts, imprint_worlds, keep_forces
-from simwarp.kernels.soil.level import SoilCover, find_heights
-from simwarp.kernels.soil.pressing import carry_bodies, clear_soil, press_shapes, report_shapes, take_pages
-from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
-from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
@@ -25,6 +20,9 @@ from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
+from simwarp.soil.imprint_kernels import find_resting_shifts, imprint_worlds, keep_forces
+from simwarp.soil.level_kernels import SoilCover, find_heights
+from simwarp.soil.pressing_kernels import carry_bodies, clear_soil, press_shapes, report_shapes, take_pages
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
     SoilShape,
@@ -36,6 +34,8 @@ from simwarp.soil.soil_shapes import (
     shape_tables,
     share_bodies,
 )
+from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane
 
 DIRECTION_LENGTH: Final = 1.0e-3

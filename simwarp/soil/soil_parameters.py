@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.soil import soil_tables
+from simwarp.soil import soil_tables_kernels as soil_tables
 
 DEEP: Final = 0.5
 """Sinkage down to which unloading must be stiffer than loading [m]."""

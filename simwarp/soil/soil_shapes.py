@@ -12,10 +12,10 @@ import warp as wp
 
 from simwarp.core.rotation import rotate
 from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, finite_vector, pose, shown
-from simwarp.kernels.soil.soil_tables import BALL, BOX, CAPSULE, SIDE, WHEEL
-from simwarp.kernels.soil.soil_tables import SoilShapes as ShapeTables
 from simwarp.model.checks import not_negative, positive_number, whole_number
 from simwarp.model.model import Model
+from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, SIDE, WHEEL
+from simwarp.soil.soil_tables_kernels import SoilShapes as ShapeTables
 
 SIZE: Final = "give its size"
 

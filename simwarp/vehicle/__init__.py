@@ -8,8 +8,6 @@ parts = sw.vehicle.add_vehicle(builder, spec)
 from __future__ import annotations
 
 from simwarp.core.renames import renamed_names
-from simwarp.kernels.vehicle.tires.parameter_vector import Common as CommonTire
-from simwarp.kernels.vehicle.tires.parameter_vector import Tmeasy as TmeasyTire
 from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
@@ -32,6 +30,8 @@ from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
+from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire
+from simwarp.vehicle.tires.parameter_vector_kernels import Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 

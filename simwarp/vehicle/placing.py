@@ -9,9 +9,9 @@ import warp as wp
 
 from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.types import ModelError, numbers, shown
-from simwarp.kernels.vehicle.placing import move_vehicles
 from simwarp.model.model import Model
 from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.placing_kernels import move_vehicles
 from simwarp.vehicle.vehicle import Vehicle
 
 

@@ -11,25 +11,25 @@ import warp as wp
 from simwarp.core.arrays import writable
 from simwarp.core.readable import Names, Readable, Row, array_text, plural
 from simwarp.core.types import ModelError, Vec3, finite_vector
-from simwarp.kernels.vehicle.inputs import (
+from simwarp.model.model import Model
+from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.solver_options import SolverOptions
+from simwarp.vehicle.construction import VehicleParts
+from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
+from simwarp.vehicle.inputs_kernels import (
     VehicleMotion,
     VehicleTables,
     measure_set_vehicle,
     measure_vehicle,
     run_vehicle,
 )
-from simwarp.kernels.vehicle.tires.ground import TerrainTables
-from simwarp.kernels.vehicle.tires.tires import apply_tires
-from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
-from simwarp.simulation.solver_options import SolverOptions
-from simwarp.vehicle.construction import VehicleParts
-from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID
 from simwarp.vehicle.tires.soil_tires import SoilTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
+from simwarp.vehicle.tires.tires_kernels import apply_tires
 
 PER_WORLD: Final = ("joint_friction", "coupling_coefficient")
 """Model arrays that a vehicle writes: each world needs its own (`ModelBuilder.finalize(per_world=PER_WORLD)`)."""

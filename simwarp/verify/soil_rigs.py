@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD, VelocityMotor, pose
-from simwarp.kernels.soil.soil_tables import PAGE_NODES, SIDE, SINKAGE, YIELD
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import ShearMemory, Soil, SoilSpec, SoilWheel
+from simwarp.soil.soil_tables_kernels import PAGE_NODES, SIDE, SINKAGE, YIELD
 
 RADIUS: Final = 0.467
 WIDTH: Final = 0.254

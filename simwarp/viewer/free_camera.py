@@ -13,7 +13,6 @@ from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError, Pose
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.sensors.cameras.image import aim_freely, render
 from simwarp.sensors.cameras.camera import (
     OUTPUTS,
     CameraConfig,
@@ -22,6 +21,7 @@ from simwarp.sensors.cameras.camera import (
     make_views,
     render_arguments,
 )
+from simwarp.sensors.cameras.image_kernels import aim_freely, render
 from simwarp.sensors.cameras.image_processing import ImageProcessing
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.clock import Field, check_frames

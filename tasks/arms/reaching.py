@@ -16,10 +16,10 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.arms import reach as kernels
-from simwarp.kernels.tasks.arms.reach import ReachingArm, ReachState
 from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
 from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
+from simwarp.tasks.arms import reach_kernels as kernels
+from simwarp.tasks.arms.reach_kernels import ReachingArm, ReachState
 
 from ..framework.launching import filled, launch_over, share_over, zeros_of
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from simwarp.kernels.tasks.driving.barrier_track import find_corners_outside, pay_aside
+from simwarp.tasks.driving.barrier_track_kernels import find_corners_outside, pay_aside
 
 from ..framework.launching import TensorFunction, launch_over
 from ..framework.registry import register

@@ -14,7 +14,8 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.base import (
+from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
+from simwarp.tasks.driving.base_kernels import (
     Car,
     Drive,
     begin_drive,
@@ -28,8 +29,7 @@ from simwarp.kernels.tasks.driving.base import (
     tell_tilt,
     tell_upset,
 )
-from simwarp.kernels.tasks.driving.navigation import Navigator
-from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
+from simwarp.tasks.driving.navigation_kernels import Navigator
 
 from ..framework.config import require
 from ..framework.errors import InputError, TaskError

@@ -13,8 +13,8 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.image_noise import Disturbance, disturb_images
 from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
+from simwarp.tasks.driving.image_noise_kernels import Disturbance, disturb_images
 
 from ..framework.config import TaskConfig, require
 from ..framework.errors import InputError

@@ -18,7 +18,8 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.convoy import (
+from simwarp.tasks import Ge, Gt, Le, Positive
+from simwarp.tasks.driving.convoy_kernels import (
     BESIDE,
     LEADERS,
     Column,
@@ -37,7 +38,6 @@ from simwarp.kernels.tasks.driving.convoy import (
     tell_column,
     tell_leaders,
 )
-from simwarp.tasks import Ge, Gt, Le, Positive
 
 from ..framework.agents import lead_of
 from ..framework.config import require

@@ -15,7 +15,7 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.hallway import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
+from simwarp.tasks.driving.hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
 
 from ..framework.launching import filled, launch_over, share_over
 from ..framework.registry import register

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.driving.hills import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
+from simwarp.tasks.driving.hills_kernels import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
 
 from ..framework.launching import TensorFunction, filled
 

@@ -13,7 +13,8 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.lapping import (
+from simwarp.tasks import Ge, Gt, Le, Positive, Whole
+from simwarp.tasks.driving.lapping_kernels import (
     PREVIEW,
     Course,
     Lap,
@@ -29,7 +30,6 @@ from simwarp.kernels.tasks.driving.lapping import (
     tell_lap,
     tell_outside,
 )
-from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorFunction, fill, filled, launch_over, zeros_of

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.navigation import Navigator, advance_heading, tell_estimate
+from simwarp.tasks.driving.navigation_kernels import Navigator, advance_heading, tell_estimate
 
 from ..framework.launching import TensorFunction, TensorLaunch, filled
 

@@ -15,7 +15,8 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.obstacle_avoidance import (
+from simwarp.tasks import Ge, Le, Positive
+from simwarp.tasks.driving.obstacle_avoidance_kernels import (
     Road,
     begin_way,
     draw_pillars,
@@ -25,7 +26,6 @@ from simwarp.kernels.tasks.driving.obstacle_avoidance import (
     pay_way,
     tell_way,
 )
-from simwarp.tasks import Ge, Le, Positive
 
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import filled, launch_over

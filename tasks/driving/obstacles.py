@@ -12,7 +12,7 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.obstacles import UNDERGROUND, SlotArrays, Slots, fill_slots
+from simwarp.tasks.driving.obstacles_kernels import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 from ..framework.drawing import Line
 from ..framework.launching import TensorFunction, filled

@@ -14,8 +14,9 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.hills import HillTables
-from simwarp.kernels.tasks.driving.off_road import (
+from simwarp.tasks import Ge, Gt, Le, NotNegative
+from simwarp.tasks.driving.hills_kernels import HillTables
+from simwarp.tasks.driving.off_road_kernels import (
     Ground,
     Trip,
     begin_trip,
@@ -28,7 +29,6 @@ from simwarp.kernels.tasks.driving.off_road import (
     start_trip,
     tell_trip,
 )
-from simwarp.tasks import Ge, Gt, Le, NotNegative
 
 from ..framework.config import require
 from ..framework.drawing import Drawing, Line

@@ -15,7 +15,7 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.driving.platoon import (
+from simwarp.tasks.driving.platoon_kernels import (
     Platoon,
     begin_driver,
     begin_platoon,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.driving.ranging import tell_ranges
+from simwarp.tasks.driving.ranging_kernels import tell_ranges
 
 from ..framework.launching import TensorFunction
 

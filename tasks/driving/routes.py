@@ -10,7 +10,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.driving.routes import RouteTables, tell_distances, tell_locations, tell_places
+from simwarp.tasks.driving.routes_kernels import RouteTables, tell_distances, tell_locations, tell_places
 
 from ..framework.launching import TensorFunction, filled
 

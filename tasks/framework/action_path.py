@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import move_actions
+from simwarp.tasks.framework.control_step_kernels import move_actions
 
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import DelayLine

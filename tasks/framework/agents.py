@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import rest_agents, wake_agents
+from simwarp.tasks.framework.control_step_kernels import rest_agents, wake_agents
 
 from .argument_checks import whole
 from .errors import InputError

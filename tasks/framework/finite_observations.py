@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, count_bad
+from simwarp.tasks.framework.control_step_kernels import Clocks, Recording, count_bad
 
 from .statistics import EpisodeStatistics
 

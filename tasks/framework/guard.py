@@ -20,7 +20,7 @@ import warp as wp
 from simwarp.core.constraints import Fraction, Ge, Lt
 from simwarp.core.files import FileError, OutputError
 from simwarp.core.interop import TensorLaunch, from_torch
-from simwarp.kernels.tasks.framework.control_step import Recording, keep_bytes, keep_words
+from simwarp.tasks.framework.control_step_kernels import Recording, keep_bytes, keep_words
 
 from ..randomisation.randomising import drawn_parameters
 from ..randomisation.randomness import WorldRandom

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, Rules, Verdict, judge, judge_agents
+from simwarp.tasks.framework.control_step_kernels import Clocks, Recording, Rules, Verdict, judge, judge_agents
 
 from ..randomisation.uncertainty import Curriculum
 from .agents import Agents

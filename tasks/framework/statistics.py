@@ -7,7 +7,7 @@ import dataclasses
 import torch
 
 from simwarp.core.readable import ReadableFields
-from simwarp.kernels.tasks.framework.control_step import FirstBad, Tally
+from simwarp.tasks.framework.control_step_kernels import FirstBad, Tally
 
 from .launching import filled
 

@@ -16,7 +16,7 @@ import torch
 
 from simwarp.core.interop import shared_stream
 from simwarp.core.renames import warn_renamed
-from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, begin_episodes, count_step
+from simwarp.tasks.framework.control_step_kernels import Clocks, Recording, begin_episodes, count_step
 
 from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom

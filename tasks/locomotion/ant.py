@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion import ant as kernels
+from simwarp.tasks.locomotion import ant_kernels as kernels
 
 from ..framework.config import TaskConfig
 from ..framework.launching import filled, launch_over

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion import hexapod as kernels
 from simwarp.tasks import Positive
+from simwarp.tasks.locomotion import hexapod_kernels as kernels
 
 from ..framework.config import TaskConfig
 from ..framework.launching import filled, launch_over

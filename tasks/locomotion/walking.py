@@ -12,7 +12,8 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.kernels.tasks.locomotion.walking import (
+from simwarp.tasks import Ge, Le, NotNegative, Positive
+from simwarp.tasks.locomotion.walking_kernels import (
     FORCE_CLIP,
     Walker,
     WalkState,
@@ -25,7 +26,6 @@ from simwarp.kernels.tasks.locomotion.walking import (
     observe_walk,
     walk_on,
 )
-from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
 from ..framework.launching import filled, launch_over, share_over, zeros_of

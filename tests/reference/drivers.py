@@ -1,4 +1,4 @@
-"""Drivers one world at a time, slowly, in float64: what `simwarp.kernels.vehicle.path_tracking` must do."""
+"""Drivers one world at a time, slowly, in float64: what `simwarp.vehicle.path_tracking_kernels` must do."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy import arctan, cos, exp, hypot, sign, sin, sqrt, tan
 
-from simwarp.kernels.vehicle.tires.parameter_vector import (
+from simwarp.vehicle.tires.parameter_vector_kernels import (
     Common,
     Fiala,
     Lugre,

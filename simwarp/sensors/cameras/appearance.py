@@ -13,8 +13,8 @@ import warp as wp
 
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.geometry.visual_mesh import Image, VisualMesh, linear_from_srgb
-from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays, TextureKind
 from simwarp.model.checks import positive_number
+from simwarp.sensors.cameras.appearance_kernels import AppearanceArrays, TextureKind
 
 Extent: TypeAlias = float | Sequence[float]
 

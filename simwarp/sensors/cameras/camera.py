@@ -14,8 +14,8 @@ from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, Not
 from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
-from simwarp.kernels.sensors.cameras.image import Camera as CameraNumbers
-from simwarp.kernels.sensors.cameras.image import Outputs, Views, aim_views, render
+from simwarp.sensors.cameras.image_kernels import Camera as CameraNumbers
+from simwarp.sensors.cameras.image_kernels import Outputs, Views, aim_views, render
 from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
 from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import LensField, Pinhole

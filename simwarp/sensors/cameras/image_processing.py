@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Fraction, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.sensors.cameras.image_processing import RESPONSE_STEPS, ImagingArrays
+from simwarp.sensors.cameras.image_processing_kernels import RESPONSE_STEPS, ImagingArrays
 from simwarp.sensors.interface import Configuration, wanted_arrays
 
 PER_WORLD: Final = ("exposure", "vignetting", "noise_mean", "noise_sigma", "noise_slope", "noise_intercept")

@@ -14,9 +14,9 @@ from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
-from simwarp.kernels.sensors.cameras.shade import LightArrays
 from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
+from simwarp.sensors.cameras.shade_kernels import LightArrays
 from simwarp.sensors.interface import wanted_arrays
 
 Color = float | Vec3

@@ -14,11 +14,11 @@ from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Direction, Rule, RuleError
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import JointType, ModelError, RowKind, numbers, shown
-from simwarp.kernels.sensors.motion.encoders import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model
+from simwarp.sensors.motion.encoders_kernels import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers, PositiveNumbers
 from simwarp.sensors.vector_sensor import VectorSensor
 

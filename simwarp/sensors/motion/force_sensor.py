@@ -11,10 +11,10 @@ import warp as wp
 
 from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import WORLD, ModelError, Quat, pose, shown
-from simwarp.kernels.sensors.motion.force_sensor import sample_forces, sample_touch
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config
+from simwarp.sensors.motion.force_sensor_kernels import sample_forces, sample_touch
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 

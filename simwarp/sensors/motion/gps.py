@@ -12,11 +12,11 @@ import warp as wp
 
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.sensors.motion.geodesy import GeoFrame
-from simwarp.kernels.sensors.motion.gps import GpsRings, sample_gps
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
+from simwarp.sensors.motion.geodesy_kernels import GeoFrame
+from simwarp.sensors.motion.gps_kernels import GpsRings, sample_gps
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 

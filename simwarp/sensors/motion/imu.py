@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, cas
 import warp as wp
 
 from simwarp.core.constraints import As, Different, MinLen, OneOrMany
-from simwarp.kernels.sensors.motion.imu import InertialArrays, sample_inertial
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
+from simwarp.sensors.motion.imu_kernels import InertialArrays, sample_inertial
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 

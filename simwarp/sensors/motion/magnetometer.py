@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import warp as wp
 
 from simwarp.core.constraints import Ge, Le, Meaning, NotNegative
-from simwarp.kernels.sensors.motion.magnetometer import sample_magnetometer
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
+from simwarp.sensors.motion.magnetometer_kernels import sample_magnetometer
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 

@@ -12,11 +12,11 @@ import warp as wp
 
 from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
-from simwarp.kernels.sensors.ranging.returns import ReturnMode
 from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beam, Beams
+from simwarp.sensors.ranging.lidar_kernels import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
+from simwarp.sensors.ranging.returns_kernels import ReturnMode
 from simwarp.sensors.ranging.scanning import (
     PerWorld,
     Share,

@@ -12,11 +12,11 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
-from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
-from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
 from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beams
+from simwarp.sensors.ranging.clusters_kernels import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
+from simwarp.sensors.ranging.radar_kernels import CHANNELS, RadarNoiseArrays, scan_radar
 from simwarp.sensors.ranging.scanning import (
     PerWorld,
     Share,

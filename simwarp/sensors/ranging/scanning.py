@@ -12,11 +12,11 @@ import warp as wp
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Fraction, MinLen, NotNegative
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.sensors.motion.mount_motion import MountArrays
-from simwarp.kernels.sensors.ranging.beams import Scan
 from simwarp.model.model import Model
 from simwarp.sensors.clock import FrameBuffer
+from simwarp.sensors.motion.mount_motion_kernels import MountArrays
 from simwarp.sensors.ranging.beams import BeamTable
+from simwarp.sensors.ranging.beams_kernels import Scan
 from simwarp.sensors.scene import Scene
 
 PerWorld: TypeAlias = NotNegative | Annotated[tuple[NotNegative, ...], MinLen(1)]

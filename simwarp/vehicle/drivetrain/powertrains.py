@@ -9,9 +9,9 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.kernels.vehicle.powertrain import EngineKind, Powertrain, PowertrainState, TransmissionKind
 from simwarp.model.model import Model
 from simwarp.vehicle.construction import VehicleParts
+from simwarp.vehicle.powertrain_kernels import EngineKind, Powertrain, PowertrainState, TransmissionKind
 from simwarp.vehicle.spec.vehicle_spec import (
     AutomaticCVT,
     AutomaticMap,

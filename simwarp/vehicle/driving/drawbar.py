@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.types import shown
-from simwarp.kernels.vehicle.drawbar import Carriage, DrawbarState, pull_carriage
+from simwarp.vehicle.drawbar_kernels import Carriage, DrawbarState, pull_carriage
 from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle

@@ -15,7 +15,7 @@ from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
-from simwarp.kernels.vehicle.drivers import Script, run_script
+from simwarp.vehicle.drivers_kernels import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, PULLS, SINKAGES, Run
 from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError

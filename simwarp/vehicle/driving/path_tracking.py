@@ -12,7 +12,9 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, plural
-from simwarp.kernels.vehicle.path_tracking import (
+from simwarp.simulation.world_masks import mask_of_worlds
+from simwarp.vehicle.driving.paths import Path, path_tables
+from simwarp.vehicle.path_tracking_kernels import (
     Gains,
     PathTrackerState,
     PathTrackerTables,
@@ -21,8 +23,6 @@ from simwarp.kernels.vehicle.path_tracking import (
     follow_path,
     restart_trackers,
 )
-from simwarp.simulation.world_masks import mask_of_worlds
-from simwarp.vehicle.driving.paths import Path, path_tables
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 

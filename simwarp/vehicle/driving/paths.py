@@ -15,7 +15,7 @@ import warp as wp
 
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
-from simwarp.kernels.vehicle.paths import PathTables
+from simwarp.vehicle.paths_kernels import PathTables
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 

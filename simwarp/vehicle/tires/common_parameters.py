@@ -7,8 +7,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.kernels.vehicle.tires.parameter_vector import Common
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
+from simwarp.vehicle.tires.parameter_vector_kernels import Common
 from simwarp.vehicle.tires.tire_parameters import CommonParameters
 
 Vector: TypeAlias = npt.NDArray[np.float64]

@@ -10,7 +10,10 @@ import numpy as np
 
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest, shortened
-from simwarp.kernels.vehicle.tires.parameter_vector import (
+from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
+from simwarp.vehicle.spec.vehicle_parts import Tire
+from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector, missing
+from simwarp.vehicle.tires.parameter_vector_kernels import (
     BRISTLE_STATES,
     FIALA_SIZE,
     LUGRE_SIZE,
@@ -26,9 +29,6 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
-from simwarp.vehicle.spec.vehicle_parts import Tire
-from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector, missing
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.tires.rigid_tires import rigid_parameters
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID

@@ -9,12 +9,12 @@ import warp as wp
 
 from simwarp.core.arrays import writable_from
 from simwarp.core.types import Material, pose
-from simwarp.kernels.vehicle.tires.rigid_tires import limit_friction, measure_rigid_tires
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
+from simwarp.vehicle.tires.rigid_tires_kernels import limit_friction, measure_rigid_tires
 from simwarp.vehicle.tires.tire_parameters import RigidParameters
 from simwarp.vehicle.tires.wheel_reports import WheelReports
 

@@ -8,11 +8,11 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.arrays import writable_from
-from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tire_parameters import SoilRigidParameters
 from simwarp.vehicle.tires.wheel_reports import WheelReports
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from simwarp.core.types import shown
-from simwarp.kernels.vehicle.tires.parameter_vector import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector
+from simwarp.vehicle.tires.parameter_vector_kernels import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.tires.tire_parameters import CommonParameters, Pacejka2002Parameters
 
 UNITS = {"LENGTH": ("meter", "m"), "FORCE": ("newton", "n"), "ANGLE": ("radian", "radians", "rad"), "TIME": ("second",)}

@@ -29,11 +29,11 @@ from simwarp.core.wording import close_names
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.vehicle.tires.ground import TerrainTables
-from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.model.model import Model
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.parameter_vector import ParameterVector, tire_vector
+from simwarp.vehicle.tires.tires_kernels import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.tires.wheel_reports import REPORTED
 
 __all__ = ["Mount", "ParameterVector", "Tires", "ground", "ground_of", "tire_vector"]

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.types import WORLD, ModelError, shown
-from simwarp.kernels.viewer.hand import Grip, let_go, pull
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
+from simwarp.viewer.live.hand_kernels import Grip, let_go, pull
 
 Array = npt.NDArray[np.float64]
 

@@ -25,7 +25,9 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion.walking_ground import (
+from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
+from simwarp.tasks import Ge, Le, NotNegative
+from simwarp.tasks.locomotion.walking_ground_kernels import (
     Climb,
     Heights,
     Patches,
@@ -37,8 +39,6 @@ from simwarp.kernels.tasks.locomotion.walking_ground import (
     show_patches,
     tell_heights,
 )
-from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
-from simwarp.tasks import Ge, Le, NotNegative
 
 from ...framework.config import require
 from ...framework.launching import TensorFunction, TensorLaunch, fill, filled

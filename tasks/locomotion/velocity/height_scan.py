@@ -10,8 +10,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion.walking_ground import scan_rays
 from simwarp.tasks import Ge, Le, Positive
+from simwarp.tasks.locomotion.walking_ground_kernels import scan_rays
 
 from ...framework.launching import TensorLaunch
 from ...framework.plain import Settings

@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.kernels.tasks.driving.convoy import DURATION
 from simwarp.tasks.driving.base import Observing
+from simwarp.tasks.driving.convoy_kernels import DURATION
 from simwarp.tasks.driving.off_road import OffRoadConfig, OffRoadTask
 from tests.tasks.driving.driving_checks import NAMES, chase, drive, driving, held, random_actions, reason, term
 

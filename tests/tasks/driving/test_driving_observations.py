@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.kernels.tasks.driving.convoy import DURATION
 from simwarp.tasks.driving.convoy import LEADER_HALF
+from simwarp.tasks.driving.convoy_kernels import DURATION
 from tests.tasks.driving.driving_checks import (
     NAMES,
     SMALL,

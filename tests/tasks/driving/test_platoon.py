@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.kernels.tasks.driving.convoy import APART, DURATION, LENGTHS, SPEED
 from simwarp.tasks import InputError
+from simwarp.tasks.driving.convoy_kernels import APART, DURATION, LENGTHS, SPEED
 from simwarp.tasks.driving.platoon import PlatoonTask
 from simwarp.tasks.framework.step_check import check_step
 from tests.tasks.driving.driving_checks import driving

@@ -23,7 +23,7 @@ import simwarp as sw
 from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.interop import TensorLaunch
 from simwarp.core.types import host_values
-from simwarp.kernels.soil.pressing import clear_soil
+from simwarp.soil.pressing_kernels import clear_soil
 from tests.unit.core import device_rigs as rigs
 from tests.unit.core.device_rigs import CALLS, WORLDS, Call, Give
 

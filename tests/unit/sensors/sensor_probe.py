@@ -11,8 +11,8 @@ from typing import Any
 import warp as wp
 
 import simwarp as sw
-from simwarp.kernels.sensors.clock import BEGIN, SampleEvents
 from simwarp.sensors.clock import Field, FrameBuffer
+from simwarp.sensors.clock_kernels import BEGIN, SampleEvents
 from simwarp.sensors.interface import Schedule
 
 NUMBER, COUNT, SUBSTEPS, SPAN, GAPS, MODE = range(6)

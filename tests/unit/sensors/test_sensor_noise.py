@@ -8,10 +8,10 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp.kernels.sensors.random import draw_normals, draw_uniform, frame_key
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, NormalNoise, Quantisation, Saturation
+from simwarp.sensors.random_kernels import draw_normals, draw_uniform, frame_key
 from tests.reference.sensors import sensor_noise as reference
 from tests.unit.sensors.sensor_probe import ball
 

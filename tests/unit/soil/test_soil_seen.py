@@ -13,10 +13,10 @@ import simwarp as sw
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.cast import cast_rays
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
+from simwarp.sensors.ray_casting_kernels import cast_rays
 from simwarp.sensors.scene import Visuals
 from simwarp.soil import Soil, SoilWheel
 from tests.reference.soil_surface import first_hits, touched_cells, touched_nodes

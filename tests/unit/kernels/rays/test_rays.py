@@ -11,8 +11,8 @@ import simwarp as sw
 from simwarp.core.types import ModelError, ShapeType
 from simwarp.geometry.triangle_tree import LEAF_WORDS, NODE_WORDS, build_tree
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.rays.cast import any_hit, closest_hit
-from simwarp.kernels.rays.instances import RayScene, start_of_ray
+from simwarp.sensors.ray_casting_kernels import any_hit, closest_hit
+from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 from simwarp.sensors.scene import Scene, Visuals
 
 REACH = 1000.0

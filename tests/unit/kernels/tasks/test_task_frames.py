@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from simwarp.kernels.tasks.frames import (
+from simwarp.tasks.framework.frames_kernels import (
     euler_123,
     heading_of,
     heading_quaternion,

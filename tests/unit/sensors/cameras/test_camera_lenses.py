@@ -8,8 +8,8 @@ import pytest
 import warp as wp
 
 from simwarp.core.types import ModelError
-from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
+from simwarp.sensors.cameras.lenses_kernels import Lens, lens_direction
 from tests.reference.sensors import lenses as reference
 
 # float32 rounds u, v, and one function each of sin, cos or sqrt: a few units in the last place of 1

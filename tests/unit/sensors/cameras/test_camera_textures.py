@@ -13,13 +13,13 @@ import simwarp as sw
 from simwarp.core.types import ModelError
 from simwarp.geometry.mesh_files import load_visual_mesh
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb, srgb_from_linear
-from simwarp.kernels.sensors.cameras.appearance import (
+from simwarp.sensors.cameras.appearance import AppearanceList, CheckerTexture, ImageTexture, NoiseTexture
+from simwarp.sensors.cameras.appearance_kernels import (
     AppearanceArrays,
     checker_share,
     image_color,
     noise_share,
 )
-from simwarp.sensors.cameras.appearance import AppearanceList, CheckerTexture, ImageTexture, NoiseTexture
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.scene import Visuals
 from tests.unit.sensors.cameras.camera_scenes import DARK, empty_builder, take

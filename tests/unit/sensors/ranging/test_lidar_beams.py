@@ -8,9 +8,9 @@ import pytest
 import warp as wp
 
 from simwarp.core.types import ModelError
-from simwarp.kernels.sensors.ranging.beams import column_at
-from simwarp.kernels.sensors.ranging.returns import MAX_RAYS, ReturnMode, reduce_beam
 from simwarp.sensors.ranging.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, Beam, BeamTable, beam_grid
+from simwarp.sensors.ranging.beams_kernels import column_at
+from simwarp.sensors.ranging.returns_kernels import MAX_RAYS, ReturnMode, reduce_beam
 from tests.reference.sensors import lidar as reference
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

@@ -10,12 +10,12 @@ import warp as wp
 import simwarp as sw
 from simwarp.core.types import ModelError
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.sensors.clock import SampleEvents
-from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, cluster_returns
-from simwarp.kernels.sensors.ranging.radar import CHANNELS
 from simwarp.sensors import Mount, Schedule
+from simwarp.sensors.clock_kernels import SampleEvents
 from simwarp.sensors.ranging.beams import BeamTable, beam_grid
+from simwarp.sensors.ranging.clusters_kernels import CLUSTER_CHANNELS, ClusterFrames, cluster_returns
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise, cluster_scratch
+from simwarp.sensors.ranging.radar_kernels import CHANNELS
 from tests.reference.sensors import radar as reference
 from tests.unit.kernels.rays.ray_scenes import carrier
 

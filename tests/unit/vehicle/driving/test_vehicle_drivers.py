@@ -9,7 +9,6 @@ import pytest
 import warp as wp
 
 from simwarp.core.types import ModelError, pose
-from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
@@ -24,6 +23,7 @@ from simwarp.vehicle.driving.path_tracking import (
     look_ahead_for,
 )
 from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
+from simwarp.vehicle.paths_kernels import PathTables, nearest_on_path
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import matrices
 from simwarp.vehicle.results.results import deviation

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from simwarp.kernels.vehicle.tires.parameter_vector import Common
+from simwarp.vehicle.tires.parameter_vector_kernels import Common
 from simwarp.vehicle.tires.tires import ground, tire_vector
 from tests.reference.tires import Wheel, plane, tire
 from tests.unit.vehicle.tires.tire_bench import (

@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from simwarp.kernels.vehicle.tires.parameter_vector import (
+from simwarp.vehicle.spec.vehicle_files import read_spec
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
+from simwarp.vehicle.tires.parameter_vector_kernels import (
     Common,
     Fiala,
     Lugre,
@@ -16,8 +18,6 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.spec.vehicle_files import read_spec
-from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_patterns import BEARABLE_MASS
 from simwarp.vehicle.tires.tires import tire_vector
 from tests.unit.vehicle.tires.tire_bench import DATA, TEMPLATES, properties, row_of

@@ -10,8 +10,8 @@ import warp as wp
 from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import add_ground_assets, height_field, triangle_mesh
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.vehicle.tires.parameter_vector import Common, Lugre
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.parameter_vector_kernels import Common, Lugre
 from simwarp.vehicle.tires.tires import Mount, Tires, ground
 from tests.reference.terrain import field_triangles, surface_height
 from tests.reference.tires import Coefficients as Pac02Coefficients

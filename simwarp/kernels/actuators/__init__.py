@@ -1,1 +1,0 @@
-"""Kernels of actuators: from controls to efforts and targets."""

@@ -1,1 +1,0 @@
-"""Images: lenses, surfaces, light, and what the chip makes of it."""

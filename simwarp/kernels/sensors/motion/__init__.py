@@ -1,1 +1,0 @@
-"""Motion and forces as sensors feel them: inertial, satellite, encoders."""

@@ -1,1 +1,0 @@
-"""Beams of lidar and radar, and what comes back along them."""

@@ -1,1 +1,0 @@
-"""Device halves of the tasks: what a control step does beside the physics."""

@@ -1,1 +1,0 @@
-"""Kernels of vehicle driving: inputs, powertrain, path trackers."""

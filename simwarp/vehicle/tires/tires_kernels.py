@@ -1,0 +1,179 @@
+"""The kernel that finds all tire forces: one thread per wheel of a world.
+
+Wheels are independent, so that a GPU fills with W x wheels threads, and on a CPU, whose threads are the turns of one
+loop, the choice costs nothing: a launch costs the same either way.
+
+Interface: launch `apply_tires` once before each step with dim = (W, wheels); the arguments are described there, the
+arrays in `TireTables`, `TireReports` and `terrain.TerrainTables`. At most one tire stands on a body. `reset_tires`
+zeroes the state of worlds that start anew.
+"""
+
+import warp as wp
+
+from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.spatial import to_double, to_float
+from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
+from simwarp.vehicle.tires.common_kernels import vertical_load
+from simwarp.vehicle.tires.ground_kernels import TerrainTables, friction_at
+from simwarp.vehicle.tires.laws.fiala_kernels import fiala_force
+from simwarp.vehicle.tires.laws.lugre_kernels import lugre_force
+from simwarp.vehicle.tires.laws.pac02_kernels import pac02_force
+from simwarp.vehicle.tires.laws.pac89_kernels import pac89_force
+from simwarp.vehicle.tires.laws.tmeasy_kernels import tmeasy_force
+from simwarp.vehicle.tires.laws.tmsimple_kernels import tmsimple_force
+from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireModel
+from simwarp.vehicle.tires.patch_kernels import (
+    Patch,
+    TireForce,
+    Wheel,
+    contact_point,
+    find_patch,
+    slip_angle,
+    slip_ratio,
+)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+
+@wp.struct
+class TireTables:
+    """Constant tables of the wheels, shared by all worlds. First axis: wheel."""
+
+    body: wp.array[int]  # the spindle
+    model: wp.array[int]  # TireModel
+    contact: wp.array[int]  # TireContact
+    mirrored: wp.array[int]  # 1: measured on the other side of the vehicle, so that its asymmetries change their sign
+    offset_b: wp.array[wp.vec3]  # of the wheel's centre from the body's centre of mass, body axes [m]
+
+
+@wp.struct
+class TireReports:
+    """Outputs of tires, (W, wheels); zero for a wheel off the ground."""
+
+    load: wp.array2d[float]  # normal force [N]
+    slip_ratio: wp.array2d[float]  # positive when driving
+    slip_angle: wp.array2d[float]  # positive when the wheel drifts to the left [rad]
+    camber: wp.array2d[float]  # positive: the upper side leans to the left [rad]
+    deflection: wp.array2d[float]  # [m]
+    force_w: wp.array2d[wp.vec3]  # on the wheel, at its centre [N]
+    torque_w: wp.array2d[wp.vec3]  # about its centre [N·m]
+
+
+@wp.func
+def wheel_state(world: int, wheel: int, tables: TireTables, state: StateArrays) -> Wheel:
+    """Place and motion of a wheel, whose axis is the y axis of its body."""
+    body = tables.body[wheel]
+    q = state.body_rot[world, body]
+    offset = wp.quat_rotate(q, to_double(tables.offset_b[wheel]))
+    result = Wheel()
+    result.x = state.body_x[world, body] + offset
+    result.axis = to_float(wp.quat_rotate(q, wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))))
+    result.omega_w = state.body_omega[world, body]
+    result.v = state.body_v[world, body] + wp.cross(result.omega_w, to_float(offset))
+    result.spin = wp.dot(result.omega_w, result.axis)
+    return result
+
+
+@wp.func
+def model_force(
+    model: int, patch: Patch, mirrored: int, p: wp.array[float], z: wp.array[float], dt: float
+) -> TireForce:  # fmt: skip
+    """Force of a model that acts on one patch: all but LuGre."""
+    mirror = float(1 - 2 * mirrored)
+    if model == TireModel.TMSIMPLE:
+        return tmsimple_force(patch, p, z, dt)
+    if model == TireModel.FIALA:
+        return fiala_force(patch, p, z, dt)
+    if model == TireModel.PAC89:
+        return pac89_force(patch, mirror, p, z, dt)
+    if model == TireModel.PAC02:
+        return pac02_force(patch, mirror, p, z, dt)
+    return tmeasy_force(patch, p, z, dt)
+
+
+@wp.kernel
+def apply_tires(
+    worlds: WorldRange, dt: float,
+    tables: TireTables,
+    tire_parameter: wp.array3d[float],
+    ground_friction: wp.array[float],
+    terrain: TerrainTables,
+    assets: Assets,
+    state: StateArrays,
+    tire_state: wp.array3d[float],
+    reports: TireReports,
+    applied_force: wp.array2d[wp.vec3],
+    applied_torque: wp.array2d[wp.vec3],
+):  # fmt: skip
+    """Forces of all tires; dim (W, wheels).
+
+    Args:
+        dt: step over which the forces will act [s].
+        tables: see there.
+        tire_parameter: (1 or W, wheels, P), rows.py.
+        ground_friction: (1 or W,) friction of the road.
+        terrain: see there.
+        assets: height fields and meshes.
+        state: of the bodies.
+        tire_state: (W, wheels, S) in and out: deflections of bristles [m].
+        reports: out.
+        applied_force: (W, B) out [N], world axes, at the centre of mass: entries of bodies with tires are overwritten.
+        applied_torque: (W, B) out [N·m].
+    """
+    index, wheel = wp.tid()
+    world = worlds.first + index
+    p = tire_parameter[world_row(world, tire_parameter.shape[0]), wheel]
+    z = tire_state[world, wheel]
+    moving = wheel_state(world, wheel, tables, state)
+    patch = Patch()
+    force = wp.vec3()
+    torque = wp.vec3()
+    if tables.model[wheel] == TireModel.LUGRE:
+        discs = lugre_force(
+            world, moving, tables.contact[wheel], p, z, ground_friction, terrain, assets, dt
+        )  # fmt: skip
+        patch = discs.patch
+        force = discs.force
+        torque = discs.torque
+    else:
+        patch = find_patch(world, moving, tables.contact[wheel], p, terrain, assets)
+        if patch.touching == 1:
+            patch.load = vertical_load(patch, p)
+        if patch.load > 0.0:
+            friction = friction_at(world, contact_point(moving, patch), ground_friction, terrain)
+            patch.friction = wp.clamp(friction, p[Common.FRICTION_LOWER], p[Common.FRICTION_UPPER])
+            local = model_force(tables.model[wheel], patch, tables.mirrored[wheel], p, z, dt)
+            axes = wp.matrix_from_cols(patch.forward, patch.left, patch.normal)
+            force = axes * local.force
+            torque = axes * local.torque + wp.cross(patch.arm, force)
+        else:
+            for slot in range(z.shape[0]):
+                z[slot] = 0.0
+    ratio = 0.0
+    angle = 0.0
+    shifted = wp.vec3()
+    if patch.load > 0.0:
+        ratio = slip_ratio(patch)
+        angle = slip_angle(patch)
+        shifted = torque + wp.cross(to_float(moving.x - state.body_x[world, tables.body[wheel]]), force)
+    reports.load[world, wheel] = patch.load
+    reports.slip_ratio[world, wheel] = ratio
+    reports.slip_angle[world, wheel] = angle
+    reports.camber[world, wheel] = patch.camber
+    reports.deflection[world, wheel] = patch.deflection
+    reports.force_w[world, wheel] = force
+    reports.torque_w[world, wheel] = torque
+    body = tables.body[wheel]
+    applied_force[world, body] = force
+    applied_torque[world, body] = shifted
+
+
+@wp.kernel
+def reset_tires(world_mask: wp.array[bool], tire_state: wp.array3d[float]):
+    """Zeroes the state of the worlds in the mask; dim (W, wheels)."""
+    world, wheel = wp.tid()
+    if world_mask[world]:
+        for slot in range(tire_state.shape[2]):
+            tire_state[world, wheel, slot] = 0.0
