@@ -230,7 +230,7 @@ def site_motion(site: int, world: int, frame: SiteFrame, tables: ActuatorTables,
 def coordinate_motion(actuator: int, world: int, tables: ActuatorTables, state: StateArrays) -> Motion:
     """Length and rate of an actuator on coordinates."""
     length = wp.float64(tables.length_offset[actuator])
-    rate = 0.0
+    rate = float(0.0)
     for term in range(tables.term_start[actuator], tables.term_start[actuator + 1]):
         dof = tables.term_dof[term]
         length += wp.float64(tables.term_coefficient[term]) * state.joint_x[world, dof]
@@ -344,7 +344,7 @@ def drive_actuators(
     for actuator in range(tables.law.shape[0]):
         u = driving_input(world, actuator, dt, tables, parameters, actuators)
         site = tables.site[actuator]
-        force = 0.0
+        force = float(0.0)
         if tables.law[actuator] == SERVO:
             force = servo_force(world, actuator, u, tables, model, state, control)
         elif site >= 0:

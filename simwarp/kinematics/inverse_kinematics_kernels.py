@@ -95,7 +95,7 @@ def least_squares(
 @wp.func
 def block(world: int, count: int, parameters: Parameters, q: wp.array2d[float], arrays: SearchArrays) -> int:
     """Take coordinates out that stand at a stop and would be pushed further; how many."""
-    blocked = 0
+    blocked = int(0)
     low = world_row(world, parameters.joint_limit_lower.shape[0])
     high = world_row(world, parameters.joint_limit_upper.shape[0])
     for dof in range(count):
@@ -140,7 +140,7 @@ def search_coordinates(
         arrays.turn[world, dof] = wp.float64(0.0)
     turn_within_limits(world, count, parameters, found.q, arrays)  # a start beyond a stop
     load_poses(world, topology, state, work)
-    iteration = 0
+    iteration = int(0)
     left = wp.float64(0.0)
     while True:
         place_links(world, topology, parameters, found.q, work)

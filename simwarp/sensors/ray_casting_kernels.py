@@ -124,6 +124,7 @@ def near_instances(
     world: int, node: wp.array2d[float], start: wp.vec3, direction: wp.vec3, reach: float, floor_t: float, floor_i: int
 ) -> Candidates:  # fmt: skip
     """The eight nearest boxes after (floor_t, floor_i) that a ray meets: distances, instances, their number."""
+    ...
 
 
 @wp.func
@@ -178,22 +179,22 @@ def closest_hit(
     best.instance = -1
     best.triangle = -1
     limit = float(reach)
-    floor_t = -1.0
-    floor_i = -1
-    more = 1
+    floor_t = float(-1.0)
+    floor_i = int(-1)
+    more = int(1)
     while more == 1:
         near = near_instances(world, scene.node, start, direction, limit, floor_t, floor_i)
         count = int(near[16])
-        k = 0
+        k = int(0)
         while k < count and near[k] <= limit:
             hit = instance_ray(world, int(near[8 + k]), start, direction, limit, 0, scene, assets)
             if hit.t >= 0.0 and (best.t < 0.0 or hit.t < best.t):
                 best = hit
                 limit = hit.t
             k += 1
-        more = 0
+        more = int(0)
         if count == 8 and k == 8:
-            more = 1
+            more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
     if scene.soil[0].instances > 0:
@@ -211,9 +212,9 @@ def closest_hit(
 @wp.func
 def any_hit(world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene: RayScene, assets: Assets) -> int:
     """1 where a ray meets anything within reach [m]."""
-    floor_t = -1.0
-    floor_i = -1
-    more = 1
+    floor_t = float(-1.0)
+    floor_i = int(-1)
+    more = int(1)
     while more == 1:
         near = near_instances(world, scene.node, start, direction, reach, floor_t, floor_i)
         count = int(near[16])
@@ -221,9 +222,9 @@ def any_hit(world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene:
             hit = instance_ray(world, int(near[8 + k]), start, direction, reach, 1, scene, assets)
             if hit.t >= 0.0:
                 return 1
-        more = 0
+        more = int(0)
         if count == 8:
-            more = 1
+            more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
     if scene.soil[0].instances > 0:

@@ -196,6 +196,7 @@ def build_instance_tree(
     node: wp.array2d[float],
 ):  # fmt: skip
     """Nodes of one world, level by level; the last is the root."""
+    ...
 
 
 @wp.func
@@ -266,7 +267,7 @@ def place_instances(
         shape = scene.shape[instance]
         x = wp.vec3d()
         q = wp.quat()
-        there = 0
+        there = int(0)
         if shape >= 0:
             ws = world_row(world, parameters.shape_x.shape[0])
             x = parameters.shape_x[ws, shape]

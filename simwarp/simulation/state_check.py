@@ -16,8 +16,8 @@ from simwarp.core.types import WORLD, ContactModel, JointType, RowKind
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
+from simwarp.kernels.dynamics.recovery import LEAST_SHARE
 from simwarp.kernels.dynamics.world import make_scratch, measure_worlds
-from simwarp.kernels.recovery.recovery import LEAST_SHARE
 from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
 from simwarp.simulation.collision_recording import CollisionArrays, record_collision

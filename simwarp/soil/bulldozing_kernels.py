@@ -73,8 +73,8 @@ def read_levels(world: int, at: int, p: Pose, a: Area, soil: SoilTables, assets:
     spacing = wp.float64(soil.spacing)
     for row in range(a.y0, a.y1 + 1):
         dy = float(wp.float64(row) * spacing - p.x[1])
-        page_x = 0x7FFFFFFF
-        page = -1
+        page_x = int(0x7FFFFFFF)
+        page = int(-1)
         for column in range(a.x0, a.x1 + 1):
             k = place_of(column, row, a)
             dx = float(wp.float64(column) * spacing - p.x[0])
@@ -165,7 +165,7 @@ def is_beside(at: int, k: int, width: int, scratch: FlowScratch) -> bool:
 @wp.func
 def spread(at: int, amount: float, patch: Area, a: Area, scratch: FlowScratch) -> float:
     """Raises the nodes beside a patch equally, as far as there is room above them; what is left of the amount."""
-    count = 0
+    count = int(0)
     for row in range(patch.y0 - 1, patch.y1 + 2):
         for column in range(patch.x0 - 1, patch.x1 + 2):
             if is_beside(at, place_of(column, row, a), a.width, scratch):
@@ -204,9 +204,9 @@ def slide(at: int, now: int, k: int, other: int, steepest: float, scratch: FlowS
 @wp.func
 def erode(at: int, a: Area, flow: FlowTables, scratch: FlowScratch):
     """Jacobi steps of what slides from each node to its lower neighbours."""
-    now = 0
+    now = int(0)
     for _ in range(flow.iterations):
-        steep = 0
+        steep = int(0)
         for row in range(a.y0, a.y1 + 1):
             for column in range(a.x0, a.x1 + 1):
                 k = place_of(column, row, a)
@@ -230,11 +230,11 @@ def erode(at: int, a: Area, flow: FlowTables, scratch: FlowScratch):
 def take_pages_moved(world: int, at: int, a: Area, nodes: SoilNodes, scratch: FlowScratch):
     """Pages of the nodes that moved: marks those that there are, then takes the others, so that none is given away."""
     step = nodes.step[world]
-    missing = 0
+    missing = int(0)
     for again in range(2):
         if again == 0 or missing == 1:
             for row in range(a.y0, a.y1 + 1):
-                page_x = 0x7FFFFFFF
+                page_x = int(0x7FFFFFFF)
                 for column in range(a.x0, a.x1 + 1):
                     if scratch.moved[at, place_of(column, row, a)] != 0.0 and column >> 3 != page_x:
                         page_x = column >> 3
@@ -257,15 +257,15 @@ def write_raises(world: int, at: int, shape: int, p: Pose, a: Area, soil: SoilTa
     highest = nodes.highest[world, shape]
     deepest = nodes.deepest[world, shape]
     for row in range(a.y0, a.y1 + 1):
-        page_x = 0x7FFFFFFF
-        page = -1
+        page_x = int(0x7FFFFFFF)
+        page = int(-1)
         for column in range(a.x0, a.x1 + 1):
             moved = scratch.moved[at, place_of(column, row, a)]
             if moved != 0.0:
                 if column >> 3 != page_x:
                     page_x = column >> 3
                     page = find_page(world, page_x, row >> 3, nodes)
-                taken = 0.0
+                taken = float(0.0)
                 if page >= 0:
                     slot = slot_in(page, column, row)
                     before = nodes.raised[world, slot]

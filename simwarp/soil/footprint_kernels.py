@@ -316,10 +316,10 @@ def inverse_half_width(
     patch = patch_of(p)
     ax = patch.across[0]
     ay = patch.across[1]
-    low = 1.0e9
-    high = -1.0e9
-    left = -1.0e9
-    right = 1.0e9
+    low = float(1.0e9)
+    high = float(-1.0e9)
+    left = float(-1.0e9)
+    right = float(1.0e9)
     for row in range(foot.y0, foot.y1 + 1):
         for column in range(foot.x0, foot.x1 + 1):
             b = node_below(world, column, row, p, soil, assets)
@@ -366,7 +366,7 @@ def owns(
     state: StateArrays, assets: Assets, nodes: SoilNodes,
 ) -> bool:  # fmt: skip
     """False where another shape is deeper at a node, or as deep and of a smaller index."""
-    mine = True
+    mine = bool(True)
     for other in range(shapes.body.shape[0]):
         f = kept_footprint(world, other, nodes)
         if other != shape and f.x0 <= column and column <= f.x1 and f.y0 <= row and row <= f.y1:
@@ -380,7 +380,7 @@ def owns(
 @wp.func
 def meets_another(world: int, shape: int, foot: Footprint, nodes: SoilNodes) -> bool:
     """True where the footprint of another shape crosses this one's."""
-    found = False
+    found = bool(False)
     for other in range(nodes.foot.shape[1]):
         f = kept_footprint(world, other, nodes)
         if other != shape and f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:

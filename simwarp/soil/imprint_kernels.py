@@ -173,11 +173,11 @@ def imprint_shape(
     """Presses one shape in."""
     p = shape_pose(world, shape, 0.0, shapes, state)
     foot = kept_footprint(world, shape, nodes)
-    deepest = 0.0
+    deepest = float(0.0)
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
         kind = soil_at(world, p.x, soil)
-        inverse_b = 0.0
+        inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
@@ -189,7 +189,7 @@ def imprint_shape(
         for row in range(foot.y0, foot.y1 + 1):
             for column in range(foot.x0, foot.x1 + 1):
                 b = imprinted_below(world, shape, column, row, crowded, p, soil, shapes, state, assets, nodes)
-                page = -1
+                page = int(-1)
                 if b.found == 1:
                     page = find_page(world, column >> 3, row >> 3, nodes)
                 if page >= 0:
@@ -258,7 +258,7 @@ def carried_by_fresh(
     world: int, p: Pose, law: Law, soil: SoilTables, assets: Assets,
 ) -> float:  # fmt: skip
     """Vertical force that fresh soil bears under a shape at a pose [N]."""
-    total = 0.0
+    total = float(0.0)
     foot = footprint_of(world, p, 0.0, soil, assets)
     for row in range(foot.y0, foot.y1 + 1):
         if foot.x0 <= foot.x1:
@@ -303,7 +303,7 @@ def find_resting_shifts(
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         p.x = centre + wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(middle))
-        inverse_b = 0.0
+        inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(
                 world, p, footprint_of(world, p, 0.0, soil, assets), soil, assets, SoilNodes()

@@ -79,7 +79,7 @@ def is_touched(world: int, slot: int, nodes: SoilNodes) -> bool:
 @wp.func
 def greatest_raise(world: int, nodes: SoilNodes) -> float:
     """How far above the undeformed ground any node of a world may lie [m]."""
-    highest = 0.0
+    highest = float(0.0)
     for shape in range(nodes.highest.shape[1]):
         highest = wp.max(highest, nodes.highest[world, shape])
     return highest
@@ -88,7 +88,7 @@ def greatest_raise(world: int, nodes: SoilNodes) -> float:
 @wp.func
 def level_range(world: int, nodes: SoilNodes) -> wp.vec2:
     """How far above and below the undeformed ground any node of a world may lie [m]."""
-    deepest = 0.0
+    deepest = float(0.0)
     for wheel in range(nodes.deepest.shape[1]):
         deepest = wp.max(deepest, nodes.deepest[world, wheel])
     return wp.vec2(greatest_raise(world, nodes), deepest)
@@ -106,7 +106,7 @@ def soil_cell(world: int, column: int, row: int, x: wp.vec3d, cover: SoilCover, 
     cell = SoilCell()
     slots = wp.vec4i(-1, -1, -1, -1)
     page = find_page(world, column >> 3, row >> 3, cover.nodes)
-    touched = False
+    touched = bool(False)
     for corner in range(4):
         i = column + (corner & 1)
         j = row + (corner >> 1)

@@ -77,7 +77,7 @@ def take_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
         if page < pages:
             nodes.count[world] = page + 1
         else:
-            page = -1
+            page = int(-1)
             for other in range(pages):
                 if nodes.used_at[world, other] < step and (page < 0 or forgotten_before(world, other, page, nodes)):
                     page = other

@@ -161,7 +161,7 @@ def press_node(
     sheared = nodes.node[world, slot, SHEAR]
     most = (law.cohesion + pressure * law.tan_phi) * (1.0 - wp.exp(-sheared / law.shear_length))
     against = wp.vec3()
-    drag = 0.0
+    drag = float(0.0)
     if soil.scalar_shear == 1:
         drag = dt * most / wp.max(speed, STILL / dt)
         against = slide * (drag / dt)
@@ -194,7 +194,7 @@ def take_pages_below(
     """Marks the pages below all shapes of a world as used in a step, then takes those that are missing: none that
     something stands on is given away, whatever the order of the shapes.
     """
-    missing = 0
+    missing = int(0)
     lift = greatest_raise(world, nodes)
     for shape in range(shapes.body.shape[0]):
         foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
@@ -271,12 +271,12 @@ def press_shapes(
     lift = greatest_raise(world, nodes)
     foot = kept_footprint(world, shape, nodes)
     total = ShapeSum()
-    sunk = 0.0
+    sunk = float(0.0)
     deepest = nodes.deepest[world, shape]
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
         kind = soil_at(world, p.x, soil)
-        inverse_b = 0.0
+        inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
@@ -285,14 +285,14 @@ def press_shapes(
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         level = level_footprint(world, p, foot, lift, soil, assets)
         for row in range(foot.y0, foot.y1 + 1):
-            page_x = 0x7FFFFFFF
-            page = -1
+            page_x = int(0x7FFFFFFF)
+            page = int(-1)
             for column in range(foot.x0, foot.x1 + 1):
                 if column >> 3 != page_x:
                     page_x = column >> 3
                     page = find_page(world, page_x, row >> 3, nodes)
                 slot = slot_in(page, column, row)
-                raised = 0.0
+                raised = float(0.0)
                 tested = page >= 0
                 if lift > 0.0 and tested:
                     raised = nodes.raised[world, slot]

@@ -55,7 +55,7 @@ def box_column(dx: float, dy: float, axes: wp.mat33, half: wp.vec3, cell: float)
         depth = -wp.sign(rise) * half[face]
         z = (depth - axes[0, face] * dx - axes[1, face] * dy) / rise
         height = depth * rise
-        share = 1.0
+        share = float(1.0)
         for step in range(1, 3):
             k = (face + step) % 3
             place = axes[0, k] * dx + axes[1, k] * dy + axes[2, k] * z
@@ -66,7 +66,7 @@ def box_column(dx: float, dy: float, axes: wp.mat33, half: wp.vec3, cell: float)
             grow = wp.sqrt(grow_x * grow_x + grow_y * grow_y)
             long = cell * wp.max(wp.abs(grow_x), wp.abs(grow_y)) / grow
             short = cell * wp.min(wp.abs(grow_x), wp.abs(grow_y)) / grow
-            inside = 1.0
+            inside = float(1.0)
             if axes[2, k] > -GENTLE:
                 inside = below_share((half[k] - place) / grow, long, short)
             elif place > half[k]:

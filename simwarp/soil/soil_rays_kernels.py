@@ -120,7 +120,7 @@ def facets_ray(
             change = (b - a) * (fall - wp.dot(facet.height_slope, rate))
             if w.side == 0.0:
                 w.side = wp.where(f >= 0.0, 1.0, -1.0)
-            t = -1.0
+            t = float(-1.0)
             if w.side * f <= 0.0:
                 t = a
             elif w.side * (f + change) <= 0.0:
@@ -148,7 +148,7 @@ def undeformed_ray(
         return w
     if w.side == 0.0:
         w.side = wp.where(a[0] >= 0.0, 1.0, -1.0)
-    t = -1.0
+    t = float(-1.0)
     at = wp.vec4(a)
     if w.side * a[0] <= 0.0:
         t = low
@@ -205,9 +205,9 @@ def walk_layer(
     length = reach - before
     column = int(column0)
     row = int(row0)
-    fresh = 1  # the base hit is still ahead
-    inside = 1
-    t = 0.0
+    fresh = int(1)  # the base hit is still ahead
+    inside = int(1)
+    t = float(0.0)
     while inside == 1 and w.done == 0 and t <= length:
         next_x = float(NEVER)
         next_y = float(NEVER)
@@ -263,7 +263,7 @@ def ground_ray(
     w = SoilWalk()
     here = rise_of(world, place.origin + to_double(start), 0.0, direction, cover, assets)
     w.side = 1.0
-    inside = 0
+    inside = int(0)
     if here[3] == 0.0:
         if wp.dot(base.normal, direction) > 0.0:
             w.side = -1.0

@@ -57,7 +57,7 @@ def below_share(t: float, long: float, short: float) -> float:
     if short < 1.0e-3 * long:
         return wp.clamp(t / long + 0.5, 0.0, 1.0)
     s = wp.clamp(t, -0.5 * (long + short), 0.5 * (long + short))
-    total = 0.0
+    total = float(0.0)
     for k in range(4):
         corner = wp.where(k < 2, long, -long) + wp.where(k % 2 == 0, short, -short)
         sign = wp.where(k == 0 or k == 3, 1.0, -1.0)

@@ -66,9 +66,9 @@ def pull_carriage(
     world = worlds.first + wp.tid()
     time = float(state.world_time[world]) - carriage.start
     wheels = carriage.spindle.shape[0]
-    surface = 0.0
-    height = 0.0
-    torque = 0.0
+    surface = float(0.0)
+    height = float(0.0)
+    torque = float(0.0)
     for wheel in range(wheels):
         spindle = carriage.spindle[wheel]
         surface += carriage.radius[wheel] * state.joint_qd[world, carriage.turn[wheel]] / float(wheels)

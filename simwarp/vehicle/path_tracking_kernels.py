@@ -105,8 +105,8 @@ def pedals(
     if wp.abs(output) < 1.0:
         memory.speed_sum[world] = total
     output = wp.clamp(output, -1.0, 1.0)
-    throttle = 0.0
-    braking = 0.0
+    throttle = float(0.0)
+    braking = float(0.0)
     if output > 0.0:
         throttle = output
     elif memory.throttle[world] > tracker.throttle_threshold:
@@ -154,7 +154,7 @@ def follow_path(
     total = memory.steering_sum[world] + 0.5 * dt * (error + last)
     memory.steering_error[world] = error
     speed = forward_speed(world, tracker.chassis, tracker.reference, state)
-    output = 0.0
+    output = float(0.0)
     if tracker.law == STANLEY:
         axis = wp.quat_rotate(q, wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0)))
         forward = wp.vec2(float(axis[0]), float(axis[1]))

@@ -56,7 +56,7 @@ def nearest_segment(path: int, hint: int, x: wp.vec2d, paths: PathTables) -> int
                 distance = other
                 best = segment
         return best
-    direction = 1
+    direction = int(1)
     left = int(2 * count)
     while left > 0:
         left -= 1

@@ -120,7 +120,7 @@ def curve_value(curve: int, x: float, powertrain: Powertrain) -> float:
 @wp.func
 def engine_torque(throttle: float, speed: float, powertrain: Powertrain) -> float:
     """Torque on the motor shaft [N·m]."""
-    torque = 0.0
+    torque = float(0.0)
     if powertrain.engine == ENGINE_SIMPLE:
         if speed < powertrain.max_speed:
             torque = throttle * wp.min(powertrain.max_torque, powertrain.max_power / wp.max(speed, 1.0e-3))
@@ -142,10 +142,10 @@ def converter_torques(impeller: float, turbine: float, powertrain: Powertrain) -
     """
     if impeller < 0.0:
         return wp.vec2()
-    ratio = 0.0
+    ratio = float(0.0)
     if impeller > 1.0e-8 and wp.abs(turbine) > 1.0e-8:
         ratio = turbine / impeller
-    overrun = 0
+    overrun = int(0)
     if ratio > 1.0:
         ratio = 2.0 - ratio
         overrun = 1
@@ -202,7 +202,7 @@ def differential_share(slower: float, faster: float, max_bias: float) -> float:
 @wp.func
 def split_speed(of: Member, powertrain: Powertrain, state: StateArrays) -> float:
     """Speed of the drive shaft of a simple driveline [rad/s]."""
-    speed = 0.0
+    speed = float(0.0)
     for axle in range(powertrain.split_count):
         left = state.joint_qd[of.world, of.dof + powertrain.split_dof[axle, 0]]
         right = state.joint_qd[of.world, of.dof + powertrain.split_dof[axle, 1]]
@@ -241,7 +241,7 @@ def drive_shafts(
     motor_speed = state.joint_qd[of.world, of.dof + powertrain.motor_dof]
     input_speed = state.joint_qd[of.world, of.dof + powertrain.input_dof]
     torque = engine_torque(throttle, motor_speed, powertrain)
-    drive_torque = 0.0
+    drive_torque = float(0.0)
     if powertrain.transmission == AUTOMATIC_SHAFTS:
         pair = converter_torques(motor_speed, input_speed, powertrain)
         joint_force[of.world, of.dof + powertrain.motor_dof] = torque + pair[0]
@@ -282,15 +282,15 @@ def drive_directly(
     speed = memory.drive_speed[of.world, of.vehicle]
     gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
     ratio = powertrain.ratio[gear + 1]
-    efficiency = 1.0
+    efficiency = float(1.0)
     if powertrain.transmission == CVT:
         part = (wp.abs(speed) - powertrain.speed_low) / (powertrain.speed_high - powertrain.speed_low)
         forward = powertrain.ratio_low + wp.clamp(part, 0.0, 1.0) * (powertrain.ratio_high - powertrain.ratio_low)
         ratio = float(gear) * forward
         efficiency = powertrain.efficiency
-    motor_speed = 0.0
-    torque = 0.0
-    drive_torque = 0.0
+    motor_speed = float(0.0)
+    torque = float(0.0)
+    drive_torque = float(0.0)
     if ratio != 0.0:
         motor_speed = wp.abs(speed / ratio)
         torque = engine_torque(throttle, motor_speed, powertrain)
@@ -336,7 +336,7 @@ def run_powertrain(
     onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[of.world, of.vehicle]) / dt
     memory.last_drive[of.world, of.vehicle] = speed
     rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
-    pitching = 0.0
+    pitching = float(0.0)
     for axle in range(powertrain.split_count):
         pitching += torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
     return wp.vec3(rolling, (1.0 - powertrain.wheel_reaction) * pitching, 0.0)

@@ -4,10 +4,11 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.tasks.framework.control_step_kernels import clipped, follow
-from simwarp.tasks.framework.frames_kernels import rotate
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
-from simwarp.tasks.locomotion.walking_kernels import joints_at_limit
+
+from ..framework.control_step_kernels import clipped, follow
+from ..framework.frames_kernels import rotate
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
+from ..locomotion.walking_kernels import joints_at_limit
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -200,21 +201,21 @@ def pay_reach(
     """Terms of the reward, (T, W)."""
     world = wp.tid()
     d = float(distance_left(world, arm, state, reach))
-    touched = 0.0
+    touched = float(0.0)
     if reach.touched[world]:
         touched = 1.0
     pinch = reach.pinch[world] / decimation
     limits = joints_at_limit(world, state.joint_q, arm.middle, arm.half)
     joints = float(arm.speed.shape[0])
-    power = 0.0
-    share = 0.0
+    power = float(0.0)
+    share = float(0.0)
     for i in range(arm.speed.shape[0]):
         product = wp.abs(state.joint_qd[world, i])
         if arm.driven == 0:
             product = wp.abs(action[world, i]) * product
         power += product
         share += wp.min(product / arm.speed[i], 1.0) / joints
-    change = 0.0
+    change = float(0.0)
     for i in range(action.shape[1]):
         difference = action[world, i] - reach.last_action[world, i]
         change += 0.25 * difference * difference / float(action.shape[1])

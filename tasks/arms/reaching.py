@@ -18,10 +18,10 @@ import warp as wp
 from simwarp import to_torch
 from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
 from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
-from simwarp.tasks.arms import reach_kernels as kernels
-from simwarp.tasks.arms.reach_kernels import ReachingArm, ReachState
 
 from ..framework.launching import filled, launch_over, share_over, zeros_of
+from . import reach_kernels as kernels
+from .reach_kernels import ReachingArm, ReachState
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions

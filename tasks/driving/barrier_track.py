@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from simwarp.tasks.driving.barrier_track_kernels import find_corners_outside, pay_aside
-
 from ..framework.launching import TensorFunction, launch_over
 from ..framework.registry import register
+from .barrier_track_kernels import find_corners_outside, pay_aside
 from .base import PEDALS_BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask, Start
 from .outlines import corners

@@ -3,9 +3,10 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.tasks.driving.base_kernels import Car, car_heading, plane, point_of
-from simwarp.tasks.driving.lapping_kernels import Lap
-from simwarp.tasks.driving.routes_kernels import RouteTables, locate
+
+from .base_kernels import Car, car_heading, plane, point_of
+from .lapping_kernels import Lap
+from .routes_kernels import RouteTables, locate
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -21,7 +22,7 @@ def find_corners_outside(
     heading = car_heading(world, car, state)
     c = wp.cos(heading)
     s = wp.sin(heading)
-    touching = False
+    touching = bool(False)
     for i in range(corners.shape[0]):
         corner = corners[i]
         turned = wp.vec2(c * corner[0] - s * corner[1], s * corner[0] + c * corner[1])

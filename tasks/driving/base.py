@@ -15,7 +15,14 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
-from simwarp.tasks.driving.base_kernels import (
+
+from ..framework.config import require
+from ..framework.errors import InputError, TaskError
+from ..framework.launching import TensorFunction, filled, launch_over, share_over, zeros_of
+from ..framework.simulation_access import Attachments
+from ..framework.task import Task
+from ..randomisation.uncertainty import Uncertainty
+from .base_kernels import (
     Car,
     Drive,
     begin_drive,
@@ -29,16 +36,9 @@ from simwarp.tasks.driving.base_kernels import (
     tell_tilt,
     tell_upset,
 )
-from simwarp.tasks.driving.navigation_kernels import Navigator
-
-from ..framework.config import require
-from ..framework.errors import InputError, TaskError
-from ..framework.launching import TensorFunction, filled, launch_over, share_over, zeros_of
-from ..framework.simulation_access import Attachments
-from ..framework.task import Task
-from ..randomisation.uncertainty import Uncertainty
 from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
+from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.tasks.driving.navigation_kernels import Navigator
-from simwarp.tasks.framework.control_step_kernels import follow
-from simwarp.tasks.framework.frames_kernels import (
+
+from ..framework.control_step_kernels import follow
+from ..framework.frames_kernels import (
     ONE,
     TWO,
     heading_of,
@@ -15,6 +15,7 @@ from simwarp.tasks.framework.frames_kernels import (
     rotate,
     tilt_to,
 )
+from .navigation_kernels import Navigator
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

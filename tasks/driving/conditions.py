@@ -14,12 +14,12 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
-from simwarp.tasks.driving.image_noise_kernels import Disturbance, disturb_images
 
 from ..framework.config import TaskConfig, require
 from ..framework.errors import InputError
 from ..framework.launching import filled, share_over
 from ..randomisation.uncertainty import Delay, Range, Sensing, Steps, Uncertainty
+from .image_noise_kernels import Disturbance, disturb_images
 
 if TYPE_CHECKING:
     from simwarp.sensors import Camera

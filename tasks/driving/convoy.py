@@ -19,7 +19,14 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, Positive
-from simwarp.tasks.driving.convoy_kernels import (
+
+from ..framework.agents import lead_of
+from ..framework.config import require
+from ..framework.drawing import Drawing, Line
+from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
+from ..framework.registry import register
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
+from .convoy_kernels import (
     BESIDE,
     LEADERS,
     Column,
@@ -38,13 +45,6 @@ from simwarp.tasks.driving.convoy_kernels import (
     tell_column,
     tell_leaders,
 )
-
-from ..framework.agents import lead_of
-from ..framework.config import require
-from ..framework.drawing import Drawing, Line
-from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
-from ..framework.registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
 from .obstacles import ObstacleKind, Obstacles
 from .outlines import outline
 from .ranging import RangeFan

@@ -4,7 +4,10 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.tasks.driving.base_kernels import (
+
+from ..framework.frames_kernels import heading_quaternion, to_heading
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
+from .base_kernels import (
     Car,
     Drive,
     begin_physics,
@@ -17,12 +20,10 @@ from simwarp.tasks.driving.base_kernels import (
     tilt_of,
     work_pedals,
 )
-from simwarp.tasks.driving.navigation_kernels import Navigator, estimated_place, estimated_speed
-from simwarp.tasks.driving.obstacles_kernels import SlotArrays, Slots, drawn_thing, fill_slot
-from simwarp.tasks.driving.ranging_kernels import range_to
-from simwarp.tasks.driving.routes_kernels import RouteTables, route_at, route_distance
-from simwarp.tasks.framework.frames_kernels import heading_quaternion, to_heading
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
+from .navigation_kernels import Navigator, estimated_place, estimated_speed
+from .obstacles_kernels import SlotArrays, Slots, drawn_thing, fill_slot
+from .ranging_kernels import range_to
+from .routes_kernels import RouteTables, route_at, route_distance
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -125,7 +126,7 @@ def is_corner_inside(away: wp.vec2, turn: float, half: wp.vec2, around: wp.vec2)
     """
     c = wp.cos(turn)
     s = wp.sin(turn)
-    inside = False
+    inside = bool(False)
     for i in range(4):
         x = half[0] * float(1 - 2 * (i // 2))
         y = half[1] * float(1 - 2 * (i % 2))
@@ -148,7 +149,7 @@ def is_bumped(world: int, column: Column, car: Car, state: StateArrays, routes: 
     """Whether the truck is in one of the leaders."""
     place = plane(point_of(world, car, state))
     heading = car_heading(world, car, state)
-    touching = False
+    touching = bool(False)
     for i in range(LEADERS):
         leader = leader_at(world, i, time_of(world, column, follow), routes, follow)
         touching = touching or overlaps(place, heading, leader, column)
@@ -192,7 +193,7 @@ def draw_roadside(
         reach = thing.scale * slots.reach[thing.kind]
         share = (float(slot) + 1.0) / (float(BESIDE) + 1.0)
         at = route_at(route, share * routes.length[route], routes)
-        side = 1.0
+        side = float(1.0)
         if uniform_at(episode_key(column.sides, world, draws), slot, 0.0, 1.0) < 0.5:
             side = -1.0
         gap = uniform_at(episode_key(column.gaps, world, draws), slot, 0.0, 2.0)

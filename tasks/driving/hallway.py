@@ -15,11 +15,11 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.tasks.driving.hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
 
 from ..framework.launching import filled, launch_over, share_over
 from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig
+from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
 from .lapping import LappingConfig, LappingTask
 
 if TYPE_CHECKING:

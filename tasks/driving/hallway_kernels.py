@@ -4,7 +4,8 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.tasks.driving.base_kernels import Car, Drive, begin_physics, car_heading, motion_of, work_pedals
+
+from .base_kernels import Car, Drive, begin_physics, car_heading, motion_of, work_pedals
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

@@ -8,9 +8,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.tasks.driving.hills_kernels import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
-
 from ..framework.launching import TensorFunction, filled
+from .hills_kernels import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder

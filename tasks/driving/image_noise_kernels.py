@@ -4,7 +4,8 @@ import warp as wp
 
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.sensors.random_kernels import draw_normals
-from simwarp.tasks.framework.randomness_kernels import Draws, step_key
+
+from ..framework.randomness_kernels import Draws, step_key
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

@@ -14,7 +14,11 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, Positive, Whole
-from simwarp.tasks.driving.lapping_kernels import (
+
+from ..framework.drawing import Drawing, Line
+from ..framework.launching import TensorFunction, fill, filled, launch_over, zeros_of
+from .base import DrivingConfig, DrivingTask
+from .lapping_kernels import (
     PREVIEW,
     Course,
     Lap,
@@ -30,10 +34,6 @@ from simwarp.tasks.driving.lapping_kernels import (
     tell_lap,
     tell_outside,
 )
-
-from ..framework.drawing import Drawing, Line
-from ..framework.launching import TensorFunction, fill, filled, launch_over, zeros_of
-from .base import DrivingConfig, DrivingTask
 from .outlines import outline
 from .routes import Routes
 

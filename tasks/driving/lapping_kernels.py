@@ -3,11 +3,12 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.tasks.driving.base_kernels import Car, car_heading, is_upset, motion_of, place_car, plane, point_of
-from simwarp.tasks.driving.navigation_kernels import Navigator
-from simwarp.tasks.driving.routes_kernels import RouteTables, locate, route_at
-from simwarp.tasks.framework.frames_kernels import heading_quaternion, to_heading
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
+
+from ..framework.frames_kernels import heading_quaternion, to_heading
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
+from .base_kernels import Car, car_heading, is_upset, motion_of, place_car, plane, point_of
+from .navigation_kernels import Navigator
+from .routes_kernels import RouteTables, locate, route_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

@@ -8,9 +8,9 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.tasks.driving.navigation_kernels import Navigator, advance_heading, tell_estimate
 
 from ..framework.launching import TensorFunction, TensorLaunch, filled
+from .navigation_kernels import Navigator, advance_heading, tell_estimate
 
 if TYPE_CHECKING:
     from simwarp import Model

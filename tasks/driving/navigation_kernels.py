@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, normal_at, step_key
+from ..framework.randomness_kernels import Draws, episode_key, normal_at, step_key
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

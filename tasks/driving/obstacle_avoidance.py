@@ -16,7 +16,12 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Ge, Le, Positive
-from simwarp.tasks.driving.obstacle_avoidance_kernels import (
+
+from ..framework.drawing import Drawing, Line
+from ..framework.launching import filled, launch_over
+from ..framework.registry import register
+from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask
+from .obstacle_avoidance_kernels import (
     Road,
     begin_way,
     draw_pillars,
@@ -26,11 +31,6 @@ from simwarp.tasks.driving.obstacle_avoidance_kernels import (
     pay_way,
     tell_way,
 )
-
-from ..framework.drawing import Drawing, Line
-from ..framework.launching import filled, launch_over
-from ..framework.registry import register
-from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask
 from .outlines import outline
 from .ranging import RangeFan
 

@@ -3,7 +3,10 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.tasks.driving.base_kernels import (
+
+from ..framework.frames_kernels import to_heading
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
+from .base_kernels import (
     Car,
     Drive,
     car_heading,
@@ -11,9 +14,7 @@ from simwarp.tasks.driving.base_kernels import (
     motion_of,
     point_of,
 )
-from simwarp.tasks.driving.ranging_kernels import range_to
-from simwarp.tasks.framework.frames_kernels import to_heading
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
+from .ranging_kernels import range_to
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -120,7 +121,7 @@ def observe_way(
     policy[world, 6] = wp.sin(heading)
     policy[world, 7] = wp.cos(heading)
     policy[world, 8] = float((road.end - point[0]) / road.end)
-    passed = 0
+    passed = int(0)
     for i in range(PILLARS):
         if road.shape_x[world, road.first + i][0] < point[0] - PASSED:
             passed += 1

@@ -12,10 +12,10 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.tasks.driving.obstacles_kernels import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 from ..framework.drawing import Line
 from ..framework.launching import TensorFunction, filled
+from .obstacles_kernels import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -78,7 +78,7 @@ def fill_slot(
 ):  # fmt: skip
     """Put a thing into a slot, or nothing."""
     level = UNDERGROUND
-    radius = -1.0
+    radius = float(-1.0)
     if present:
         level = height
         radius = thing.scale * slots.reach[thing.kind]

@@ -15,8 +15,16 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, NotNegative
-from simwarp.tasks.driving.hills_kernels import HillTables
-from simwarp.tasks.driving.off_road_kernels import (
+
+from ..framework.config import require
+from ..framework.drawing import Drawing, Line
+from ..framework.launching import TensorLaunch, fill, filled, launch_over, zeros_of
+from ..framework.registry import register
+from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
+from .hills import Hills
+from .hills_kernels import HillTables
+from .obstacles import ObstacleKind, Obstacles
+from .off_road_kernels import (
     Ground,
     Trip,
     begin_trip,
@@ -29,14 +37,6 @@ from simwarp.tasks.driving.off_road_kernels import (
     start_trip,
     tell_trip,
 )
-
-from ..framework.config import require
-from ..framework.drawing import Drawing, Line
-from ..framework.launching import TensorLaunch, fill, filled, launch_over, zeros_of
-from ..framework.registry import register
-from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
-from .hills import Hills
-from .obstacles import ObstacleKind, Obstacles
 from .outlines import outline
 from .ranging import RangeFan
 

@@ -3,7 +3,10 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.tasks.driving.base_kernels import (
+
+from ..framework.frames_kernels import heading_quaternion, quat_product, tilt_to, to_heading
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
+from .base_kernels import (
     Car,
     Drive,
     car_heading,
@@ -14,12 +17,10 @@ from simwarp.tasks.driving.base_kernels import (
     point_of,
     tilt_of,
 )
-from simwarp.tasks.driving.hills_kernels import HillTables, choose_hill, hill_height, hill_normal
-from simwarp.tasks.driving.navigation_kernels import Navigator, estimated_place, estimated_speed
-from simwarp.tasks.driving.obstacles_kernels import SlotArrays, Slots, drawn_thing, fill_slot
-from simwarp.tasks.driving.ranging_kernels import range_to
-from simwarp.tasks.framework.frames_kernels import heading_quaternion, quat_product, tilt_to, to_heading
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
+from .hills_kernels import HillTables, choose_hill, hill_height, hill_normal
+from .navigation_kernels import Navigator, estimated_place, estimated_speed
+from .obstacles_kernels import SlotArrays, Slots, drawn_thing, fill_slot
+from .ranging_kernels import range_to
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -159,7 +160,7 @@ def draw_obstacles(
     clear = ground.clearance + thing.scale * slots.reach[thing.kind]
     key = episode_key(ground.places, world, draws)
     place = wp.vec2()
-    free = False
+    free = bool(False)
     for i in range(TRIES):
         if not free:
             column = 2 * (slot * TRIES + i)
@@ -283,7 +284,7 @@ def pay_trip(
     failed = drive.hit[world] or is_off_map(world, car, state, ground) or is_upset(world, car, state)
     terms[2, world] = -ground.failure_weight * float(failed)
     if terms.shape[0] > 3:
-        square = 0.0
+        square = float(0.0)
         for i in range(action.shape[1]):
             change = action[world, i] - trip.last_action[world, i]
             square += change * change
@@ -309,7 +310,7 @@ def tell_trip(
     """Distance from the goal, and the number of obstacles."""
     world = wp.tid()
     distance[world] = float(goal_distance(world, car, state, trip))
-    count = 0.0
+    count = float(0.0)
     for slot in range(slots.radius.shape[1]):
         if slots.radius[world, slot] >= 0.0:
             count += 1.0

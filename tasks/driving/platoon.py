@@ -15,7 +15,13 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.tasks.driving.platoon_kernels import (
+
+from ..framework.drawing import Line
+from ..framework.launching import TensorLaunch, filled, launch_over, share_over
+from .base import CHASSIS_GROUP, SETTLING
+from .convoy import ConvoyTask
+from .outlines import outline
+from .platoon_kernels import (
     Platoon,
     begin_driver,
     begin_platoon,
@@ -31,12 +37,6 @@ from simwarp.tasks.driving.platoon_kernels import (
     steer_platoon,
     tell_platoon,
 )
-
-from ..framework.drawing import Line
-from ..framework.launching import TensorLaunch, filled, launch_over, share_over
-from .base import CHASSIS_GROUP, SETTLING
-from .convoy import ConvoyTask
-from .outlines import outline
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder

@@ -8,7 +8,11 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.tasks.driving.base_kernels import (
+
+from ..framework.control_step_kernels import follow as follow_request
+from ..framework.frames_kernels import heading_quaternion, quat_product, rotate, to_heading
+from ..framework.randomness_kernels import Draws
+from .base_kernels import (
     Car,
     Drive,
     car_heading,
@@ -18,7 +22,7 @@ from simwarp.tasks.driving.base_kernels import (
     plane,
     point_of,
 )
-from simwarp.tasks.driving.convoy_kernels import (
+from .convoy_kernels import (
     APART,
     DURATION,
     LEADERS,
@@ -31,12 +35,9 @@ from simwarp.tasks.driving.convoy_kernels import (
     pay_row,
     time_of,
 )
-from simwarp.tasks.driving.navigation_kernels import Navigator
-from simwarp.tasks.driving.obstacles_kernels import Slots
-from simwarp.tasks.driving.routes_kernels import RouteTables, locate, route_at
-from simwarp.tasks.framework.control_step_kernels import follow as follow_request
-from simwarp.tasks.framework.frames_kernels import heading_quaternion, quat_product, rotate, to_heading
-from simwarp.tasks.framework.randomness_kernels import Draws
+from .navigation_kernels import Navigator
+from .obstacles_kernels import Slots
+from .routes_kernels import RouteTables, locate, route_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -119,7 +120,7 @@ def touches_from(
 ) -> bool:
     """Whether a vehicle is in another one, of those from `first` to before `end`."""
     own = vehicle_at(world, vehicle, platoon, state)
-    touching = False
+    touching = bool(False)
     for other in range(first, end):
         if other != vehicle:
             at = vehicle_at(world, other, platoon, state)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from simwarp.tasks.driving.ranging_kernels import tell_ranges
-
 from ..framework.launching import TensorFunction
+from .ranging_kernels import tell_ranges
 
 
 class RangeFan:

@@ -10,9 +10,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.tasks.driving.routes_kernels import RouteTables, tell_distances, tell_locations, tell_places
-
 from ..framework.launching import TensorFunction, filled
+from .routes_kernels import RouteTables, tell_distances, tell_locations, tell_places
 
 if TYPE_CHECKING:
     from simwarp.vehicle import Path

@@ -22,7 +22,7 @@ def route_at(route: int, arc: float, routes: RouteTables) -> wp.vec3:
     """Place and heading at a length along a route; closed ones go on with the next lap, open ones end straight."""
     length = routes.length[route]
     steps = routes.steps[route]
-    laps = 0.0
+    laps = float(0.0)
     if routes.closed == 1:
         laps = wp.floor(arc / length)
     inside = wp.max(arc - laps * length, 0.0)
@@ -51,7 +51,7 @@ def square_from(place: wp.vec2, point: wp.vec3) -> float:
 @wp.func
 def nearest_point(route: int, place: wp.vec2, routes: RouteTables) -> int:
     """The first of the nearest points of a route."""
-    nearest = 0
+    nearest = int(0)
     least = float(FARTHEST)
     for i in range(routes.steps[route] + 1):
         square = square_from(place, routes.points[route, i])

@@ -8,11 +8,11 @@ from typing import Any
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.tasks.framework.control_step_kernels import move_actions
 
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import DelayLine
 from .config import TaskConfig
+from .control_step_kernels import move_actions
 from .errors import InputError
 
 

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.tasks.framework.control_step_kernels import rest_agents, wake_agents
 
 from .argument_checks import whole
+from .control_step_kernels import rest_agents, wake_agents
 from .errors import InputError
 
 MOST_AGENTS = 256

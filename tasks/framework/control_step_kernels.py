@@ -231,7 +231,7 @@ def judge_row(
     reason = first_reason(row, broken, late, flags)
     ended = reason >= 0
     terminated = is_terminal(row, broken, rules.terminal_count, flags)
-    reward = 0.0
+    reward = float(0.0)
     for i in range(verdict.terms.shape[1]):
         term = verdict.terms[row, i]
         if not wp.isfinite(term) or broken:
@@ -319,7 +319,7 @@ def judge_agents(
     agents = done.shape[1]
     broken = is_broken(status, world)
     late = clocks.limit[world] >= rules.step_limit
-    all_done = True
+    all_done = bool(True)
     for agent in range(agents):
         row = world * agents + agent
         part = not done[world, agent]

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.tasks.framework.control_step_kernels import Clocks, Recording, count_bad
 
+from .control_step_kernels import Clocks, Recording, count_bad
 from .statistics import EpisodeStatistics
 
 

@@ -20,13 +20,13 @@ import warp as wp
 from simwarp.core.constraints import Fraction, Ge, Lt
 from simwarp.core.files import FileError, OutputError
 from simwarp.core.interop import TensorLaunch, from_torch
-from simwarp.tasks.framework.control_step_kernels import Recording, keep_bytes, keep_words
 
 from ..randomisation.randomising import drawn_parameters
 from ..randomisation.randomness import WorldRandom
 from .argument_checks import check_room
 from .config import require
 from .contract import Contract
+from .control_step_kernels import Recording, keep_bytes, keep_words
 from .interface_checks import Worlds
 from .launching import filled
 from .npz import write_arrays

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.tasks.framework.control_step_kernels import Clocks, Recording, Rules, Verdict, judge, judge_agents
 
 from ..randomisation.uncertainty import Curriculum
 from .agents import Agents
+from .control_step_kernels import Clocks, Recording, Rules, Verdict, judge, judge_agents
 from .launching import filled
 from .statistics import EpisodeStatistics
 from .step_result import VerdictViews, block_size

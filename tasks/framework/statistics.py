@@ -7,8 +7,8 @@ import dataclasses
 import torch
 
 from simwarp.core.readable import ReadableFields
-from simwarp.tasks.framework.control_step_kernels import FirstBad, Tally
 
+from .control_step_kernels import FirstBad, Tally
 from .launching import filled
 
 

@@ -16,7 +16,6 @@ import torch
 
 from simwarp.core.interop import shared_stream
 from simwarp.core.renames import warn_renamed
-from simwarp.tasks.framework.control_step_kernels import Clocks, Recording, begin_episodes, count_step
 
 from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom
@@ -28,6 +27,7 @@ from .capture import StepCapture, recorder_of
 from .command import Command
 from .config import TaskConfig
 from .contract import Contract, bad_value
+from .control_step_kernels import Clocks, Recording, begin_episodes, count_step
 from .described import Described, check_described
 from .drawing import Drawing
 from .errors import TaskError

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from simwarp.tasks.locomotion import ant_kernels as kernels
-
 from ..framework.config import TaskConfig
 from ..framework.launching import filled, launch_over
 from ..framework.registry import register
+from . import ant_kernels as kernels
 from .walking import BASE, Orientation, Touching, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:

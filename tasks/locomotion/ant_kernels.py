@@ -3,8 +3,9 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.tasks.framework.frames_kernels import euler_123
-from simwarp.tasks.locomotion.walking_kernels import (
+
+from ..framework.frames_kernels import euler_123
+from .walking_kernels import (
     BASE,
     WalkState,
     base_rotation,
@@ -44,7 +45,7 @@ def pay_ant(pay: AntPay, action: wp.array2d[float], state: StateArrays, walk: Wa
     if pay.variant != WALK:
         effort = -0.2 * mean_power(world, action, state.joint_qd)
         if pay.variant == THESIS:
-            total = 0.0
+            total = float(0.0)
             for i in range(action.shape[1]):
                 total += action[world, i] * state.joint_qd[world, i]
             effort = -0.2 * pay.torque * total

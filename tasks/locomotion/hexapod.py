@@ -16,11 +16,11 @@ import torch
 import warp as wp
 
 from simwarp.tasks import Positive
-from simwarp.tasks.locomotion import hexapod_kernels as kernels
 
 from ..framework.config import TaskConfig
 from ..framework.launching import filled, launch_over
 from ..framework.registry import register
+from . import hexapod_kernels as kernels
 from .walking import BASE, Touching, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:

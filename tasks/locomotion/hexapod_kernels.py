@@ -3,8 +3,9 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.tasks.framework.frames_kernels import euler_123
-from simwarp.tasks.locomotion.walking_kernels import (
+
+from ..framework.frames_kernels import euler_123
+from .walking_kernels import (
     BASE,
     WalkState,
     base_rotation,
@@ -52,8 +53,8 @@ def pay_hexapod(
         terms[3, world] = -0.8 * limits
         terms[4, world] = 2.0 * rise
         return
-    bent = 0.0
-    change = 0.0
+    bent = float(0.0)
+    change = float(0.0)
     for i in range(action.shape[1]):
         bent += state.joint_q[world, i] * state.joint_q[world, i]
         difference = action[world, i] - walk.last_action[world, i]

@@ -13,7 +13,11 @@ import warp as wp
 
 from simwarp import to_torch
 from simwarp.tasks import Ge, Le, NotNegative, Positive
-from simwarp.tasks.locomotion.walking_kernels import (
+
+from ..framework.config import TaskConfig
+from ..framework.launching import filled, launch_over, share_over, zeros_of
+from ..framework.task import Task
+from .walking_kernels import (
     FORCE_CLIP,
     Walker,
     WalkState,
@@ -26,10 +30,6 @@ from simwarp.tasks.locomotion.walking_kernels import (
     observe_walk,
     walk_on,
 )
-
-from ..framework.config import TaskConfig
-from ..framework.launching import filled, launch_over, share_over, zeros_of
-from ..framework.task import Task
 
 if TYPE_CHECKING:
     from simwarp import SolverOptions

@@ -6,7 +6,8 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.spatial import to_double
 from simwarp.sensors.ray_casting_kernels import closest_hit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
-from simwarp.tasks.framework.randomness_kernels import Draws, bits_at, episode_key
+
+from ..framework.randomness_kernels import Draws, bits_at, episode_key
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

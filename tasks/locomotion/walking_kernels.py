@@ -4,9 +4,10 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.tasks.framework.control_step_kernels import follow
-from simwarp.tasks.framework.frames_kernels import euler_123, heading_quaternion, rotate_back
-from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
+
+from ..framework.control_step_kernels import follow
+from ..framework.frames_kernels import euler_123, heading_quaternion, rotate_back
+from ..framework.randomness_kernels import Draws, episode_key, uniform_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -71,7 +72,7 @@ def base_rotation(world: int, state: StateArrays) -> wp.quat:
 @wp.func
 def joints_at_limit(world: int, joint_q: wp.array2d[float], middle: wp.array[float], half: wp.array[float]) -> float:
     """Number of joints in the last part of their range."""
-    count = 0.0
+    count = float(0.0)
     for i in range(middle.shape[0]):
         if wp.abs(joint_q[world, i] - middle[i]) / half[i] > AT_LIMIT:
             count += 1.0
@@ -81,7 +82,7 @@ def joints_at_limit(world: int, joint_q: wp.array2d[float], middle: wp.array[flo
 @wp.func
 def mean_power(world: int, action: wp.array2d[float], joint_qd: wp.array2d[float]) -> float:
     """Mean size of action times rate."""
-    total = 0.0
+    total = float(0.0)
     for i in range(action.shape[1]):
         total += wp.abs(action[world, i] * joint_qd[world, i])
     return total / float(action.shape[1])
@@ -169,7 +170,7 @@ def observe_walk(walker: Walker, state: StateArrays, policy: wp.array2d[float]):
     place = wp.transform_get_translation(state.body_q[world, BASE])
     rotation = base_rotation(world, state)
     policy[world, 0] = place[2 - walker.lateral]
-    at = 1
+    at = int(1)
     if walker.quaternion == 1:
         for i in range(4):
             policy[world, at + i] = rotation[i]

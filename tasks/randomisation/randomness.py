@@ -16,7 +16,8 @@ import warp as wp
 
 from simwarp.core.interop import TensorLaunch, from_torch
 from simwarp.core.readable import Readable, plural
-from simwarp.tasks.framework.randomness_kernels import Draws, draw_bits, draw_integers, draw_normal, draw_uniform
+
+from ..framework.randomness_kernels import Draws, draw_bits, draw_integers, draw_normal, draw_uniform
 
 _GAMMA = 0x9E3779B97F4A7C15
 _MIX1 = 0xBF58476D1CE4E5B9

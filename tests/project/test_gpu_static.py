@@ -14,7 +14,10 @@ from scripts import gpu_static
 ROOT = Path(__file__).resolve().parents[2]
 REGISTERS = 168
 """A thread's share of a multiprocessor on which twelve warps work."""
-OVER_BUDGET = {"newton_worlds", "newton_islands", "solve_islands", "proximal_islands", "refine_islands"}
+OVER_BUDGET = {
+    "start_newton", "follow_newton", "start_newton_of_islands", "follow_newton_of_islands",
+    "solve_by_apgd_of_islands", "step_newton_of_islands", "refine_newton_of_islands", "refine_following_of_islands",
+}  # fmt: skip
 """Newton steps of the interior point, in double precision: compiled only where it may run (docs/decisions.md); and what
 only worlds of several units run, whose problems are views (docs/accuracy.md, CUDA without a GPU).
 """

@@ -36,8 +36,8 @@ from simwarp.kernels.dynamics.joints import (
     unwrapped,
     wraps,
 )
+from simwarp.kernels.dynamics.recovery import make_recovery
 from simwarp.kernels.dynamics.tree import Wrench, has_held_rate
-from simwarp.kernels.recovery.recovery import make_recovery
 
 wp.set_module_options({"enable_backward": False})
 

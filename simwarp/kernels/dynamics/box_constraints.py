@@ -29,7 +29,7 @@ from simwarp.kernels.dynamics.efforts import (
     rotation_start,
 )
 from simwarp.kernels.dynamics.joints import RELATIVE_ROTATION, joint_frames
-from simwarp.kernels.recovery.recovery import recovery_speed
+from simwarp.kernels.dynamics.recovery import recovery_speed
 
 wp.set_module_options({"enable_backward": False})
 

@@ -13,7 +13,7 @@ from simwarp.kernels.core.spatial import contact_frame
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, given_pair, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
-from simwarp.kernels.recovery.recovery import recovery_speed
+from simwarp.kernels.dynamics.recovery import recovery_speed
 
 wp.set_module_options({"enable_backward": False})
 

@@ -39,9 +39,9 @@ from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, joint_frames, link_geometry
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
+from simwarp.kernels.dynamics.recovery import find_recovery, wants_recovery
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
-from simwarp.kernels.recovery.recovery import find_recovery, wants_recovery
 
 wp.set_module_options({"enable_backward": False})
 

@@ -111,9 +111,9 @@ def noise_share(x: float, y: float, width: float) -> float:
     """Sum of smooth lattice noises, each half as large and half as strong as the one before; those finer than `width`
     are left out. In [0, 1]; x, y, width in cells of the coarsest.
     """
-    total = 0.0
-    strength = 0.5
-    rest = 1.0
+    total = float(0.0)
+    strength = float(0.5)
+    rest = float(1.0)
     for octave in range(OCTAVES):
         if width > 1.0:
             break
@@ -158,7 +158,7 @@ def texture_color(
         return image_color(texture, uv, appearance)
     x = local[0] / metres[0]
     y = local[1] / metres[1]
-    share = 0.0
+    share = float(0.0)
     if kind == CHECKER:
         share = checker_share(x, y, footprint / metres[0])
     else:
@@ -184,7 +184,7 @@ def surface_color(
         appearance: tables.
     """
     uv = wp.vec2(0.0, 0.0)
-    first = -1
+    first = int(-1)
     if tree >= 0:
         first = appearance.tree_visual[tree]
     if first >= 0:

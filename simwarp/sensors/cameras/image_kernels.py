@@ -188,7 +188,7 @@ def write_geometry(
     distance = camera.far
     depth = camera.far
     normal = wp.vec3()
-    label = -1
+    label = int(-1)
     if hit.t >= 0.0:
         distance = hit.t
         depth = distance * ahead[0]
@@ -242,7 +242,7 @@ def render(
     weight = 1.0 / float(wp.max(views.samples[view], 1))
     lit = camera.outputs & LIGHT
     # the only ray of a pixel is that through its middle
-    shared = 0
+    shared = int(0)
     if lit != 0 and camera.side == 1:
         shared = 1
     for pixel in range(part * chunk, wp.min((part + 1) * chunk, total)):

@@ -37,7 +37,7 @@ class Lens:
 @wp.func
 def undistorted(target: float, k: wp.vec3, limit: float) -> float:
     """The distance that a radial lens moves to `target`: Newton's method, kept in a bracket by bisection."""
-    low = 0.0
+    low = float(0.0)
     high = limit
     r = wp.min(target, limit)
     for _ in range(NEWTON_STEPS):
@@ -68,7 +68,7 @@ def lens_direction(u: float, v: float, lens: Lens) -> wp.vec3:
         # the FOV model (Devernay and Faugeras 2001) whose angle is that of the image: the angle from the axis grows
         # in proportion to the distance
         angle = wp.sqrt(x * x + y * y)
-        across = 1.0
+        across = float(1.0)
         if angle > 1.0e-4:
             across = wp.sin(angle) / angle
         return wp.vec3(wp.cos(angle), -across * x, across * y)

@@ -82,7 +82,7 @@ def light_on(
         towards = lights.sun_direction[world_row(world, lights.sun_direction.shape[0]), sun]
         cosine = wp.dot(normal, towards)
         if cosine > 0.0:
-            hidden = 0
+            hidden = int(0)
             if lights.shadows == 1:
                 hidden = any_hit(world, start, towards, lights.shadow_reach, scene, assets)
             if hidden == 0:
@@ -96,7 +96,7 @@ def light_on(
         distance = wp.sqrt(square)
         cosine = wp.dot(normal, way)
         if cosine > 0.0:
-            hidden = 0
+            hidden = int(0)
             if lights.shadows == 1:
                 hidden = any_hit(world, start, way / distance, distance, scene, assets)
             if hidden == 0:
@@ -121,7 +121,7 @@ def hit_color(
     """Linear albedo of what a ray hit."""
     instance = hit.instance
     kind = scene.kind[instance]
-    tree = -1
+    tree = int(-1)
     if kind == MESH or kind == HULL:
         tree = scene.place_asset[world, instance]
     color = surface_color(

@@ -55,7 +55,7 @@ def slot_of(world: int, place: wp.vec3i, scratch: ClusterScratch) -> int:
     h = h ^ (wp.uint32(place[2]) * wp.uint32(83492791))
     h = h ^ (h >> wp.uint32(15))
     slot = int(h & wp.uint32(mask))
-    found = 0
+    found = int(0)
     while found == 0:
         cell = scratch.table[world, slot]
         if cell < 0 or scratch.place[world, cell] == place:
@@ -81,7 +81,7 @@ def fill_cells(world: int, row: int, distance: float, returns: wp.array2d[float]
     """Sorts the returns into cells; the number of cells."""
     for slot in range(scratch.table.shape[1]):
         scratch.table[world, slot] = -1
-    cells = 0
+    cells = int(0)
     inverse = 1.0 / (CELL * distance)
     for ray in range(returns.shape[1] / CHANNELS):
         at = CHANNELS * ray
@@ -188,7 +188,7 @@ def cluster_returns(
             scratch.size[world, root] = scratch.size[world, root] + 1
     for entry in range(frames.cluster.shape[1]):
         frames.cluster[row, entry] = 0.0
-    found = 0
+    found = int(0)
     for ray in range(rays):
         cell = scratch.cell[world, ray]
         if cell >= 0:

@@ -171,7 +171,7 @@ def count_returns(
     if tick.complete[world] == 0:
         return
     row = tick.row[world]
-    total = 0
+    total = int(0)
     for place in range(frame.shape[1] / channels):
         if frame[row, channels * place + channels - 1] > 0.0:
             total += 1

@@ -39,7 +39,7 @@ class ReturnMode(IntEnum):
 @wp.func
 def pulse_intensity(ray: int, count: int, range_: wp.array[float], intensity: wp.array[float]) -> float:
     """J of a ray: what arrives together with it."""
-    total = 0.0
+    total = float(0.0)
     for other in range(count):
         share = 1.0 - wp.abs(range_[other] - range_[ray]) * PER_PULSE
         if share > 0.0:
@@ -62,10 +62,12 @@ def strongest_return(count: int, range_: wp.array[float], intensity: wp.array[fl
 @wp.func
 def extreme_return(count: int, side: float, range_: wp.array[float], intensity: wp.array[float]) -> wp.vec2:
     """(range, intensity) of the smallest (side 1) or the largest (side -1) range; zeros: no return."""
-    found = -1
+    found = int(-1)
     for ray in range(count):
         if intensity[ray] > LEAST_INTENSITY:
-            if found < 0 or side * range_[ray] < side * range_[found]:
+            if found < 0:
+                found = ray
+            elif side * range_[ray] < side * range_[found]:
                 found = ray
     if found < 0:
         return wp.vec2()
@@ -75,9 +77,9 @@ def extreme_return(count: int, side: float, range_: wp.array[float], intensity: 
 @wp.func
 def mean_return(count: int, range_: wp.array[float], intensity: wp.array[float]) -> wp.vec2:
     """(range, intensity); zeros: no return."""
-    total = 0.0
-    way = 0.0
-    seen = 0
+    total = float(0.0)
+    way = float(0.0)
+    seen = int(0)
     for ray in range(count):
         if intensity[ray] > LEAST_INTENSITY:
             total += intensity[ray]

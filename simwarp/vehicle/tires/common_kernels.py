@@ -52,7 +52,7 @@ def curve_force(p: wp.array[float], deflection: float) -> wp.vec2:
 @wp.func
 def stiffness_force(p: wp.array[float], deflection: float, camber: float) -> float:
     """Vertical force of the deflection [N]."""
-    force = 0.0
+    force = float(0.0)
     if p[Common.CURVE_POINTS] > 1.0:
         force = curve_force(p, deflection)[0]
     else:

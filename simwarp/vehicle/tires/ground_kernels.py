@@ -55,7 +55,7 @@ def open_ground_below(
     if not wp.isfinite(relative[0] + relative[1] + relative[2]):
         return found
     # height above the point of the query
-    rise = 0.0
+    rise = float(0.0)
     if terrain.kind == PLANE:
         n = wp.vec3(rot[0, 2], rot[1, 2], rot[2, 2])
         up = to_double(n)

@@ -163,7 +163,7 @@ def envelope(world: int, wheel: Wheel, radius: float, terrain: TerrainTables, as
     n = project_to_wheel_plane(wheel, point.normal)
     across = wp.normalize(wp.cross(wheel.axis, wp.vec3(0.0, 0.0, 1.0)))
     step = 2.0 * radius / float(COLUMNS)
-    area = 0.0
+    area = float(0.0)
     for column in range(1, COLUMNS):
         along = float(column) * step - radius
         chord = low * wp.sqrt(wp.max(1.0 - along * along / (radius * radius), 0.0))

@@ -151,8 +151,8 @@ def apply_tires(
         else:
             for slot in range(z.shape[0]):
                 z[slot] = 0.0
-    ratio = 0.0
-    angle = 0.0
+    ratio = float(0.0)
+    angle = float(0.0)
     shifted = wp.vec3()
     if patch.load > 0.0:
         ratio = slip_ratio(patch)

@@ -27,7 +27,11 @@ import warp as wp
 
 from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
 from simwarp.tasks import Ge, Le, NotNegative
-from simwarp.tasks.locomotion.walking_ground_kernels import (
+
+from ...framework.config import require
+from ...framework.launching import TensorFunction, TensorLaunch, fill, filled
+from ...framework.plain import Settings
+from ..walking_ground_kernels import (
     Climb,
     Heights,
     Patches,
@@ -39,10 +43,6 @@ from simwarp.tasks.locomotion.walking_ground_kernels import (
     show_patches,
     tell_heights,
 )
-
-from ...framework.config import require
-from ...framework.launching import TensorFunction, TensorLaunch, fill, filled
-from ...framework.plain import Settings
 from .height_scan import GridScan, ScanConfig
 
 if TYPE_CHECKING:

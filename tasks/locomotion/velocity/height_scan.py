@@ -11,10 +11,10 @@ import torch
 import warp as wp
 
 from simwarp.tasks import Ge, Le, Positive
-from simwarp.tasks.locomotion.walking_ground_kernels import scan_rays
 
 from ...framework.launching import TensorLaunch
 from ...framework.plain import Settings
+from ..walking_ground_kernels import scan_rays
 
 if TYPE_CHECKING:
     from simwarp import Simulation

@@ -60,7 +60,7 @@ def test_a_control_step_fits_into_one_graph(name, obs):
     assert report.problems() == []
     assert report.total <= BUDGETS[name, obs][1]
     own = sum(report.operations.values())
-    own += sum(count for place, count in report.launches.items() if place.startswith(("tasks/", "kernels/tasks/")))
+    own += sum(count for place, count in report.launches.items() if place.startswith("tasks/"))
     assert own <= COMPOSED.get(name, OWN) + task.config.decimation
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-import simwarp.kernels
+import simwarp
 
-ROOT = Path(simwarp.kernels.__path__[0])
+ROOT = Path(simwarp.__path__[0])
 SOURCES = sorted(path for path in ROOT.rglob("*.py") if "ext_vector_type" in path.read_text())
 VECTOR = re.compile(r"typedef\s+(\w+)\s+(\w+)\s+__attribute__\(\((.*)\)\);")
 SIZES = {"float": 4, "double": 8}

@@ -72,7 +72,7 @@ def lugre_force(
     """Forces of all discs."""
     total = DiscSum()
     count = int(p[Lugre.DISC_COUNT])
-    load = 0.0
+    load = float(0.0)
     for disc in range(count):
         aside = (float(disc) - 0.5 * float(count - 1)) * p[Lugre.DISC_SPACING] * wheel.axis
         moved = wheel

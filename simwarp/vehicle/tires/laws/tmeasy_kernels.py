@@ -74,7 +74,7 @@ def pneumatic_trail(s_y: float, n_0: float, s_0: float, s_e: float) -> float:
     s = wp.abs(s_y)
     end = wp.max(s_e, s_0)
     w = s_0 / end
-    trail = 0.0
+    trail = float(0.0)
     if s <= s_0:
         t = s / s_0
         trail = n_0 * ((1.0 - w) * (1.0 - t) + w * (1.0 - (3.0 - 2.0 * t) * t * t))

@@ -1,1 +1,0 @@
-"""Recovery from states that no motion leads to."""
