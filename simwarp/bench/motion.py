@@ -1,4 +1,4 @@
-"""Motions that keep a scene at work: launches of `kernels/bench/motion.py`, and what they write, on the host.
+"""Motions that keep a scene at work: launches of `motion_kernels.py`, and what they write, on the host.
 
 Worlds differ by where they are in the motion: `variants` of them are spread over one period, then they repeat.
 """

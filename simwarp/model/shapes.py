@@ -511,10 +511,16 @@ def shape_pairs(builder: Specification, apart: set[tuple[int, int]]) -> npt.NDAr
     return np.stack([first, second], axis=1).astype(np.int32)
 
 
+def _on_host(function: Any) -> Any:
+    """A device function as Python runs it."""
+    return function.func
+
+
 def pair_ways(types: Sequence[ShapeType], pairs: npt.NDArray[np.int32]) -> tuple[int, int, int]:
     """Count pairs with a formula, other convex pairs, and pairs with a height field or mesh."""
     counts = [0, 0, 0]
+    on_triangles, by_formula = _on_host(is_triangle_surface), _on_host(has_formula)
     kinds, numbers = np.unique(np.sort(np.array(types, int)[pairs], axis=1), axis=0, return_counts=True)
     for (low, high), number in zip(kinds.tolist(), numbers.tolist(), strict=True):
-        counts[2 if is_triangle_surface.func(high) else 0 if has_formula.func(low, high) else 1] += number
+        counts[2 if on_triangles(high) else 0 if by_formula(low, high) else 1] += number
     return counts[0], counts[1], counts[2]

@@ -116,7 +116,7 @@ class PrintedSensor(Readable):
 class FrameBuffer(Readable):
     """A clock, the frames in waiting, and the one that is published. Every sensor owns one and is recorded through it.
 
-    The kernels of a sensor take `frames.tick` (kernels/sensors/clock.py), work where `tick.collecting` is 1, and write
+    The kernels of a sensor take `frames.tick` (clock_kernels.py), work where `tick.collecting` is 1, and write
     row `tick.row[world]` of the arrays in `frames.ring` where `tick.complete` is 1. The rest is done here::
 
         class Thermometer:

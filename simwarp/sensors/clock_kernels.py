@@ -62,7 +62,7 @@ class SampleEvents:
     complete: wp.array[int]  # 1: a frame is done: write it into row `row` of the ring
     row: wp.array[int]  # of the frame that is being collected
     frame: wp.array[int]  # its number since the state was set, for randomness; 0: the one taken by BEGIN
-    key: wp.array[wp.uint64]  # its random key (kernels/sensors/random.py)
+    key: wp.array[wp.uint64]  # its random key (random_kernels.py)
     publish: wp.array[int]  # 1: row `publish_row` of the ring becomes the data
     publish_row: wp.array[int]
 

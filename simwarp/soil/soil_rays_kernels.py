@@ -1,4 +1,4 @@
-"""Rays against soil: the undeformed ground, and where wheels were the triangles between nodes (kernels/soil/level.py).
+"""Rays against soil: the undeformed ground, and where wheels were the triangles between nodes (level_kernels.py).
 
 All nodes of a world lie in a layer about the undeformed ground, between its copies raised by the greatest raise and
 lowered by the greatest drop. Within the layer a ray walks the soil's cells (Amanatides and Woo 1987). It knows on which

@@ -1,4 +1,4 @@
-"""From `spec.Tire` to the vectors that the kernels read (kernels/vehicle/tires/parameter_vector.py)."""
+"""From `spec.Tire` to the vectors that the kernels read (parameter_vector_kernels.py)."""
 
 from __future__ import annotations
 

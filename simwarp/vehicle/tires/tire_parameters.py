@@ -39,7 +39,7 @@ class CommonParameters(Spec):
     """Parameters of every model."""
 
     contact: Literal["single-point", "four-point", "envelope"] = "single-point"
-    """Method by which the ground is sampled (kernels/vehicle/tires/patch.py)."""
+    """Method by which the ground is sampled (patch_kernels.py)."""
     reference_friction: Positive = 0.8
     """Friction of the road on which the parameters were measured."""
     friction_limits: PositivePair = (0.1, 1.0)

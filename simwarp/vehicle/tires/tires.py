@@ -7,7 +7,7 @@
 What it holds may be read and written between steps: `parameter` (1 or W, wheels, P), `ground_friction` (1 or W,),
 `terrain`. `state` (W, wheels, S) belongs into snapshots; `reset(mask)` zeroes it for worlds that start anew. The
 reports are (W, wheels): `load`, `slip_ratio`, `slip_angle`, `camber`, `deflection`, `force_w`, `torque_w`
-(kernels/vehicle/tires/tires.py tells units and signs). `force` and `torque` are (W, B), world axes, at the centre of
+(tires_kernels.py has units and signs). `force` and `torque` are (W, B), world axes, at the centre of
 mass.
 """
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.kernels.collision.narrow import shape_bounds, shape_extent
 from simwarp.kernels.collision.shape import Assets, Shape
+from simwarp.kernels.collision.support import shape_bounds, shape_extent
 from tests.reference.collision import TRIANGLE, Solid, corners, heights, separation, signed_distance, unit
 from tests.unit.kernels.collision.collision_pairs import (
     BOX,

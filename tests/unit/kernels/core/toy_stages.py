@@ -4,6 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.scratch import ScratchGroup, memory_struct, scratch_array
 
+# mypy: disable-error-code="index,valid-type,attr-defined"
 wp.set_module_options({"enable_backward": False})
 
 
