@@ -162,9 +162,10 @@ def test_device_halves_are_checked_as_device_code():
     """mypy has no pattern for the end of a name: the list in pyproject.toml is that of the files."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     listed = [each for rule in tomllib.loads(text)["tool"]["mypy"]["overrides"] for each in rule["module"]]
-    assert {name for name in listed if name.endswith("_kernels")} == {
-        name for name in MODULES if name.endswith("_kernels")
-    }
+    halves = {name for name in MODULES if name.endswith("_kernels")}
+    # Without an installed package mypy sees the tasks under the name of their folder
+    halves |= {name.removeprefix("simwarp.") for name in halves if name.startswith("simwarp.tasks.")}
+    assert {name for name in listed if name.endswith("_kernels")} == halves
 
 
 def test_no_folder_is_crowded():

@@ -13,6 +13,7 @@ from tests.reference.collision import TRIANGLE, Solid
 
 PLANE, SPHERE, CAPSULE, CYLINDER = ShapeType.PLANE, ShapeType.SPHERE, ShapeType.CAPSULE, ShapeType.CYLINDER
 BOX, ELLIPSOID, CONE, HULL = ShapeType.BOX, ShapeType.ELLIPSOID, ShapeType.CONE, ShapeType.HULL
+PLANE_KIND = wp.constant(int(PLANE))
 KINDS = [SPHERE, CAPSULE, CYLINDER, BOX, ELLIPSOID, CONE, HULL, TRIANGLE]
 
 # mypy: disable-error-code="index"
@@ -32,7 +33,7 @@ def collide(a: Shape, b: Shape, reach: float, assets: Assets, out: Manifold) -> 
     if flip == 1:
         p = b
         q = a
-    if q.kind == int(PLANE):
+    if q.kind == PLANE_KIND:
         return 0
     if has_formula(p.kind, q.kind):
         return formula_contacts(p, q, reach, flip, assets, out)
