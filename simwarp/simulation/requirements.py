@@ -9,6 +9,7 @@ from simwarp.kernels.collision.contact_lists import ListSizes, list_layouts
 from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
 from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON_VECTORS
+from simwarp.kernels.core.tables import progress_layouts
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import ForceElement
@@ -88,11 +89,12 @@ def list_sizes(model: Model, *, own_slots: bool) -> ListSizes:
 
 
 def step_layouts(model: Model, sizes: ScratchSizes, slots: int, *, own_slots: bool = False) -> dict[str, ArrayLayout]:
-    """Scratch of a step and of collision, in so many slots."""
+    """Scratch of a step and of collision, in so many slots, and what the stages of a step hand on."""
     groups = {
         "scratch": scratch_layouts(slots, sizes),
         "collision": collision_layouts(slots, collision_sizes(model)),
         "lists": list_layouts(slots, list_sizes(model, own_slots=own_slots)),
+        "progress": progress_layouts(model.world_count),
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
 

@@ -16,7 +16,7 @@ from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, show
 from simwarp.core.warp_start import told_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
-from simwarp.kernels.core.tables import StepConfig
+from simwarp.kernels.core.tables import StepConfig, make_progress
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
     assemble_worlds,
@@ -154,6 +154,7 @@ class Simulation(Readable, Readings, FixedAttributes):
                 sensor.check(self, self._config.dt)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
         self._scratch = make_scratch(model.device, slots, sizes)
+        self._progress = make_progress(model.device, model.world_count)
         self.contacts = Contacts(model)
         self._collision_scratch = make_collision_scratch(model.device, slots, collision_sizes(model))
         self._contact_lists = make_lists(model.device, slots, list_sizes(model, own_slots=self.shares.own_slots))
@@ -413,7 +414,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         arrays = StepArrays(
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
-            reports=self.diagnostics.arrays, scratch=self._scratch,
+            reports=self.diagnostics.arrays, scratch=self._scratch, progress=self._progress,
         )  # fmt: skip
         commands += record_step(self.shares, arrays, all_solvers=all_solvers, newton=newton)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]

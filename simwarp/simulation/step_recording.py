@@ -5,11 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import warp as wp
-
 from simwarp.core.types import ConeSolver
 from simwarp.kernels.core.stages import StageKernel
-from simwarp.kernels.core.tables import StepProgress, progress_layouts
 from simwarp.kernels.dynamics.solve_stages import solver_stages
 from simwarp.kernels.dynamics.step_stages import fused_step, stage_kernel, step_stages
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares
@@ -23,7 +20,7 @@ class StepArrays:
         config: numbers of the step.
         topology, parameters: of the model.
         control, state, contacts, reports: of the simulation.
-        scratch: for intermediate values.
+        scratch, progress: for intermediate values.
     """
 
     config: Any
@@ -34,6 +31,7 @@ class StepArrays:
     contacts: Any
     reports: Any
     scratch: Any
+    progress: Any
 
 
 def record_step(shares: WorldShares, arrays: StepArrays, *, all_solvers: bool, newton: bool) -> list[WorldLaunch]:
@@ -45,10 +43,7 @@ def record_step(shares: WorldShares, arrays: StepArrays, *, all_solvers: bool, n
         all_solvers: other solvers than accelerated gradient descent may run.
         newton: proximal Newton steps may follow it: there is room for what they factorise.
     """
-    progress: Any = StepProgress()
-    for name, layout in progress_layouts(shares.worlds).items():
-        setattr(progress, name, wp.zeros(layout.shape, dtype=layout.dtype, device=shares.device))
-    given = {**vars(arrays), "progress": progress}
+    given = vars(arrays)
 
     def record(made: StageKernel, *, in_turn: bool = False) -> WorldLaunch:
         return shares.record(made.kernel, inputs=[given[name] for name in made.arguments], in_turn=in_turn)

@@ -4,6 +4,8 @@
 `Work` has the local arrays of one world, which lie in a slot of the scratch (scratch.py).
 """
 
+from typing import Any
+
 import warp as wp
 
 from simwarp.core.types import ArrayLayout
@@ -171,6 +173,14 @@ class StepProgress:
 def progress_layouts(worlds: int) -> dict[str, ArrayLayout]:
     """Return the arrays of a `StepProgress`."""
     return {name: ArrayLayout((worlds,), member.type.dtype) for name, member in StepProgress.vars.items()}
+
+
+def make_progress(device: wp.Device, worlds: int) -> Any:
+    """Allocate a `StepProgress`, zero."""
+    progress = StepProgress()
+    for name, layout in progress_layouts(worlds).items():
+        setattr(progress, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
+    return progress
 
 
 class WorkScratch(ScratchGroup):

@@ -74,7 +74,7 @@ def test_what_is_computed_is_what_is_allocated():
     model = scenes.stack(count=3).finalize(5, "cpu", contact_capacity=40)
     solver = sw.SolverOptions(solver="padmm")
     sim = sw.Simulation(model, 1e-3, joint_reactions=True, joint_accelerations=True, solver=solver)
-    scratch: list[Any] = [sim._scratch, sim._collision_scratch]
+    scratch: list[Any] = [sim._scratch, sim._collision_scratch, sim._contact_lists, sim._progress]
     groups: list[Any] = [
         *((part, part.NAMES) for part in (sim.state, sim._initial, sim.control, sim.contacts)),
         (sim.diagnostics, (*sim.diagnostics.NAMES, "energy")),
