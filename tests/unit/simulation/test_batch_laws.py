@@ -444,6 +444,7 @@ def parameter_probe() -> ModelBuilder:
     shaft = builder.add_shaft("shaft", inertia=0.03, drive=PositionDrive(stiffness=50.0, damping=2.0))
     builder.add_gear("gear", first, shaft, ratio=1.5)
     builder.add_shaft("braked", inertia=0.03, speed=1.0, drive=VelocityMotor(effort_limit=(-0.5, 0.8)))
+    builder.add_shaft("driven", inertia=0.03, speed=-1.0, drive=VelocityMotor(effort_limit=(-0.5, 0.8)))
     builder.add_joint_distance("rod", WORLD, b, anchor0=(0.3, 0.4, 1.0), anchor1=(0.35, 0.45, 0.1))
     return builder
 

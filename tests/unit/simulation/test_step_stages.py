@@ -130,7 +130,7 @@ def test_every_solver_finds_the_same(solver, dense_rows, monkeypatch):
     names = [command.kernel.key.rpartition("__")[2] for command in parts.physics_commands]
     newton = {"start_newton_of_islands", "follow_newton_of_islands"} & set(names)
     assert len(newton) == (2 if solver == "interior_point" else 1)
-    solves = {name for name in names if name.startswith("solve_by_")}
+    solves = {name for name in names if name.startswith(("solve_by_", "descend_for_"))}
     assert len(solves) == (2 if solver == "padmm" else 1)
     np.testing.assert_allclose(parts.state.body_v.numpy(), whole.state.body_v.numpy(), atol=TOLERANCE)
     counted = parts.diagnostics.iterations.numpy()
