@@ -139,11 +139,11 @@ class Actuators(Readable, FixedAttributes):
             raise ModelError(f"Actuators: no actuator {shown(name)}; {hint}")
         return self.names.index(name)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         model = self.model
         return f": {plural(len(self.specs), 'actuator')}, {plural(model.world_count, 'world')} on {model.device}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         own = [name for name in PER_WORLD if getattr(self, name).shape[0] > 1]
         return {
             "controls": Names(len(self.specs), (f"{spec.name} ({spec.law.name.lower()})" for spec in self.specs)),

@@ -419,7 +419,7 @@ def measure_peer(module: str, scene: BenchScene, worlds: int, dt: float | None, 
 
     verdicts = [examine()]
     speed = measure_speed(run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(examine()))
-    row.take_speed(speed)
+    row.set_rates(speed)
     judge(row, verdicts)
     row.residual = row.position_error = row.energy_gain = None
     return row

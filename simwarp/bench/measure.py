@@ -86,7 +86,7 @@ class Row:
     vehicles: int | None = None
     cost_per_vehicle: float | None = None
 
-    def take_speed(self, speed: Any) -> None:
+    def set_rates(self, speed: Any) -> None:
         """Fills the rates in."""
         walls, cpus = zip(*speed.repeats, strict=True)
         self.steps_per_s, self.steps_per_cpu_s = speed.steps_per_s, speed.steps_per_cpu_s
@@ -279,7 +279,7 @@ def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], Ti
         speed = measure_speed(
             run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(run.examiner.examine())
         )
-        row.take_speed(speed)
+        row.set_rates(speed)
     return judge(row, verdicts)
 
 

@@ -148,7 +148,7 @@ def measure_mujoco(scene: BenchScene, worlds: int, dt: float | None, seconds: fl
 
     verdicts = [examine()]
     speed = measure_speed(run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(examine()))
-    row.take_speed(speed)
+    row.set_rates(speed)
     judge(row, verdicts)
     row.residual = row.position_error = None
     return row

@@ -123,7 +123,7 @@ def measure_rays(name: str, worlds: int, device: str, dt: float | None, seconds:
     row.launches_per_step = launches.total
     verdicts = [run.examine()]
     if not verdicts[0].problems:
-        row.take_speed(measure_speed(run, run.distance.size, seconds, lambda: verdicts.append(run.examine())))
+        row.set_rates(measure_speed(run, run.distance.size, seconds, lambda: verdicts.append(run.examine())))
     return judge(row, verdicts)
 
 
@@ -177,7 +177,7 @@ def measure_embree(name: str, worlds: int, device: str, dt: float | None, second
     row = Row("embree", name, worlds, 0.0, compile_s=time.perf_counter() - began, launches_per_step=0)
     verdicts = [run.examine()]
     if not verdicts[0].problems:
-        row.take_speed(measure_speed(run, ours.distance.size, seconds, lambda: verdicts.append(run.examine())))
+        row.set_rates(measure_speed(run, ours.distance.size, seconds, lambda: verdicts.append(run.examine())))
     return judge(row, verdicts)
 
 

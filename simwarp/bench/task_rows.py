@@ -185,7 +185,7 @@ def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds:
     row.launches_per_step = launches.total
     verdicts: list[Health] = []
     speed = measure_speed(run, worlds, seconds, lambda: verdicts.append(run.examine()))
-    row.take_speed(speed)
+    row.set_rates(speed)
     run.restart()
     row.split = run.split()
     return judge(row, verdicts)

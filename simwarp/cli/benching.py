@@ -76,7 +76,7 @@ class BenchOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
-    word, rest = _take_scene(arguments)
+    word, rest = _split_scene(arguments)
     name = _task_in_file(word) if TASK_FILE in word else word
     subject = find_subject(name, _task_names, _choices(rest))
     options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
@@ -152,7 +152,7 @@ def _task_in_file(word: str) -> str:
     return display_names([task_class(word).name])[-1]
 
 
-def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
+def _split_scene(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the SCENE off the arguments: the first one, or the first that names something known."""
     if arguments and not arguments[0].startswith("-"):
         return arguments[0], arguments[1:]

@@ -138,7 +138,7 @@ class Outcome:
 
 def run(arguments: list[str]) -> int:
     """Drive as the arguments say; 1 where the vehicle broke down, 130 after an interruption."""
-    name, rest = _take_vehicle(arguments)
+    name, rest = _split_vehicle(arguments)
     options = parse_options(DriveOptions, rest, f"simwarp drive {name or 'VEHICLE'}")
     _check(name, options)
     spec = _vehicle(name, options)
@@ -161,7 +161,7 @@ def run(arguments: list[str]) -> int:
     return FELL_SHORT if outcome.broken else DONE
 
 
-def _take_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
+def _split_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the VEHICLE off the arguments: the first one, or the first that names a shipped one or ends in .json."""
     if arguments and not arguments[0].startswith("-"):
         return arguments[0], arguments[1:]
@@ -328,7 +328,7 @@ def _tell(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: O
     table.add_column("value", justify="right")
     table.add_column("unit")
     for item in found:
-        table.add_row(item.label, item.shown, item.told_unit)
+        table.add_row(item.label, item.shown, item.unit_text)
     console.print(table)
     end = float(outcome.run["t_s"][-1])
     if outcome.broken:

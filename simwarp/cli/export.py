@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from simwarp.cli import DONE
-from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.cli.options import CommonOptions, parse_options, split_path
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ExportOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Export as the arguments say."""
-    source, arguments = take_path(arguments, "export", "RUN_OR_CHECKPOINT")
+    source, arguments = split_path(arguments, "export", "RUN_OR_CHECKPOINT")
     options = parse_options(ExportOptions, arguments, "simwarp export RUN_OR_CHECKPOINT")
     options.check(source, output=options.output, mjcf=options.mjcf)
     import torch

@@ -14,7 +14,7 @@ from typing import Annotated, Final
 import tyro
 
 from simwarp.cli import DONE, UsageError, shortened
-from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.cli.options import CommonOptions, parse_options, split_path
 from simwarp.cli.robots.robot_sources import Base, RobotOptions, load_file
 from simwarp.core.files import output_error
 
@@ -328,7 +328,7 @@ def _is_empty(target: Path) -> bool:
 
 def run(arguments: list[str]) -> int:
     """Write the package."""
-    path, arguments = take_path(arguments, "new-task", "NAME")
+    path, arguments = split_path(arguments, "new-task", "NAME")
     options = parse_options(NewTaskOptions, arguments, "simwarp new-task NAME")
     name = str(path)
     check_name(name)

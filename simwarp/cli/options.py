@@ -118,7 +118,7 @@ def _default(value: Any) -> Any:
     return dataclasses.field(default=value)
 
 
-def take_task(
+def split_task(
     arguments: list[str], command: str, known: Iterable[str], *, run: str | None = None
 ) -> tuple[str, list[str]]:
     """Split the TASK off the arguments: the first one, or the first that names a known task or the file of one.
@@ -150,14 +150,14 @@ def take_task(
     raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
 
 
-def take_task_or_run(arguments: list[str], command: str, known: Iterable[str]) -> tuple[str, list[str]]:
+def split_task_or_run(arguments: list[str], command: str, known: Iterable[str]) -> tuple[str, list[str]]:
     """Split TASK or the folder of a RUN off the arguments; a run is its task with ``--checkpoint RUN``.
 
     Raises:
         UsageError: there is none, or two policies are named.
     """
     known = list(known)
-    word, arguments = take_task(arguments, command, known)
+    word, arguments = split_task(arguments, command, known)
     if word in known or not is_run(word):
         return word, arguments
     if option_value(arguments, "--checkpoint") is not None:
@@ -250,7 +250,7 @@ def with_chosen_obs(arguments: list[str], config: Any) -> Any:
     return config if chosen is None else dataclasses.replace(config, obs=chosen)
 
 
-def take_path(arguments: list[str], command: str, what: str) -> tuple[Path, list[str]]:
+def split_path(arguments: list[str], command: str, what: str) -> tuple[Path, list[str]]:
     """Split the first argument, a path, off the others; help does not need one.
 
     Raises:

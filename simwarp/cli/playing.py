@@ -11,7 +11,7 @@ from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluation.grids import level_of
 from simwarp.cli.options import CommonOptions
 from simwarp.cli.policy_command import policy_command
-from simwarp.core.warp_start import told_compiling
+from simwarp.core.warp_start import report_compiling
 from simwarp.tasks import InputError, make, resolve_device
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     target = _target(name, options, source.path, console)
     console.print(f"building worlds of '{name}' ...", highlight=False)
-    with told_compiling(partial(console.print, highlight=False)):
+    with report_compiling(partial(console.print, highlight=False)):
         task = make(
             name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task,
             capture=options.capture,
@@ -115,7 +115,7 @@ def _record(
     from simwarp.train.evaluation.play import record
     from simwarp.train.runs.progress import LiveLine
 
-    with told_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
+    with report_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
 
         def show(step: int, steps: int) -> None:
             line.show("playing", f"{step}/{steps} steps", step / steps)

@@ -13,7 +13,7 @@ from simwarp.cli.options import (
     expand_shorthands,
     option_value,
     parse_options,
-    take_task_or_run,
+    split_task_or_run,
     task_options,
 )
 from simwarp.tasks import task_class, task_names
@@ -61,7 +61,7 @@ def policy_command(command: str, arguments: list[str], base: type[CommonOptions]
         UsageError: no task is named.
         InputError: there is no such task or policy.
     """
-    word, arguments = take_task_or_run(arguments, command, task_names())
+    word, arguments = split_task_or_run(arguments, command, task_names())
     cls = task_class(word)
     arguments = expand_shorthands(arguments, cls.name, cls.config_type())
     import torch

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from simwarp.cli import DONE, FELL_SHORT
-from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.cli.options import CommonOptions, parse_options, split_path
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +22,7 @@ class ReplayOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Replay as the arguments say."""
-    path, arguments = take_path(arguments, "replay", "FILE")
+    path, arguments = split_path(arguments, "replay", "FILE")
     options = parse_options(ReplayOptions, arguments, "simwarp replay FILE")
     options.check(path)
     from simwarp.tasks.framework.replay import replay

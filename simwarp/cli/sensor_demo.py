@@ -41,7 +41,7 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     device = str(resolve_device(None if options.device == "auto" else options.device))
     begin = time.perf_counter()
-    with _Teller(console) as teller:
+    with _StageProgress(console) as teller:
         demo = sensor_demo(seed=options.seed, device=device, panel=options.panel, tell=teller.tell)
     wall = time.perf_counter() - begin
     with replacing(options.out) as draft:
@@ -73,7 +73,7 @@ def _check(options: SensorDemoOptions) -> None:
         raise UsageError(f"panel must be at most {MOST_PANEL} pixels, got {options.panel}; four stand side by side")
 
 
-class _Teller:
+class _StageProgress:
     """Progress: a bar on a terminal, elsewhere a line for each stage."""
 
     def __init__(self, console: Console) -> None:
@@ -83,7 +83,7 @@ class _Teller:
         self._task = self._progress.add_task("", total=1.0)
         self._stage = ""
 
-    def __enter__(self) -> _Teller:
+    def __enter__(self) -> _StageProgress:
         self._progress.start()
         return self
 

@@ -24,7 +24,7 @@ from simwarp.cli.evaluation.grids import (
     grid_axes,
     option_words,
 )
-from simwarp.cli.options import expand_shorthands, finite, option_value, take_task
+from simwarp.cli.options import expand_shorthands, finite, option_value, split_task
 from simwarp.cli.training import StartOptions, read_options
 from simwarp.core.threads import thread_count
 from simwarp.tasks import task_class, task_names
@@ -144,7 +144,7 @@ class SweepPlan:
 
 def run(arguments: list[str]) -> int:
     """Run the sweep; 130 after an interruption, 1 where runs failed."""
-    word, arguments = take_task(arguments, "sweep", task_names())
+    word, arguments = split_task(arguments, "sweep", task_names())
     plan = read_plan(word, arguments)
     options = plan.options
     from simwarp.core.stopping import stop_on_signals

@@ -18,7 +18,7 @@ from simwarp.cli.options import (
     in_shell,
     option_value,
     parse_options,
-    take_task,
+    split_task,
     task_options,
     with_chosen_obs,
 )
@@ -109,7 +109,7 @@ def with_network_of_start(arguments: list[str], task: str, config: TrainConfig) 
 
 def run(arguments: list[str]) -> int:
     """Train as the arguments say; 130 after an interruption."""
-    word, arguments = take_task(arguments, "train", task_names(), run=option_value(arguments, "--resume"))
+    word, arguments = split_task(arguments, "train", task_names(), run=option_value(arguments, "--resume"))
     name = task_class(word).name
     options = read_options(word, arguments, "train", TrainOptions)
     options.check(options.warm_start)
@@ -137,10 +137,10 @@ def run(arguments: list[str]) -> int:
         return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
     runs = None if options.resume is not None else options.runs
-    return tell_result(console, name, result, runs, "train", film=options.film)
+    return report_result(console, name, result, runs, "train", film=options.film)
 
 
-def tell_result(
+def report_result(
     console: Console, name: str, result: TrainResult, runs: Path | None, command: str, *, film: int | None = None
 ) -> int:
     """Print what became of a run, and what comes next; return the exit code.

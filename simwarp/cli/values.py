@@ -55,7 +55,7 @@ def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
     kinds = _kinds(hint)
     if len(kinds) != 1 or (type(None) in parts and list(words[:1]) == ["None"]):
         return
-    for word in words if _takes_several(hint) else words[:1]:
+    for word in words if _has_tuple(hint) else words[:1]:
         rule = RULES[kinds[0]](word, option.rpartition(".")[2].endswith(SEED))
         if rule:
             raise UsageError(f"{option} must be {rule.replace(' [unit]', unit)}, got '{shortened(word)}'")
@@ -128,6 +128,6 @@ def _kinds(hint: Any) -> list[Any]:
     return list(found) if found <= RULES.keys() else []
 
 
-def _takes_several(hint: Any) -> bool:
+def _has_tuple(hint: Any) -> bool:
     """Return True if a tuple is among the types."""
-    return typing.get_origin(hint) is tuple or any(_takes_several(item) for item in typing.get_args(hint))
+    return typing.get_origin(hint) is tuple or any(_has_tuple(item) for item in typing.get_args(hint))

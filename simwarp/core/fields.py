@@ -125,11 +125,11 @@ class FieldGroup(Readable, FixedAttributes):
             )
             cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    Arrays:\n{rows}\n"
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         first: Any = next(getattr(self, name) for name, each in self.FIELDS.items() if each.sizes[0] is Size.WORLDS)
         return f": {plural(first.shape[0], 'world')} on {first.device}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         """Names and types of the arrays of each shape."""
         rows: dict[str, list[str]] = {}
         for name, each in self.FIELDS.items():

@@ -32,22 +32,22 @@ class Readable:
     """Base of classes that print as a title with rows below it.
 
     `repr` computes nothing, waits for no device and raises nothing: of an object that is not whole, because its
-    construction failed, it gives the class alone. Subclasses override `_printed_title`, and
-    `_printed_rows` where a line is too short.
+    construction failed, it gives the class alone. Subclasses override `_readable_title`, and
+    `_readable_rows` where a line is too short.
     """
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         """What follows the name of the class, as `: 16 worlds on cpu`."""
         return ""
 
-    def _printed_rows(self) -> Mapping[str, Row]:
+    def _readable_rows(self) -> Mapping[str, Row]:
         """What stands below, by label; what is empty is left out."""
         return {}
 
     def __repr__(self) -> str:
         name = type(self).__name__
         try:
-            return _table(f"{name}{self._printed_title()}", self._printed_rows())
+            return _table(f"{name}{self._readable_title()}", self._readable_rows())
         except Exception:  # noqa: BLE001 - whatever a half-built object lacks: debuggers print those, too
             return f"{name} (incomplete)"
 

@@ -232,7 +232,7 @@ class Schema:
                 known = field_hints(place.owner)
                 return Fault(keys, f"unknown key{nearest(keys[-1], known)}; known: {', '.join(known)}", "unknown")
             case "union_tag_not_found" | "union_tag_invalid" | "model_attributes_type":
-                return _told_of_tag(keys, place.hint, value)
+                return _tag_fault(keys, place.hint, value)
             case "value_error" if isinstance(context["error"], RuleError):
                 broken = context["error"]
                 remedy = f"; {broken.remedy}" if broken.remedy else ""
@@ -342,7 +342,7 @@ def _count(hint: Any, context: Mapping[str, Any], wanted: str) -> str:
     return f"at most {context['max_length']} {numbers or 'items'}"
 
 
-def _told_of_tag(keys: Keys, hint: Any, value: Any) -> Fault:
+def _tag_fault(keys: Keys, hint: Any, value: Any) -> Fault:
     """A choice of classes that is not made, or of one that is not there."""
     tag, classes = _tag_of(peeled(hint)[1]), list(_classes(hint))
     if not isinstance(value, Mapping):

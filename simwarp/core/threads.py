@@ -40,11 +40,11 @@ def thread_count(threads: int | None = None, *, processes: int = 1) -> int:
     default = _DEFAULT.get()
     if default is not None:
         return default
-    told = number_told(VARIABLE, MOST_THREADS, "unset it for as many as there are processors")
+    told = number_from_environment(VARIABLE, MOST_THREADS, "unset it for as many as there are processors")
     return max(1, min(usable_processors() // processes, MOST_THREADS)) if told is None else told
 
 
-def number_told(variable: str, most: int, remedy: str) -> int | None:
+def number_from_environment(variable: str, most: int, remedy: str) -> int | None:
     """Number in an environment variable; None where it is unset or empty.
 
     Args:

@@ -99,7 +99,7 @@ def _initialise() -> None:
 
 
 @contextlib.contextmanager
-def told_compiling(say: Callable[[str], None] | None = None) -> Iterator[None]:
+def report_compiling(say: Callable[[str], None] | None = None) -> Iterator[None]:
     """Tell in one line when kernels are compiled inside the block, which can take minutes in which nothing else shows.
 
     Inside another such block it does nothing.
@@ -144,10 +144,10 @@ def _watch(done: threading.Event, say: Callable[[str], None] | None) -> None:
         say(COMPILING)
         return
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        _tell_time(done)
+        _report_time(done)
 
 
-def _tell_time(done: threading.Event) -> None:
+def _report_time(done: threading.Event) -> None:
     """One line on standard error; a terminal's goes on counting seconds."""
     if not sys.stderr.isatty():
         print(f"simwarp: {COMPILING}", file=sys.stderr, flush=True)

@@ -134,10 +134,10 @@ class Imported(Readable):
     show: Callable[[Visuals], None] | None = None
     """Adds what only shows; `add_visuals` calls it."""
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" '{self.report.source}'"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         named = ("bodies", "dofs", "shapes", "sites", "cameras", "keyframes", "sensors", "tendons")
         counts = ", ".join(f"{len(self.report.of(fate))} {fate.value}" for fate in Fate)
         return {

@@ -141,7 +141,7 @@ class ImportReport(Readable):
             for fate in Fate
         }
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         counts = ", ".join(f"{len(self.of(fate))} {fate.value}" for fate in Fate)
         return f" of '{self.source}': {counts}; print(report) lists them"
 

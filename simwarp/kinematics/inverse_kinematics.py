@@ -86,7 +86,7 @@ class InverseKinematics(Readable):
         self._every = wp.full(worlds, True, dtype=wp.bool, device=device)
         self._command = self.record(self._every, simulation.state.joint_q)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of body '{self.simulation.model.body_names[self.body]}'"
 
     def record(self, mask: wp.array, start: wp.array) -> WorldLaunch:

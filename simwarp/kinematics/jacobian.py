@@ -57,7 +57,7 @@ class PointJacobian(Readable):
             outputs=[self.position, self.jacobian],
         )  # fmt: skip
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of body '{self.simulation.model.body_names[self.body]}'"
 
     def update(self) -> None:

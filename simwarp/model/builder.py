@@ -98,11 +98,11 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         self.pair_rule = checked_member("ModelBuilder", "pair_rule", pair_rule, PairRule)
         self.bodies: list[BodySpec] = []
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         empty = "" if self.bodies or self.joints or self.shapes else "empty, "
         return f": {empty}gravity {self.gravity.round(4).tolist()} m/s²"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         return specification_rows(self)
 
     # ---- nodes -------------------------------------------------------------------------------------------------

@@ -45,7 +45,7 @@ class Identity(Readable):
     parts: Mapping[str, tuple[str, ...]]
     digest: str
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         lines = sum(len(part) for part in self.parts.values())
         return f": {self.digest}, {plural(lines, 'line')} in {plural(len(self.parts), 'part')}"
 

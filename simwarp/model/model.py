@@ -201,10 +201,10 @@ class Model(ParameterFields):
             "and finalize that again"
         )
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {plural(self.world_count, 'world')} on {self.device}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         own = [name for name in self.FIELDS if getattr(self, name).shape[0] > 1]
         sizes = [getattr(self, name).size * item_bytes(field.dtype) for name, field in self.FIELDS.items()]
         run = layout_bytes(run_layouts(self.sizes()).values())

@@ -229,9 +229,9 @@ def _shape_entry(shape: ShapeSpec) -> ShapeEntry:
 
 def _builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
     """The builder of a file: every rule of the builder's own methods holds."""
-    with _told_at(place):
+    with _errors_at(place):
         builder = ModelBuilder(entry.gravity, friction_rule=entry.friction_rule, pair_rule=entry.pair_rule)
-    made: dict[str, Callable[[Any, Taken], Any]] = {
+    made: dict[str, Callable[[Any, NameColumns], Any]] = {
         "hulls": lambda part, _: _hull(part),
         "height_fields": lambda part, _: _height_field(part),
         "meshes": lambda part, _: _mesh(part),
@@ -241,9 +241,9 @@ def _builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
         "shapes": lambda part, taken: _shape(builder, part, taken),
     }
     for room, make in made.items():
-        taken = Taken()
+        taken = NameColumns()
         for index, part in enumerate(getattr(entry, room)):
-            with _told_at(place.at(room, index)):
+            with _errors_at(place.at(room, index)):
                 getattr(builder, room).append(make(part, taken))
     pairs: dict[str, Callable[[Any], None]] = {
         "excluded_bodies": lambda pair: builder.exclude_collision(*pair),
@@ -252,13 +252,13 @@ def _builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
     }
     for room, add in pairs.items():
         for index, part in enumerate(getattr(entry, room)):
-            with _told_at(place.at(room, index)):
+            with _errors_at(place.at(room, index)):
                 add(part)
     return builder
 
 
 @contextlib.contextmanager
-def _told_at(place: Place) -> Iterator[None]:
+def _errors_at(place: Place) -> Iterator[None]:
     """Errors of what is built inside name the place in the file."""
     try:
         yield
@@ -266,7 +266,7 @@ def _told_at(place: Place) -> Iterator[None]:
         raise ModelError(place.line(Fault(place.keys, str(error)))) from None
 
 
-class Taken:
+class NameColumns:
     """Names of one kind of thing, and the columns of `joint_q` in the order of its joints."""
 
     def __init__(self) -> None:
@@ -298,7 +298,7 @@ def _pose(thing: str, entry: BodyEntry | ShapeEntry) -> Pose:
     return Pose(np.array(entry.position, np.float64), _unit(thing, "rotation", entry.rotation))
 
 
-def _body(entry: BodyEntry, taken: Taken) -> BodySpec:
+def _body(entry: BodyEntry, taken: NameColumns) -> BodySpec:
     thing = taken.new("body", entry.name)
     inertia = np.zeros((3, 3))
     if entry.mass != 0.0:
@@ -312,7 +312,7 @@ def _body(entry: BodyEntry, taken: Taken) -> BodySpec:
     )  # fmt: skip
 
 
-def _joint(builder: ModelBuilder, entry: JointEntry, taken: Taken) -> JointSpec:
+def _joint(builder: ModelBuilder, entry: JointEntry, taken: NameColumns) -> JointSpec:
     thing = taken.new("joint", entry.name)
     kind = checked_member(thing, "type", entry.type, JointType)
     most = len(builder.bodies) - 1
@@ -375,7 +375,7 @@ def _check_terms(thing: str, terms: tuple[tuple[int, float], ...], columns: list
             raise ModelError(f"{thing}: coefficient must not be 0, got 0.0; leave the term out")
 
 
-def _coupling(builder: ModelBuilder, entry: CouplingEntry, taken: Taken) -> CouplingSpec:
+def _coupling(builder: ModelBuilder, entry: CouplingEntry, taken: NameColumns) -> CouplingSpec:
     thing = taken.new("coupling", entry.name)
     if not taken.columns:
         taken.columns = [joint.type for joint in builder.joints for _ in joint.dofs]
@@ -384,7 +384,7 @@ def _coupling(builder: ModelBuilder, entry: CouplingEntry, taken: Taken) -> Coup
     return CouplingSpec(entry.name, entry.terms, entry.offset, entry.damping)
 
 
-def _shape(builder: ModelBuilder, entry: ShapeEntry, taken: Taken) -> ShapeSpec:
+def _shape(builder: ModelBuilder, entry: ShapeEntry, taken: NameColumns) -> ShapeSpec:
     thing = taken.new("shape", entry.name)
     kind = checked_member(thing, "type", entry.type, ShapeType)
     whole_number(thing, "body", entry.body, WORLD, len(builder.bodies) - 1, "count bodies from 0; -1 is the world")

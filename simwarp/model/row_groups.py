@@ -55,7 +55,7 @@ class RowGroups:
         return [end - first for first, end in zip(self.row_start, self.row_start[1:], strict=False)]
 
     @property
-    def most_columns(self) -> int:
+    def max_columns(self) -> int:
         """Tree degrees of freedom of the largest group."""
         return max(self.columns, default=0)
 

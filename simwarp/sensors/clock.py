@@ -97,19 +97,19 @@ def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> Mo
     return arrays
 
 
-class PrintedSensor(Readable):
+class ReadableSensor(Readable):
     """How a sensor prints: name, place, rate, and the arrays of its published frames."""
 
     frames: FrameBuffer
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         frames, mount = self.frames, getattr(self, "mount", None)
         model = frames.model
         place = "" if mount is None else f" on {'WORLD' if mount.body == WORLD else repr(model.body_names[mount.body])}"
         worlds = f"{plural(model.world_count, 'world')} on {model.device}"
         return f" '{frames.sensor}'{place}: {frames.schedule.rate:g} Hz, {worlds}"
 
-    def _printed_rows(self) -> dict[str, str]:
+    def _readable_rows(self) -> dict[str, str]:
         return {name: array_text(array) for name, array in self.frames.data.items()}
 
 
@@ -179,7 +179,7 @@ class FrameBuffer(Readable):
         ModelError: `schedule` is no Schedule, or the frames are too many for the memory.
     """
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of sensor '{self.sensor}': {', '.join(self.data)}"
 
     def __init__(

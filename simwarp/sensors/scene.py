@@ -110,10 +110,10 @@ class Visuals(Readable):
         self._followed = 0
         self._follow()
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {plural(len(self.instances), 'instance')}, {plural(len(self.meshes), 'mesh')}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         return {"instances": Names(len(self.instances), (instance.name for instance in self.instances))}
 
     def texture(self, texture: Texture) -> int:
@@ -409,11 +409,11 @@ class Scene(Readable):
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
         self._view: Any = None
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         model = self.model
         return f": {plural(self.instance_count, 'instance')}, {plural(model.world_count, 'world')} on {model.device}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         own = [name for name in PER_WORLD if getattr(self, name).shape[0] > 1]
         return {"instances": Names(len(self.names), self.names), "per world": Names(len(own), own)}
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import warp as wp
 
 from simwarp.model.model import Model
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor
 from simwarp.sensors.interface import Schedule, checked_model
 from simwarp.sensors.noise import Noise, NoiseChain
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
 
 
-class VectorSensor(PrintedSensor):
+class VectorSensor(ReadableSensor):
     """Base of sensors whose frame is a row of channels. A subclass launches its kernel in `_sample`.
 
     Args:

@@ -13,7 +13,7 @@ from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, shown
-from simwarp.core.warp_start import told_compiling
+from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig, make_progress
@@ -103,7 +103,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         "diagnostics", "memory", "identity", "shares", "rounds",
     )  # fmt: skip
 
-    @told_compiling()
+    @report_compiling()
     def __init__(
         self,
         model: Model,
@@ -356,11 +356,11 @@ class Simulation(Readable, Readings, FixedAttributes):
             "ModelBuilder and bring its state over with snapshot().save(path) and Snapshot.load(path, simulation)"
         )
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         model, parts = self.model, f" in {self.substeps} sub-steps" if self.substeps > 1 else ""
         return f": {plural(model.world_count, 'world')} on {model.device}, dt = {self.dt:g} s{parts}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         model = self.model
         counts = {"body": model.body_count, "joint": model.joint_count, "dof": model.dof_count,
                   "shape": model.shape_count}  # fmt: skip

@@ -86,7 +86,7 @@ class Snapshot(Readable):
         named = {f"{group}.{name}": array for group, part in groups.items() for name, array in part.in_files().items()}
         return named | {f"memory.{index}": array for index, array in enumerate(self.memory)}
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         arrays = self.arrays().values()
         size = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in arrays)
         time = self.state.world_time

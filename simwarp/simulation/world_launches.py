@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Final, TypeAlias
 import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
-from simwarp.core.threads import Workers, number_told
+from simwarp.core.threads import Workers, number_from_environment
 from simwarp.kernels.core.world_range import WorldRange
 
 CHUNKS_PER_THREAD: Final = 4
@@ -42,7 +42,7 @@ def block_threads() -> int:
     Raises:
         ModelError: the variable is no whole number from 1 to 1024.
     """
-    return number_told(BLOCK_VARIABLE, MOST_IN_BLOCK, f"unset it for {BLOCK}") or BLOCK
+    return number_from_environment(BLOCK_VARIABLE, MOST_IN_BLOCK, f"unset it for {BLOCK}") or BLOCK
 
 
 def has_own_slots(device: Any) -> bool:

@@ -13,7 +13,7 @@ from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.soil.footprint_kernels import Pose, footprint_of, node_number, shape_pose, surface_above
 from simwarp.soil.level_kernels import greatest_raise, node_drop
-from simwarp.soil.pages_kernels import find_page, slot_in, take_page
+from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
 from simwarp.soil.soil_tables_kernels import SoilNodes, SoilShapes, SoilTables
 from simwarp.soil.wheel_surface_kernels import NOTHING
 from simwarp.vehicle.tires.ground_kernels import ground_below
@@ -227,7 +227,7 @@ def erode(at: int, a: Area, flow: FlowTables, scratch: FlowScratch):
 
 
 @wp.func
-def take_pages_moved(world: int, at: int, a: Area, nodes: SoilNodes, scratch: FlowScratch):
+def claim_pages_moved(world: int, at: int, a: Area, nodes: SoilNodes, scratch: FlowScratch):
     """Pages of the nodes that moved: marks those that there are, then takes the others, so that none is given away."""
     step = nodes.step[world]
     missing = int(0)
@@ -242,7 +242,7 @@ def take_pages_moved(world: int, at: int, a: Area, nodes: SoilNodes, scratch: Fl
                         if page >= 0:
                             nodes.used_at[world, page] = step
                         elif again == 1:
-                            take_page(world, page_x, row >> 3, step, nodes)
+                            claim_page(world, page_x, row >> 3, step, nodes)
                         else:
                             missing = 1
 
@@ -323,7 +323,7 @@ def flow_around(
         put_shape(world, at, other, 0, p, a, soil, shapes, state, scratch)
     left = spread(at, nodes.pending[world, shape], patch, a, scratch)
     erode(at, a, flow, scratch)
-    take_pages_moved(world, at, a, nodes, scratch)
+    claim_pages_moved(world, at, a, nodes, scratch)
     nodes.pending[world, shape] = left + write_raises(world, at, shape, p, a, soil, assets, nodes, scratch)
 
 

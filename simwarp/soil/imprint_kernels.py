@@ -23,7 +23,7 @@ from simwarp.soil.footprint_kernels import (
 from simwarp.soil.law_kernels import Law, law_of
 from simwarp.soil.level_kernels import node_drop
 from simwarp.soil.pages_kernels import find_page, slot_in
-from simwarp.soil.pressing_kernels import clear_world, take_pages_below
+from simwarp.soil.pressing_kernels import claim_pages_below, clear_world
 from simwarp.soil.soil_tables_kernels import (
     K_C,
     LEAN_X,
@@ -224,7 +224,7 @@ def imprint_worlds(
     world = worlds.first + wp.tid()
     if mask[world]:
         clear_world(world, nodes)
-        take_pages_below(world, 0.0, 0, soil, shapes, assets, state, nodes)
+        claim_pages_below(world, 0.0, 0, soil, shapes, assets, state, nodes)
         for shape in range(shapes.body.shape[0]):
             imprint_shape(
                 world, shape, rest_force_b[world, shape], rest_torque_b[world, shape], soil, shapes, assets, state,

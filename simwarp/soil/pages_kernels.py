@@ -64,7 +64,7 @@ def forgotten_before(world: int, page: int, other: int, nodes: SoilNodes) -> boo
 
 
 @wp.func
-def take_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
+def claim_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
     """Marks the page at a place as used in this step; takes one that is free, or else the one used longest ago.
 
     Without any that is not used in this step nothing is taken: there nothing bears the wheel. `Soil` asks for as many

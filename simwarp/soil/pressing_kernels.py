@@ -31,7 +31,7 @@ from simwarp.soil.footprint_kernels import (
 )
 from simwarp.soil.law_kernels import Law, law_of, press
 from simwarp.soil.level_kernels import greatest_raise, node_drop
-from simwarp.soil.pages_kernels import find_page, slot_in, take_page
+from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
 from simwarp.soil.soil_tables_kernels import (
     BALL,
     CAPSULE,
@@ -187,7 +187,7 @@ def press_node(
 
 
 @wp.func
-def take_pages_below(
+def claim_pages_below(
     world: int, dt: float, step: int, soil: SoilTables, shapes: SoilShapes, assets: Assets, state: StateArrays,
     nodes: SoilNodes,
 ):  # fmt: skip
@@ -214,11 +214,11 @@ def take_pages_below(
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
-                    take_page(world, x, y, step, nodes)
+                    claim_page(world, x, y, step, nodes)
 
 
 @wp.kernel
-def take_pages(
+def claim_pages(
     # inputs
     worlds: WorldRange,
     dt: float,
@@ -233,7 +233,7 @@ def take_pages(
     world = worlds.first + wp.tid()
     step = nodes.step[world] + 1
     nodes.step[world] = step
-    take_pages_below(world, dt, step, soil, shapes, assets, state, nodes)
+    claim_pages_below(world, dt, step, soil, shapes, assets, state, nodes)
 
 
 @wp.func

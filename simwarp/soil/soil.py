@@ -22,7 +22,7 @@ from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
 from simwarp.soil.imprint_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.soil.level_kernels import SoilCover, find_heights
-from simwarp.soil.pressing_kernels import carry_bodies, clear_soil, press_shapes, report_shapes, take_pages
+from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
     SoilShape,
@@ -142,11 +142,11 @@ class Soil(Readable):
         self._shift = wp.zeros(each, dtype=float, device=device)
         self._imprinting: tuple[WorldLaunch, ...] = ()
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         kinds = plural(len(self.soils), "soil")
         return f": {kinds}, {plural(len(self.shapes), 'shape')} in each of {plural(self.model.world_count, 'world')}"
 
-    def _printed_rows(self) -> Mapping[str, Row]:
+    def _readable_rows(self) -> Mapping[str, Row]:
         each = PAGE_NODES * (NODE_VALUES + (self.bulldozing is not None)) * 4
         rows: dict[str, Row] = {
             "nodes": f"every {self.spacing:g} m, in {self.pages} pages per world ({self.pages * each / 1e6:.2g} MB)",
@@ -346,7 +346,7 @@ class Soil(Readable):
         inputs = [dt, self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
         control = simulation.control.arrays
         launches = [
-            simulation.shares.record(take_pages, inputs=inputs, outputs=[self._nodes]),
+            simulation.shares.record(claim_pages, inputs=inputs, outputs=[self._nodes]),
             simulation.shares.record(
                 press_shapes, len(self.shapes), inputs=inputs, outputs=[self._nodes, self._reports, control]
             ),

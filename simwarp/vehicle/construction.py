@@ -50,7 +50,7 @@ class VehicleParts(Readable):
     prefix: str = ""
     """Of the names of its bodies and joints, and of what is added to it without a name of its own."""
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         wheels = plural(len(self.sides), "wheel")
         return f" of '{self.spec.name}': chassis is body {self.chassis}, {wheels}"
 

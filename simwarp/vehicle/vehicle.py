@@ -98,13 +98,13 @@ class Vehicles(Readable):
         self.tires = _tires(self.parts, model, ground, randomised)
         self._each = tuple(_member(self, number) for number in range(len(self.parts)))
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         count, model = len(self.parts), self.model
         return (
             f": {count} '{self.parts[0].spec.name}' in each of {plural(model.world_count, 'world')} on {model.device}"
         )
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         return {
             "chassis": Names(len(self.parts), (self.model.body_names[each.chassis] for each in self.parts)),
             "input": f"{array_text(self.input)}: steering, throttle, braking, clutch",
@@ -305,11 +305,11 @@ class Vehicle(Readable):
         self.engine_torque: wp.array = vehicles.engine_torque[:, number]
         self.drive_torque: wp.array = vehicles.drive_torque[:, number]
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         model = self.model
         return f" '{self.parts.spec.name}': {plural(model.world_count, 'world')} on {model.device}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         return {
             "chassis": self.model.body_names[self.parts.chassis],
             "wheels": Names(len(self.parts.sides), (self.model.body_names[side.spindle] for side in self.parts.sides)),

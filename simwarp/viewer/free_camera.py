@@ -77,7 +77,7 @@ class FreeCamera(Readable):
         }
         self._sums = wp.zeros((0, 0), dtype=wp.vec3, device=model.device)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {plural(len(self.worlds), 'world')} of {self.config.width} x {self.config.height} pixels"
 
     def take(self, state: State, poses: Sequence[Pose]) -> npt.NDArray[Any]:

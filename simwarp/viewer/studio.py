@@ -117,7 +117,7 @@ class FollowCamera(Readable):
         self._floor = GroundHeight(scene, worlds)
         self._marks = marks_for(float(np.linalg.norm(self._eye))) if marks else None
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         config = self.camera.config
         return f": {plural(len(self.camera.worlds), 'world')} of {config.width} x {config.height} pixels"
 

@@ -91,10 +91,10 @@ class ActuatorNetwork(Readable):
         self.target, self.torque = torch.zeros(size, device=device), torch.zeros(size, device=device)
         self.strength = torch.ones(size, device=device)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {len(self.joints)} joints, {len(self.target)} worlds"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         steps = ", ".join(map(str, self._steps))
         return {"joints": Names(len(self.joints), self.joints), "looks back": f"{steps} physics steps"}
 

@@ -94,7 +94,7 @@ class MujocoSimulation:
     def step(self, steps: int = 1) -> None:
         """Advance every world by so many steps."""
         for _ in range(steps):
-            self._take_over()
+            self._copy_set_worlds()
             for _ in range(self._inner.substeps):
                 for command in self._actuating:
                     command.launch()
@@ -118,7 +118,7 @@ class MujocoSimulation:
             force, torque = force + turned.apply(own[0]), torque + turned.apply(own[1])
         return Inputs(values["joint_target_q"], values["joint_target_qd"], effort, force, torque)
 
-    def _take_over(self) -> None:
+    def _copy_set_worlds(self) -> None:
         """Hand MuJoCo the state of worlds that somebody has set since the last step, and the parameters drawn there."""
         changed = _differing(self._state, self._kept, _WATCHED, len(self.worlds))
         drawn = _differing(self._parameters, self._written, tuple(self._parameters), len(self.worlds))

@@ -194,7 +194,7 @@ def observe_reach(arm: ReachingArm, state: StateArrays, reach: ReachState, polic
 
 
 @wp.kernel
-def pay_reach(
+def compute_reach_rewards(
     variant: int, decimation: float, action: wp.array2d[float], arm: ReachingArm, state: StateArrays,
     reach: ReachState, terms: wp.array2d[float],
 ):  # fmt: skip

@@ -229,7 +229,7 @@ class ReachTask(Task[ReachConfig]):
         self._finish = launch_over(self, kernels.finish_reach, self.action, *moved, torque)
         self._observe = launch_over(self, kernels.observe_reach, *moved, self._policy)
         self._pay = launch_over(
-            self, kernels.pay_reach, variant, float(config.decimation), self.action, *moved, self._terms
+            self, kernels.compute_reach_rewards, variant, float(config.decimation), self.action, *moved, self._terms
         )
         self._measure = launch_over(self, kernels.measure_reach, hold_steps, *moved, self._success, self._distance)
         self._start = launch_over(

@@ -14,7 +14,7 @@ import torch
 
 from ..framework.launching import TensorFunction, launch_over
 from ..framework.registry import register
-from .barrier_track_kernels import find_corners_outside, pay_aside
+from .barrier_track_kernels import find_corners_outside, reward_lane_offset
 from .base import PEDALS_BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask, Start
 from .outlines import corners
@@ -124,7 +124,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         fixed = [0.5 * WIDTH, corners(self.chassis_half, self.device), *where]
         self._tell_outside = TensorFunction(find_corners_outside, fixed, [(torch.bool, ())], self.device)
         self._aside_term = torch.zeros(self.num_worlds, device=self.device)
-        self._pay_aside = launch_over(self, pay_aside, self.config.aside_weight, *where, self._aside_term)
+        self._pay_aside = launch_over(self, reward_lane_offset, self.config.aside_weight, *where, self._aside_term)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap``, ``failure`` and how far ``aside`` of the middle the car drives."""

@@ -32,8 +32,10 @@ def find_corners_outside(
 
 
 @wp.kernel
-def pay_aside(weight: float, car: Car, state: StateArrays, routes: RouteTables, lap: Lap, term: wp.array[float]):
-    """Taken for the distance from the middle of the lane."""
+def reward_lane_offset(
+    weight: float, car: Car, state: StateArrays, routes: RouteTables, lap: Lap, term: wp.array[float]
+):
+    """Term of the reward for the distance from the middle of the lane."""
     world = wp.tid()
     aside = locate(int(lap.route[world]), plane(point_of(world, car, state)), routes)[1]
     term[world] = -weight * wp.abs(aside)

@@ -28,13 +28,13 @@ from .base_kernels import (
     begin_drive,
     begin_drive_episode,
     drive_on,
+    find_upset,
     finish_physics,
+    measure_motion,
+    measure_pose,
+    measure_tilt,
     place_cars,
     steer,
-    tell_motion,
-    tell_pose,
-    tell_tilt,
-    tell_upset,
 )
 from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
@@ -445,10 +445,10 @@ class DrivingTask(Task[DrivingT]):
         """Record what every driving task launches."""
         car, drive, state, device = self._car, self._drive, self.simulation.state.arrays, self.device
         flag, point, turn = (torch.bool, ()), (torch.float64, (3,)), (torch.float32, ())
-        self._tell_pose = TensorFunction(tell_pose, [car, state], [point, turn], device)
-        self._tell_motion = TensorFunction(tell_motion, [car, state], [(torch.float32, (3,))], device)
-        self._tell_tilt = TensorFunction(tell_tilt, [car, state], [(torch.float32, (2,))], device)
-        self._tell_upset = TensorFunction(tell_upset, [car, state], [flag], device)
+        self._tell_pose = TensorFunction(measure_pose, [car, state], [point, turn], device)
+        self._tell_motion = TensorFunction(measure_motion, [car, state], [(torch.float32, (3,))], device)
+        self._tell_tilt = TensorFunction(measure_tilt, [car, state], [(torch.float32, (2,))], device)
+        self._tell_upset = TensorFunction(find_upset, [car, state], [flag], device)
         self._navigator = Navigator() if self.navigation is None else self.navigation.tables
         self._place = TensorFunction(place_cars, [car, self._navigator, state], [], device)
         self._level_ground = torch.zeros(self.num_worlds, 3, dtype=torch.float64, device=device)

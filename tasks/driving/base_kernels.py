@@ -195,7 +195,7 @@ def place_cars(
 
 
 @wp.kernel
-def tell_pose(car: Car, state: StateArrays, point: wp.array[wp.vec3d], heading: wp.array[float]):
+def measure_pose(car: Car, state: StateArrays, point: wp.array[wp.vec3d], heading: wp.array[float]):
     """Point of reference and heading."""
     world = wp.tid()
     point[world] = point_of(world, car, state)
@@ -203,21 +203,21 @@ def tell_pose(car: Car, state: StateArrays, point: wp.array[wp.vec3d], heading: 
 
 
 @wp.kernel
-def tell_motion(car: Car, state: StateArrays, motion: wp.array[wp.vec3]):
+def measure_motion(car: Car, state: StateArrays, motion: wp.array[wp.vec3]):
     """Speeds and yaw rate."""
     world = wp.tid()
     motion[world] = motion_of(world, car_heading(world, car, state), car, state)
 
 
 @wp.kernel
-def tell_tilt(car: Car, state: StateArrays, tilt: wp.array[wp.vec2]):
+def measure_tilt(car: Car, state: StateArrays, tilt: wp.array[wp.vec2]):
     """Rise of the axes ahead and to the left."""
     world = wp.tid()
     tilt[world] = tilt_of(world, car, state)
 
 
 @wp.kernel
-def tell_upset(car: Car, state: StateArrays, upset: wp.array[wp.bool]):
+def find_upset(car: Car, state: StateArrays, upset: wp.array[wp.bool]):
     """Whether the vehicle is turned over."""
     world = wp.tid()
     upset[world] = is_upset(world, car, state)

@@ -32,6 +32,7 @@ from .convoy_kernels import (
     Column,
     Follow,
     aim_next,
+    compute_convoy_rewards,
     draw_path,
     draw_roadside,
     drive_on_behind,
@@ -39,11 +40,10 @@ from .convoy_kernels import (
     follow_path,
     measure_column,
     observe_column,
-    pay_column,
+    place_leaders,
     show_now,
     start_following,
-    tell_column,
-    tell_leaders,
+    write_convoy_metrics,
 )
 from .obstacles import ObstacleKind, Obstacles
 from .outlines import outline
@@ -278,11 +278,11 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._measure = launch_over(self, measure_column, *estimated) if self.navigation is not None else None
         seen = [column, car, state, self.action, routes, follow, slots, self._policy]
         self._observe = launch_over(self, observe_column, *seen)
-        self._pay = launch_over(self, pay_column, *where, self._terms)
+        self._pay = launch_over(self, compute_convoy_rewards, *where, self._terms)
         self._end = launch_over(self, end_column, *where, self._ends)
-        self._tell = launch_over(self, tell_column, *where, self._distance, self._hits)
+        self._tell = launch_over(self, write_convoy_metrics, *where, self._distance, self._hits)
         places = [(torch.float32, (LEADERS, 3))]
-        self._leaders_at = TensorFunction(tell_leaders, [routes, follow], places, self.device)
+        self._leaders_at = TensorFunction(place_leaders, [routes, follow], places, self.device)
 
     def _record_draws(self) -> None:
         """Record what draws paths and what stands beside them, and shows the leaders."""

@@ -268,7 +268,7 @@ def show_now(time: wp.array[float], column: Column, routes: RouteTables, follow:
 
 
 @wp.kernel
-def tell_leaders(time: wp.array[float], routes: RouteTables, follow: Follow, places: wp.array2d[wp.vec3]):
+def place_leaders(time: wp.array[float], routes: RouteTables, follow: Follow, places: wp.array2d[wp.vec3]):
     """Places and headings of the leaders at a time."""
     world = wp.tid()
     for i in range(LEADERS):
@@ -371,7 +371,7 @@ def observe_column(
 
 
 @wp.func
-def pay_row(
+def write_follower_rewards(
     row: int, away: wp.vec2, failed: bool, ahead_speed: float, speed: float, column: Column, terms: wp.array2d[float]
 ):  # fmt: skip
     """Write following, failure and, if it counts, the difference in speed: columns of (T, rows).
@@ -389,7 +389,7 @@ def pay_row(
 
 
 @wp.kernel
-def pay_column(
+def compute_convoy_rewards(
     column: Column, car: Car, drive: Drive, state: StateArrays, routes: RouteTables, follow: Follow,
     terms: wp.array2d[float],
 ):  # fmt: skip
@@ -399,7 +399,7 @@ def pay_column(
     failed = drive.hit[world] or is_upset(world, car, state) or wp.length(away) > column.lost_distance
     failed = failed or is_bumped(world, column, car, state, routes, follow)
     speed = motion_of(world, car_heading(world, car, state), car, state)[0]
-    pay_row(
+    write_follower_rewards(
         world, away, failed, leader_speed(world, time_of(world, column, follow), routes, follow), speed, column, terms
     )  # fmt: skip
 
@@ -421,7 +421,7 @@ def end_column(
 
 
 @wp.kernel
-def tell_column(
+def write_convoy_metrics(
     column: Column, car: Car, drive: Drive, state: StateArrays, routes: RouteTables, follow: Follow,
     distance: wp.array[float], hits: wp.array[float],
 ):  # fmt: skip

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 
 from ..framework.launching import TensorFunction, filled
-from .hills_kernels import FLATTEST, HillTables, show_hills, tell_heights, tell_normals
+from .hills_kernels import FLATTEST, HillTables, measure_heights, measure_normals, show_hills
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder
@@ -76,8 +76,8 @@ class Hills:
         )
         number, vector = (torch.float32, ()), (torch.float32, (3,))
         self._show = TensorFunction(show_hills, [self.tables], [], device)
-        self._height = TensorFunction(tell_heights, [self.tables], [number], device, dimensions=2)
-        self._normal = TensorFunction(tell_normals, [self.tables], [vector], device)
+        self._height = TensorFunction(measure_heights, [self.tables], [number], device, dimensions=2)
+        self._normal = TensorFunction(measure_normals, [self.tables], [vector], device)
 
     def show(self, world_mask: torch.Tensor, field: torch.Tensor, amplitude: torch.Tensor) -> None:
         """Put fields below the worlds of a mask: tires, sensors, `height` and `normal` have them from then on.

@@ -81,14 +81,14 @@ def show_hills(mask: wp.array[wp.bool], field: wp.array[wp.int64], amplitude: wp
 
 
 @wp.kernel
-def tell_heights(place: wp.array2d[wp.vec2], hills: HillTables, height: wp.array2d[float]):
+def measure_heights(place: wp.array2d[wp.vec2], hills: HillTables, height: wp.array2d[float]):
     """Heights at places of each world."""
     world, i = wp.tid()
     height[world, i] = hill_height(world, place[world, i], hills)
 
 
 @wp.kernel
-def tell_normals(place: wp.array[wp.vec2], hills: HillTables, normal: wp.array[wp.vec3]):
+def measure_normals(place: wp.array[wp.vec2], hills: HillTables, normal: wp.array[wp.vec3]):
     """Normals at one place of each world."""
     world = wp.tid()
     normal[world] = hill_normal(world, place[world], hills)

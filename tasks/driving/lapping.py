@@ -23,16 +23,16 @@ from .lapping_kernels import (
     Course,
     Lap,
     advance_lap,
+    compute_lap_rewards,
     draw_lap,
     end_lap,
+    find_lane_departures,
     find_slow,
+    measure_lane,
     measure_lap,
     observe_lap,
-    pay_lap,
     start_lap,
-    tell_lane,
-    tell_lap,
-    tell_outside,
+    write_lap_metrics,
 )
 from .outlines import outline
 from .routes import Routes
@@ -136,13 +136,13 @@ class LappingTask(DrivingTask[LappingT]):
         self._advance_lap = launch_over(self, advance_lap, car, state, routes, lap)
         self._measure = launch_over(self, measure_lap, car, state, course, self.action, self._measured)
         self._observe = launch_over(self, observe_lap, car, state, course, routes, lap, self.action, self._policy)
-        self._pay = launch_over(self, pay_lap, self._slow, car, state, course, routes, lap, self._terms)
+        self._pay = launch_over(self, compute_lap_rewards, self._slow, car, state, course, routes, lap, self._terms)
         self._end = launch_over(self, end_lap, self._slow, car, state, routes, lap, self._ends)
         self._find_slow = launch_over(self, find_slow, self.episode_clock, course, lap, self._slow)
-        self._tell_lap = launch_over(self, tell_lap, car, state, routes, lap, self._laps, self._aside)
+        self._tell_lap = launch_over(self, write_lap_metrics, car, state, routes, lap, self._laps, self._aside)
         fixed = [car, state, course, routes, lap]
-        self._tell_lane = TensorFunction(tell_lane, fixed, [number, number, (torch.float32, (PREVIEW, 2))], device)
-        self._tell_outside = TensorFunction(tell_outside, fixed, [(torch.bool, ())], device)
+        self._tell_lane = TensorFunction(measure_lane, fixed, [number, number, (torch.float32, (PREVIEW, 2))], device)
+        self._tell_outside = TensorFunction(find_lane_departures, fixed, [(torch.bool, ())], device)
         self.record_world()
 
     def _make_course(self) -> Course:

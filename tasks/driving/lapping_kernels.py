@@ -131,7 +131,7 @@ def advance_lap(car: Car, state: StateArrays, routes: RouteTables, lap: Lap):
 
 
 @wp.kernel
-def tell_lane(
+def measure_lane(
     car: Car, state: StateArrays, course: Course, routes: RouteTables, lap: Lap, aside: wp.array[float],
     turn: wp.array[float], ahead: wp.array2d[wp.vec2],
 ):  # fmt: skip
@@ -145,7 +145,7 @@ def tell_lane(
 
 
 @wp.kernel
-def tell_outside(
+def find_lane_departures(
     car: Car, state: StateArrays, course: Course, routes: RouteTables, lap: Lap, outside: wp.array[wp.bool]
 ):  # fmt: skip
     """Whether the vehicle has left its lane."""
@@ -198,7 +198,7 @@ def is_lapped(
 
 
 @wp.kernel
-def pay_lap(
+def compute_lap_rewards(
     outside: wp.array[wp.bool], car: Car, state: StateArrays, course: Course, routes: RouteTables, lap: Lap,
     terms: wp.array2d[float],
 ):  # fmt: skip
@@ -228,7 +228,7 @@ def find_slow(clock: wp.array[wp.int64], course: Course, lap: Lap, slow: wp.arra
 
 
 @wp.kernel
-def tell_lap(
+def write_lap_metrics(
     car: Car, state: StateArrays, routes: RouteTables, lap: Lap, laps: wp.array[float], aside: wp.array[float]
 ):  # fmt: skip
     """Share of the lap, and the distance from the middle of the lane."""

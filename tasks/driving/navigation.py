@@ -10,7 +10,7 @@ import warp as wp
 from simwarp import to_torch
 
 from ..framework.launching import TensorFunction, TensorLaunch, filled
-from .navigation_kernels import Navigator, advance_heading, tell_estimate
+from .navigation_kernels import Navigator, advance_heading, estimate_positions
 
 if TYPE_CHECKING:
     from simwarp import Model
@@ -78,7 +78,7 @@ class Navigation:
         fixed = [self.tables, random.draws]
         self._advance = TensorLaunch(advance_heading, model.world_count, fixed, device)
         results = [(torch.float32, (2,)), (torch.float32, ()), (torch.float32, ())]
-        self._estimate = TensorFunction(tell_estimate, fixed, results, device)
+        self._estimate = TensorFunction(estimate_positions, fixed, results, device)
 
     def advance(self) -> None:
         """Turn the heading by what the gyroscope measured over the control step that ends."""

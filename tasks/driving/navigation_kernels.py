@@ -58,7 +58,7 @@ def advance_heading(navigator: Navigator, draws: Draws):
 
 
 @wp.kernel
-def tell_estimate(
+def estimate_positions(
     navigator: Navigator, draws: Draws, place: wp.array[wp.vec2], heading: wp.array[float], speed: wp.array[float]
 ):  # fmt: skip
     """Estimates of all worlds."""

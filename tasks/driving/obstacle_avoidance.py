@@ -24,12 +24,12 @@ from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask
 from .obstacle_avoidance_kernels import (
     Road,
     begin_way,
+    compute_road_rewards,
     draw_pillars,
     end_way,
+    measure_road_distance,
     measure_way,
     observe_way,
-    pay_way,
-    tell_way,
 )
 from .outlines import outline
 from .ranging import RangeFan
@@ -146,9 +146,9 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         self._begin_way = launch_over(self, begin_way, road, car, state)
         self._measure = launch_over(self, measure_way, car, state, self.action, self._measured)
         self._observe = launch_over(self, observe_way, road, car, state, self.action, self._policy)
-        self._pay = launch_over(self, pay_way, road, car, drive, state, self._terms)
+        self._pay = launch_over(self, compute_road_rewards, road, car, drive, state, self._terms)
         self._end = launch_over(self, end_way, road, car, drive, state, self._ends)
-        self._tell_way = launch_over(self, tell_way, car, state, self._distance)
+        self._tell_way = launch_over(self, measure_road_distance, car, state, self._distance)
 
     def begin_step(self) -> None:
         """Store the distance to the end."""

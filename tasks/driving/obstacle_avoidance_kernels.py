@@ -142,7 +142,7 @@ def observe_way(
 
 
 @wp.kernel
-def pay_way(road: Road, car: Car, drive: Drive, state: StateArrays, terms: wp.array2d[float]):
+def compute_road_rewards(road: Road, car: Car, drive: Drive, state: StateArrays, terms: wp.array2d[float]):
     """Failure, progress, goal: (T, W)."""
     world = wp.tid()
     failed = drive.hit[world] or is_off_road(world, car, state)
@@ -162,7 +162,7 @@ def end_way(road: Road, car: Car, drive: Drive, state: StateArrays, ends: wp.arr
 
 
 @wp.kernel
-def tell_way(car: Car, state: StateArrays, distance: wp.array[float]):
+def measure_road_distance(car: Car, state: StateArrays, distance: wp.array[float]):
     """Distance along the road."""
     world = wp.tid()
     distance[world] = float(point_of(world, car, state)[0])

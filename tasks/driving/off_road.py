@@ -28,14 +28,14 @@ from .off_road_kernels import (
     Ground,
     Trip,
     begin_trip,
+    compute_trip_rewards,
     draw_ground,
     draw_obstacles,
     end_trip,
     measure_trip,
     observe_trip,
-    pay_trip,
     start_trip,
-    tell_trip,
+    write_trip_metrics,
 )
 from .outlines import outline
 from .ranging import RangeFan
@@ -213,9 +213,9 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._observe = launch_over(self, observe_trip, terrain, car, state, self.action, slots, trip, self._policy)
         estimated = [terrain, self._navigator, self.random.draws, trip, self._measured]
         self._measure = launch_over(self, measure_trip, *estimated) if self.navigation is not None else None
-        self._pay = launch_over(self, pay_trip, terrain, car, drive, state, self.action, trip, self._terms)
+        self._pay = launch_over(self, compute_trip_rewards, terrain, car, drive, state, self.action, trip, self._terms)
         self._end = launch_over(self, end_trip, terrain, car, drive, state, trip, self._ends)
-        self._tell = launch_over(self, tell_trip, car, state, slots, trip, self._distance, self._present)
+        self._tell = launch_over(self, write_trip_metrics, car, state, slots, trip, self._distance, self._present)
         self.record_world()
 
     def _make_ground(self) -> Ground:

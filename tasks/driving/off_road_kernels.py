@@ -272,7 +272,7 @@ def measure_trip(ground: Ground, navigator: Navigator, draws: Draws, trip: Trip,
 
 
 @wp.kernel
-def pay_trip(
+def compute_trip_rewards(
     ground: Ground, car: Car, drive: Drive, state: StateArrays, action: wp.array2d[float], trip: Trip,
     terms: wp.array2d[float],
 ):  # fmt: skip
@@ -304,7 +304,7 @@ def end_trip(
 
 
 @wp.kernel
-def tell_trip(
+def write_trip_metrics(
     car: Car, state: StateArrays, slots: Slots, trip: Trip, distance: wp.array[float], present: wp.array[float]
 ):  # fmt: skip
     """Distance from the goal, and the number of obstacles."""

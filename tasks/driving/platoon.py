@@ -25,6 +25,7 @@ from .platoon_kernels import (
     Platoon,
     begin_driver,
     begin_platoon,
+    compute_platoon_rewards,
     drive_platoon,
     end_platoon,
     finish_platoon,
@@ -32,10 +33,9 @@ from .platoon_kernels import (
     notice_platoon,
     observe_platoon,
     pace_driver,
-    pay_platoon,
     start_platoon,
     steer_platoon,
-    tell_platoon,
+    write_platoon_metrics,
 )
 
 if TYPE_CHECKING:
@@ -203,11 +203,11 @@ class PlatoonTask(ConvoyTask):
             self._measure = launch_over(self, measure_platoon, *seen)
         rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
         self._observe = each(observe_platoon, column, state, rows, routes, follow, slots, platoon, policy)
-        self._pay = each(pay_platoon, column, state, platoon, self._terms.view(len(self._terms), -1))
+        self._pay = each(compute_platoon_rewards, column, state, platoon, self._terms.view(len(self._terms), -1))
         self._end = each(end_platoon, column, state, follow, platoon, self._ends.view(len(self._ends), -1))
         self._followers_deviation = torch.zeros(shape, device=device)
         told = (self._distance.view(shape), self._hits.view(shape), self._followers_deviation)
-        self._tell = each(tell_platoon, column, state, platoon, *told)
+        self._tell = each(write_platoon_metrics, column, state, platoon, *told)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 

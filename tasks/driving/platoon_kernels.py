@@ -32,8 +32,8 @@ from .convoy_kernels import (
     observe_leader,
     observe_truck,
     overlaps,
-    pay_row,
     time_of,
+    write_follower_rewards,
 )
 from .navigation_kernels import Navigator
 from .obstacles_kernels import Slots
@@ -287,7 +287,7 @@ def measure_platoon(
 
 
 @wp.kernel
-def pay_platoon(column: Column, state: StateArrays, platoon: Platoon, terms: wp.array2d[float]):
+def compute_platoon_rewards(column: Column, state: StateArrays, platoon: Platoon, terms: wp.array2d[float]):
     """Following, failure and, if it counts, the difference in speed: (T, W * N)."""
     world, agent = wp.tid()
     vehicle = platoon.leading + agent
@@ -300,7 +300,7 @@ def pay_platoon(column: Column, state: StateArrays, platoon: Platoon, terms: wp.
     failed = collided or is_upset(world, car_at(vehicle, platoon), state) or wp.length(away) > column.lost_distance
     failed = failed or touches_from(world, vehicle, 0, vehicle, column, platoon, state)
     ahead = forward_speed_of(world, vehicle - 1, platoon, state)
-    pay_row(row, away, failed, ahead, forward_speed_of(world, vehicle, platoon, state), column, terms)
+    write_follower_rewards(row, away, failed, ahead, forward_speed_of(world, vehicle, platoon, state), column, terms)
 
 
 @wp.kernel
@@ -322,7 +322,7 @@ def end_platoon(column: Column, state: StateArrays, follow: Follow, platoon: Pla
 
 
 @wp.kernel
-def tell_platoon(
+def write_platoon_metrics(
     column: Column, state: StateArrays, platoon: Platoon, distance: wp.array2d[float], hits: wp.array2d[float],
     deviation: wp.array2d[float],
 ):  # fmt: skip

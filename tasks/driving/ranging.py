@@ -6,7 +6,7 @@ import torch
 import warp as wp
 
 from ..framework.launching import TensorFunction
-from .ranging_kernels import tell_ranges
+from .ranging_kernels import measure_ranges
 
 
 class RangeFan:
@@ -30,7 +30,7 @@ class RangeFan:
         self.direction: wp.array = wp.array(unit, dtype=wp.vec2, device=str(device))
         self.reach = reach
         fixed = [reach, self.direction]
-        self._ranges = TensorFunction(tell_ranges, fixed, [(torch.float32, ())], device, dimensions=2)
+        self._ranges = TensorFunction(measure_ranges, fixed, [(torch.float32, ())], device, dimensions=2)
 
     def __repr__(self) -> str:
         return f"RangeFan: {self.direction.shape[0]} rays of {self.reach:g} m"

@@ -19,7 +19,7 @@ def range_to(direction: wp.vec2, place: wp.vec2, radius: float, reach: float) ->
 
 
 @wp.kernel
-def tell_ranges(
+def measure_ranges(
     place: wp.array2d[wp.vec2], radius: wp.array2d[float], reach: float, direction: wp.array[wp.vec2],
     ranges: wp.array2d[float],
 ):  # fmt: skip

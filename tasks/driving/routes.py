@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 from ..framework.launching import TensorFunction, filled
-from .routes_kernels import RouteTables, tell_distances, tell_locations, tell_places
+from .routes_kernels import RouteTables, find_route_places, locate_on_routes, measure_route_distances
 
 if TYPE_CHECKING:
     from simwarp.vehicle import Path
@@ -50,9 +50,9 @@ class Routes:
             points=wp.array(points, dtype=wp.vec3, device=str(device)),
         )
         number, place = (torch.float32, ()), (torch.float32, (3,))
-        self._at = TensorFunction(tell_places, [self.tables], [place], device, dimensions=2)
-        self._distance = TensorFunction(tell_distances, [self.tables], [number], device)
-        self._locate = TensorFunction(tell_locations, [self.tables], [number, number], device)
+        self._at = TensorFunction(find_route_places, [self.tables], [place], device, dimensions=2)
+        self._distance = TensorFunction(measure_route_distances, [self.tables], [number], device)
+        self._locate = TensorFunction(locate_on_routes, [self.tables], [number, number], device)
 
     def __repr__(self) -> str:
         return f"Routes: {self.length.shape[0]} paths, {'closed' if self.tables.closed else 'open'}"

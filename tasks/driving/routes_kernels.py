@@ -81,14 +81,16 @@ def locate(route: int, place: wp.vec2, routes: RouteTables) -> wp.vec2:
 
 
 @wp.kernel
-def tell_places(route: wp.array[wp.int64], arc: wp.array2d[float], routes: RouteTables, places: wp.array2d[wp.vec3]):
+def find_route_places(
+    route: wp.array[wp.int64], arc: wp.array2d[float], routes: RouteTables, places: wp.array2d[wp.vec3]
+):
     """Places at lengths along routes."""
     row, i = wp.tid()
     places[row, i] = route_at(int(route[row]), arc[row, i], routes)
 
 
 @wp.kernel
-def tell_distances(
+def measure_route_distances(
     route: wp.array[wp.int64], place: wp.array2d[float], routes: RouteTables, distance: wp.array[float]
 ):  # fmt: skip
     """Distances of places from routes."""
@@ -97,7 +99,7 @@ def tell_distances(
 
 
 @wp.kernel
-def tell_locations(
+def locate_on_routes(
     route: wp.array[wp.int64], place: wp.array2d[float], routes: RouteTables, arc: wp.array[float],
     aside: wp.array[float],
 ):  # fmt: skip

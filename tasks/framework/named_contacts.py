@@ -94,10 +94,10 @@ class NamedContacts(Readable):
         self.touching = torch.zeros(size, dtype=torch.bool, device=device)
         self.time_in_air, self.time_in_contact, self.landed = (torch.zeros(size, device=device) for _ in range(3))
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {plural(len(self.names), 'part')}, {plural(len(self.force), 'world')}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         return {"names": Names(len(self.names), self.names)}
 
     @property

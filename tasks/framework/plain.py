@@ -36,13 +36,13 @@ def _tell(fault: Fault) -> str:
     return f"{path}{' ' if fault.kind == 'value' else ': ' if path else ''}{fault.what}"
 
 
-def _tell_of(fault: Fault, kind: type) -> str:
+def _fault_text_of(fault: Fault, kind: type) -> str:
     """A fault in a configuration that is made in Python."""
     owner = f" of a {kind.__name__}" if getattr(kind, "NAMED", False) else ""
     return _tell(fault) if fault.kind != "value" else f"{_path(fault.keys)}{owner} {fault.what}"
 
 
-CONFIGS: Final = Schema(InputError, longest=LONGEST_TEXT, tell=_tell_of)
+CONFIGS: Final = Schema(InputError, longest=LONGEST_TEXT, tell=_fault_text_of)
 """Reads configurations of tasks and of trainings."""
 
 

@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from simwarp.core.warp_start import told_compiling
+from simwarp.core.warp_start import report_compiling
 
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device
@@ -192,7 +192,7 @@ def config_to_train_in(task: type[Task[Any]], *, student: bool = False) -> TaskC
     return config
 
 
-@told_compiling()
+@report_compiling()
 def make(
     name: str,
     num_worlds: int = 1,

@@ -44,10 +44,10 @@ class StepResult(Readable):
     final_observations: dict[str, torch.Tensor] | None
     acting: torch.Tensor | None = None
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {plural(len(self.rewards), 'world')} on {self.rewards.device}"
 
-    def _printed_rows(self) -> dict[str, str]:
+    def _readable_rows(self) -> dict[str, str]:
         """Numbers on the CPU; of a GPU, which would have to be waited for, shapes."""
         groups = {"observations": self.observations, "metrics": self.metrics, "before reset": self.final_observations}
         return {

@@ -39,7 +39,7 @@ from .judge import Judge, Terms
 from .launching import filled, launch_over
 from .levels import Levelled
 from .other_observations import observed_as
-from .printed_task import PrintedTask
+from .readable_task import ReadableTask
 from .saved_task import SavedTask
 from .simulation_access import Attachments, PhysicsViews, physics_of
 from .statistics import EpisodeStatistics, EpisodeSummary
@@ -61,7 +61,7 @@ NON_FINITE = "non_finite"
 """End reason of an episode whose world became NaN or infinite."""
 
 
-class Task(SavedTask, Levelled, PrintedTask, Described, ABC, Generic[ConfigT]):
+class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
     """A batch of worlds with actions, observations, rewards and episodes.
 
     Where ``agents`` N is more than 1, what is (W, ...) below is (W, N, ...): actions, observations, reward terms,

@@ -108,7 +108,7 @@ class AntTask(WalkingTask[AntConfig]):
         lower = [-_HIP_LIMIT] * 4 + [_ANKLE_LIMITS[0]] * 4
         upper = [_HIP_LIMIT] * 4 + [_ANKLE_LIMITS[1]] * 4
         pay = filled(
-            kernels.AntPay,
+            kernels.AntRewardWeights,
             variant=_VARIANTS[config.reward],
             control_dt=config.control_dt,
             target_speed=config.target_speed,
@@ -121,7 +121,7 @@ class AntTask(WalkingTask[AntConfig]):
         self._names = _WALK_TERMS if config.reward is AntReward.WALK else _TERMS
         self._terms = torch.zeros(len(self._names), self.num_worlds, device=self.device)
         state = self.simulation.state.arrays
-        self._pay = launch_over(self, kernels.pay_ant, pay, self.action, state, self.walk, self._terms)
+        self._pay = launch_over(self, kernels.compute_ant_rewards, pay, self.action, state, self.walk, self._terms)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""

@@ -22,7 +22,7 @@ THESIS = wp.constant(2)
 
 
 @wp.struct
-class AntPay:
+class AntRewardWeights:
     """Numbers of the reward."""
 
     variant: int
@@ -34,7 +34,9 @@ class AntPay:
 
 
 @wp.kernel
-def pay_ant(pay: AntPay, action: wp.array2d[float], state: StateArrays, walk: WalkState, terms: wp.array2d[float]):
+def compute_ant_rewards(
+    pay: AntRewardWeights, action: wp.array2d[float], state: StateArrays, walk: WalkState, terms: wp.array2d[float]
+):
     """Terms of the reward, (T, W)."""
     world = wp.tid()
     speed = progress_speed(world, pay.control_dt, state, walk)

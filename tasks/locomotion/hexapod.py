@@ -116,7 +116,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
         super().setup()
         config, device, walks = self.config, str(self.device), self.config.reward is HexapodReward.WALK
         pay = filled(
-            kernels.HexapodPay,
+            kernels.HexapodRewardWeights,
             variant=kernels.WALK if walks else kernels.CODE,
             control_dt=config.control_dt,
             target_speed=config.target_speed,
@@ -127,7 +127,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
         self._names = _WALK_TERMS if walks else _CODE_TERMS
         self._terms = torch.zeros(len(self._names), self.num_worlds, device=self.device)
         state = self.simulation.state.arrays
-        self._pay = launch_over(self, kernels.pay_hexapod, pay, self.action, state, self.walk, self._terms)
+        self._pay = launch_over(self, kernels.compute_hexapod_rewards, pay, self.action, state, self.walk, self._terms)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""

@@ -21,7 +21,7 @@ CODE = wp.constant(1)
 
 
 @wp.struct
-class HexapodPay:
+class HexapodRewardWeights:
     """Numbers of the reward."""
 
     variant: int
@@ -33,8 +33,8 @@ class HexapodPay:
 
 
 @wp.kernel
-def pay_hexapod(
-    pay: HexapodPay, action: wp.array2d[float], state: StateArrays, walk: WalkState, terms: wp.array2d[float]
+def compute_hexapod_rewards(
+    pay: HexapodRewardWeights, action: wp.array2d[float], state: StateArrays, walk: WalkState, terms: wp.array2d[float]
 ):  # fmt: skip
     """Terms of the reward, (T, W)."""
     world = wp.tid()

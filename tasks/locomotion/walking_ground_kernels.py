@@ -204,7 +204,7 @@ def grid_point(position: wp.vec3, heading: wp.vec2, offset: wp.vec2) -> wp.vec2:
 
 
 @wp.kernel
-def tell_heights(
+def measure_heights(
     # inputs
     point: wp.array2d[wp.vec2], ground: Heights,
     # outputs

@@ -202,7 +202,7 @@ class Randomiser:
                 chosen = self._centres.chosen(spec, _chosen(name, spec, model, view))
                 self._parameters.append(_Parameter(name, spec, view, chosen))
         self._by_step = [item for item in self._parameters if item.spec.when is When.STEP]
-        self._inertias = [_Inertia(item, model) for item in self._parameters if _takes_inertia(item.name, ranges)]
+        self._inertias = [_Inertia(item, model) for item in self._parameters if _scales_inertia(item.name, ranges)]
         for item in (one for one in self._parameters if one.name in of_model):
             contact_model = simulation.solver.contact_model
             effect = active_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
@@ -237,7 +237,7 @@ class Randomiser:
             self._numbers.compose(every)
 
 
-def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
+def _scales_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
     """Return True if the inertia follows this parameter: a scaled mass, unless it has a range of its own."""
     scaled = name == "body_mass" and ranges[name].mode is Mode.SCALE
     return scaled and ranges[name].inertia and "body_inertia_b" not in ranges
@@ -245,7 +245,7 @@ def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
 
 def drawn_parameters(ranges: Mapping[str, Range]) -> set[str]:
     """Return the model parameters that ranges change: what they name, and what follows masses and centres."""
-    following = {"body_inertia_b" for name in ranges if _takes_inertia(name, ranges)}
+    following = {"body_inertia_b" for name in ranges if _scales_inertia(name, ranges)}
     following |= set(ARRAYS_OF_CENTRES) if of_centres(ranges) else set()
     return {*ranges, *following} - {*of_actuators(ranges), *CENTRES}
 

@@ -57,7 +57,7 @@ class WorldRandom(Readable):
         self._streams: dict[str, wp.array] = {}
         self._made: dict[tuple[Any, ...], tuple[TensorLaunch, torch.Tensor]] = {}
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": seed {self.seed}, {plural(self._worlds, 'world')}"
 
     def reseed(self, seed: int) -> None:

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from simwarp import cli
-from simwarp.cli.training import tell_result
+from simwarp.cli.training import report_result
 from simwarp.train.runs.training import TrainResult
 
 SMALL = ["--device", "cpu", "--num-envs", "8", "--steps-per-iteration", "8", "--logger", "csv"]
@@ -57,7 +57,7 @@ def test_an_interrupted_run_goes_on_with_the_words_of_its_hint(capsys, film):
     result = TrainResult(
         "fast", "my [runs]/it's", "c.pt", None, 3, 4, 1.0, 1.0, None, None, interrupted=True
     )  # fmt: skip
-    assert tell_result(Console(width=40), "fast", result, Path("my [runs]"), "train", film=film) == cli.INTERRUPTED
+    assert report_result(Console(width=40), "fast", result, Path("my [runs]"), "train", film=film) == cli.INTERRUPTED
     films = [] if film is None else ["--film", "5"]
     out = capsys.readouterr().out
     assert hinted(out, "train") == ["train", "fast", "--resume", "my [runs]/it's", *films]
@@ -68,5 +68,5 @@ def test_the_replay_of_a_break_is_hinted_in_quotes(capsys):
     result = TrainResult(
         "fast", "my runs/a", "c.pt", None, 3, 4, 1.0, 1.0, None, None, interrupted=False, broken_iterations=1
     )  # fmt: skip
-    assert tell_result(Console(), "fast", result, Path("my runs"), "train") == cli.FELL_SHORT
+    assert report_result(Console(), "fast", result, Path("my runs"), "train") == cli.FELL_SHORT
     assert "`simwarp replay 'my runs/a/broken.npz'`" in capsys.readouterr().err

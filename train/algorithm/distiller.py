@@ -55,10 +55,10 @@ class Lesson(Readable):
         """Return what a checkpoint and a run's ``config.json`` say of it."""
         return {LESSON: {TAUGHT_BY: self.path, "config": config_to_plain(self.config)}}
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" by a policy of task '{self.teacher['task']}'" + (f" (--obs {self.obs})" if self.obs else "")
 
-    def _printed_rows(self) -> dict[str, str]:
+    def _readable_rows(self) -> dict[str, str]:
         return {"config": str(self.config)}
 
 

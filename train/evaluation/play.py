@@ -42,7 +42,7 @@ class Frame:
     images: npt.NDArray[np.uint8] | None = None
 
 
-class Takes(Protocol):
+class FrameRecorder(Protocol):
     """What takes frames of a task while it is played."""
 
     def take(self, index: int, count: int, time: float) -> npt.NDArray[np.uint8] | None:
@@ -65,7 +65,7 @@ def check_video_path(path: Path) -> None:
 
 
 def record(
-    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Takes,
+    task: Task[Any], policy: Policy, seconds: float, seed: int, film: FrameRecorder,
     watch: Callable[[int, int], None] | None = None, frames: list[Frame] | None = None,
 ) -> tuple[list[Frame], float]:  # fmt: skip
     """Let a policy act and keep frames.

@@ -57,10 +57,10 @@ class PolicySource(Readable):
             return network_policy(self.content, task)
         return zero_policy(task) if str(self.path) == "zero" else random_policy(task)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" for task '{self.content['task']}': {self.origin}" if self.content else f": {self.origin}"
 
-    def _printed_rows(self) -> dict[str, str]:
+    def _readable_rows(self) -> dict[str, str]:
         return {"path": str(self.path)}
 
 
@@ -139,7 +139,7 @@ class NetworkPolicy(Readable):
         self.actor = actor
         self.groups = groups
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         memory = ", with memory" if self.actor.is_recurrent else ""
         numbers = sum(parameter.numel() for parameter in self.actor.parameters())
         return f": {numbers} parameters, sees {', '.join(self.groups)}{memory}"

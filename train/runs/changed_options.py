@@ -48,7 +48,7 @@ def _value(value: Any) -> str:
     return shown(plain if isinstance(plain, tuple) else plain_value(plain))
 
 
-def told_changes(
+def changed_options_error(
     error: InputError, path: Path, content: Mapping[str, Any], config: TrainConfig, task_config: TaskConfig
 ) -> InputError:
     """Return the error that says which options a checkpoint does not fit; the given one where none has changed.

@@ -27,7 +27,7 @@ from ..algorithm.learner import IterationLeftError, IterationReport, Learner, Tr
 from ..algorithm.trainer import Trainer
 from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
-from .changed_options import told_changes
+from .changed_options import changed_options_error
 from .lessons import planned_lesson, saved_lesson
 from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay
@@ -159,7 +159,7 @@ def _load(trainer: Learner, path: Path, content: dict[str, Any]) -> bool:
     try:
         return trainer.load(content, f"checkpoint {path}")
     except InputError as error:
-        raise told_changes(error, path, content, trainer.config, trainer.task.config) from error
+        raise changed_options_error(error, path, content, trainer.config, trainer.task.config) from error
 
 
 def run_description(

@@ -77,7 +77,7 @@ class SweepRun:
                 )
         started = saved.get(WARM_START)
         if started != start:
-            was, now = _told_start(started), _told_start(start)
+            was, now = _recorded_start(started), _recorded_start(start)
             raise InputError(f"run {self.folder.path} was made with {was}, not {now}: give another --out")
 
 
@@ -128,7 +128,7 @@ def differences(
             yield key, was, now
 
 
-def _told_start(path: str | None) -> str:
+def _recorded_start(path: str | None) -> str:
     return "no --warm-start" if path is None else f"--warm-start {path}"
 
 

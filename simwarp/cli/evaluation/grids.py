@@ -93,7 +93,7 @@ def grid_points(
             return [f"--task.{key}={word}"]  # no option: `with_named` makes one of all of its kind
         return option_words(f"task.{key}", word, field_of(base, key), f"--grid {key}")
 
-    points = combinations(axes, words_of, lambda words: parse(with_named(words, base)), field_of, told_value)
+    points = combinations(axes, words_of, lambda words: parse(with_named(words, base)), field_of, value_for_json)
     if levels is None:
         return [GridPoint(values, config, level) for values, config in points]
     wanted = [level_of(f"--grid {LEVEL}", word) for word in levels]
@@ -202,7 +202,7 @@ def combinations(
     return points
 
 
-def told_value(value: Any) -> Any:
+def value_for_json(value: Any) -> Any:
     """Return a value of a grid's key as JSON has it; several numbers are one text, as on the command line."""
     if isinstance(value, Range):
         return value.low

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import DONE, INTERRUPTED, UsageError
-from simwarp.cli.options import HELP, CommonOptions, in_shell, option_value, parse_options, take_task, task_options
+from simwarp.cli.options import HELP, CommonOptions, in_shell, option_value, parse_options, split_task, task_options
 from simwarp.core.stopping import stop_on_signals
 from simwarp.tasks import make, task_class, task_names
 
@@ -25,7 +25,7 @@ class CloneOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Clone as the arguments say; 130 after an interruption."""
-    word, arguments = take_task(arguments, "clone", task_names())
+    word, arguments = split_task(arguments, "clone", task_names())
     cls = task_class(word)
     name = cls.name
     import torch

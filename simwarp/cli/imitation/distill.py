@@ -16,11 +16,11 @@ from simwarp.cli.options import (
     expand_shorthands,
     option_value,
     parse_options,
-    take_task,
+    split_task,
     task_options,
     with_chosen_obs,
 )
-from simwarp.cli.training import StartOptions, tell_result, with_network_of_start
+from simwarp.cli.training import StartOptions, report_result, with_network_of_start
 from simwarp.tasks import config_to_train_in, task_class, task_names
 
 
@@ -89,7 +89,7 @@ def read_options(word: str, arguments: list[str]) -> Any:
 def run(arguments: list[str]) -> int:
     """Distil as the arguments say; 130 after an interruption."""
     resumed = option_value(arguments, "--resume")
-    word, arguments = take_task(arguments, "distill", task_names(), run=resumed)
+    word, arguments = split_task(arguments, "distill", task_names(), run=resumed)
     name = task_class(word).name
     teacher = option_value(arguments, "--teacher")
     if not HELP & set(arguments) and (teacher is None) == (resumed is None):
@@ -114,7 +114,7 @@ def run(arguments: list[str]) -> int:
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
-    return tell_result(console, name, result, options.runs if resumed is None else None, "distill")
+    return report_result(console, name, result, options.runs if resumed is None else None, "distill")
 
 
 def _teacher_of(name: str, options: Any) -> tuple[Path, str]:

@@ -16,11 +16,11 @@ from rich.console import Console
 from rich.table import Table
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.cli.options import CommonOptions, parse_options, split_path
 from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, SelfCollisionWord, load_file
 from simwarp.core.files import write_file
 from simwarp.core.types import Dof, ModelError, PositionDrive, VelocityMotor
-from simwarp.core.warp_start import told_compiling
+from simwarp.core.warp_start import report_compiling
 from simwarp.importers.imported import Imported
 from simwarp.importers.report import Fate, ReportLine
 from simwarp.importers.robot_files import save_robot
@@ -61,7 +61,7 @@ class ImportOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Import as the arguments say."""
-    path, arguments = take_path(arguments, "import", "FILE")
+    path, arguments = split_path(arguments, "import", "FILE")
     options = parse_options(ImportOptions, arguments, "simwarp import FILE")
     options.check(path, save=options.save, picture=options.picture)
     for target, suffix in ((options.save, ".json"), (options.picture, ".png")):
@@ -75,17 +75,17 @@ def run(arguments: list[str]) -> int:
     )  # fmt: skip
     wall = time.perf_counter() - begin
     console = options.console()
-    with told_compiling(partial(console.print, highlight=False)):
+    with report_compiling(partial(console.print, highlight=False)):
         faults = _faults(robot)
     _tell(console, path, kind, robot, faults, options, wall)
     if options.save is not None:
         save_robot(robot, options.save)
         console.print(f"wrote {options.save}", highlight=False, soft_wrap=True)
     if options.picture is not None:
-        with told_compiling(partial(console.print, highlight=False)):
+        with report_compiling(partial(console.print, highlight=False)):
             _draw(robot, options.picture)
         console.print(f"wrote {options.picture}", highlight=False, soft_wrap=True)
-    _tell_next(console, path, kind, options)
+    _print_next(console, path, kind, options)
     options.emit(_results(path, kind, robot, faults, wall, options))
     return DONE
 
@@ -209,7 +209,7 @@ def _report_rows(robot: Imported) -> list[tuple[str, ...]]:
     return rows
 
 
-def _tell_next(console: Console, path: Path, kind: Format, options: ImportOptions) -> None:
+def _print_next(console: Console, path: Path, kind: Format, options: ImportOptions) -> None:
     given = f" --base {options.base}" if options.base else ""
     given += f" --density {options.density:g}" if options.density else ""
     given += f" --allow {shlex.join(options.allow)}" if options.allow else ""

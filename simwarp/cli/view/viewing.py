@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simwarp.cli import HELP, UsageError
-from simwarp.cli.options import parse_options, take_path
+from simwarp.cli.options import parse_options, split_path
 from simwarp.cli.view.targets import ViewTarget, find_target
 from simwarp.cli.view.view_options import ACTORS, TaskViewOptions, ViewOptions, announce, check_view_options
 
@@ -21,7 +21,7 @@ def run(arguments: list[str]) -> int:
     """
     if HELP & set(arguments) and arguments[0].startswith("-"):
         parse_options(ViewOptions, arguments, "simwarp view TARGET")
-    name, arguments = take_path(arguments, "view", "TARGET")
+    name, arguments = split_path(arguments, "view", "TARGET")
     target = find_target(str(name))
     server = _early_page(target, arguments)
     try:

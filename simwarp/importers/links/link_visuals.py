@@ -39,7 +39,7 @@ class LinkVisual:
     color: tuple[float, float, float] | None = None
 
 
-def shown_by(
+def visuals_of_links(
     parts: Sequence[LinkVisual], frames: Mapping[str, NamedFrame], shapes_of: Mapping[str, tuple[int, ...]], prefix: str
 ) -> Callable[[Visuals], None]:
     """What `Imported.add_visuals` calls: collision shapes of links that have visible parts are hidden behind these."""

@@ -57,10 +57,10 @@ def _tags(path: Path, folder: Path, report: ImportReport, above: tuple[Path, ...
         attributes = {str(key): str(value) for key, value in node.attrib.items()}
         file = attributes.get("file")
         if file and (node.tag == "include" or node.tag in ASSETS):
-            _tell_if_outside(node.tag, file, report)
+            _note_if_outside(node.tag, file, report)
         for key in FOLDERS:
             if node.tag == "compiler" and attributes.get(key):
-                _tell_if_outside(key, attributes[key], report)
+                _note_if_outside(key, attributes[key], report)
         if node.tag == "include" and file:
             yield from _tags((folder / file), folder, report, (*above, path))
         else:
@@ -89,7 +89,7 @@ def _check_regular(tags: Sequence[Tag], folder: Path, report: ImportReport, abov
                     _check_regular(below, candidate.parent, report, (*above, candidate))
 
 
-def _tell_if_outside(what: str, file: str, report: ImportReport) -> None:
+def _note_if_outside(what: str, file: str, report: ImportReport) -> None:
     """A note in the report where a path leaves the folder of the model."""
     path = Path(file)
     if path.is_absolute() or ".." in path.parts:

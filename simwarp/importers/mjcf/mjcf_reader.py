@@ -24,7 +24,7 @@ from simwarp.importers.mjcf.mjcf_flags import apply_flags, is_off
 from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags, shortcut_actuators
 from simwarp.importers.mjcf.mjcf_shapes import add_shapes, shapes_by_root
 from simwarp.importers.mjcf.mjcf_source import Source
-from simwarp.importers.mjcf.mjcf_visuals import shown_geoms
+from simwarp.importers.mjcf.mjcf_visuals import visuals_of_geoms
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import needed, source_file
@@ -83,7 +83,7 @@ def load_mjcf(
         imported = _build(source)
         set_self_collision(target, choice, shapes_by_root(source), report)
         report.finish()
-    imported.show = shown_geoms(source, lambda: _compiled(mujoco, file, report, visuals=True))
+    imported.show = visuals_of_geoms(source, lambda: _compiled(mujoco, file, report, visuals=True))
     return imported
 
 

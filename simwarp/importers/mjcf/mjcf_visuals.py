@@ -21,7 +21,7 @@ UNCOLOURED: Final = (0.5, 0.5, 0.5, 1.0)
 """Colour of a geom that has none of its own: that of its material counts then."""
 
 
-def shown_geoms(source: Source, compiled: Callable[[], tuple[Any, Any]]) -> Callable[[Visuals], None]:
+def visuals_of_geoms(source: Source, compiled: Callable[[], tuple[Any, Any]]) -> Callable[[Visuals], None]:
     """What `Imported.add_visuals` calls: `compiled` gives the model with its visual meshes, and its data at `qpos0`."""
 
     def show(visuals: Visuals) -> None:

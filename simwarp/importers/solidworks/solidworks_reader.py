@@ -17,7 +17,7 @@ from simwarp.core.wording import nearest
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_frames import composed, point_of
 from simwarp.importers.links.link_tree import Link, LinkJoint, assemble, floating_joints, frame_on, unchanged_on_error
-from simwarp.importers.links.link_visuals import shown_by
+from simwarp.importers.links.link_visuals import visuals_of_links
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.solidworks.exported_script import Record, Script, ScriptReader
@@ -87,7 +87,7 @@ def load_solidworks(
     script = ScriptReader(file.name, report).read(bytes_of(file).decode("utf-8-sig", "replace"))
     report.check()
     places = FileFolders(file, folders=folders)
-    parts = PartReader(file.name, places, report, _tells_halves(script))
+    parts = PartReader(file.name, places, report, _has_half_lengths(script))
     link_of = {id(item): parts.add(item, world) for item in script.items if item.kind == "ChBodyAuxRef"}
     parts.finish()
     mates = _mates(script, link_of, file.name, report)
@@ -106,11 +106,11 @@ def load_solidworks(
     return Imported(
         builder=target, bodies=result.bodies, dofs=result.dofs, shapes=result.shapes, coordinates=result.coordinates,
         report=report, frames=result.frames, sites=sites,
-        show=shown_by(parts.visuals, result.frames, result.shapes_of, prefix),
+        show=visuals_of_links(parts.visuals, result.frames, result.shapes_of, prefix),
     )  # fmt: skip
 
 
-def _tells_halves(script: Script) -> bool:
+def _has_half_lengths(script: Script) -> bool:
     """True for releases before 8, whose boxes are told by half lengths: they show meshes as assets, and their
     cylinders have two radii.
     """

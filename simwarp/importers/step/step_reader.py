@@ -18,7 +18,7 @@ from simwarp.importers.links.link_frames import composed, pose_from_matrix
 from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls
 from simwarp.importers.links.link_tree import Link, LinkJoint, LinkShape, assemble, unchanged_on_error
-from simwarp.importers.links.link_visuals import LinkVisual, shown_by
+from simwarp.importers.links.link_visuals import LinkVisual, visuals_of_links
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import check_installed, source_file
@@ -113,7 +113,7 @@ def load_step(
     assert result.coordinates is not None
     return Imported(
         builder=target, bodies=result.bodies, dofs=result.dofs, shapes=result.shapes, coordinates=result.coordinates,
-        report=report, frames=result.frames, show=shown_by(visuals, result.frames, result.shapes_of, prefix),
+        report=report, frames=result.frames, show=visuals_of_links(visuals, result.frames, result.shapes_of, prefix),
     )  # fmt: skip
 
 

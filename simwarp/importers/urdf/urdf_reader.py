@@ -17,7 +17,7 @@ from simwarp.core.types import ModelError, Pose, shown
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_tree import Assembled, assemble, massless_heads, unchanged_on_error
-from simwarp.importers.links.link_visuals import shown_by
+from simwarp.importers.links.link_visuals import visuals_of_links
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import FileFolders, bytes_of, expansion_of, needed, parsed_xml, source_file
@@ -110,7 +110,7 @@ def load_urdf(
         coordinates=assembled.coordinates, report=report, frames=assembled.frames, actuators=actuators,
         effort_limits={prefix + v.joint.name: v.effort for v in values if v.effort is not None},
         velocity_limits={prefix + v.joint.name: v.velocity for v in values if v.velocity is not None},
-        show=shown_by(links.visuals, assembled.frames, assembled.shapes_of, prefix),
+        show=visuals_of_links(links.visuals, assembled.frames, assembled.shapes_of, prefix),
     )  # fmt: skip
 
 

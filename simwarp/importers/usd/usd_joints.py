@@ -131,7 +131,7 @@ class JointReader:
             turned[:] = 0.0
             if joint.limit.enabled and max(joint.limit.lower, joint.limit.upper) >= 0.0:
                 self._report.approximate("cone limit", name, "left out: the ball turns freely")
-        self._tell_apart(name, offset, turned)
+        self._note_offset(name, offset, turned)
         dofs: tuple[Dof, ...] = ()
         joint_type = types.get(kind, JointType.REVOLUTE if kind == "RevoluteJoint" else JointType.PRISMATIC)
         if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC):
@@ -140,7 +140,7 @@ class JointReader:
         direction = matrix_of(frames[1].rotation)[:, axis]
         self.joints.append(_between(name, joint_type, ends, frames[1].position, direction, dofs, value))
 
-    def _tell_apart(self, name: str, offset: Array, turned: Array) -> None:
+    def _note_offset(self, name: str, offset: Array, turned: Array) -> None:
         gap = max(float(np.linalg.norm(offset)), float(np.linalg.norm(turned)))
         if gap > APART:
             self._report.approximate(
@@ -202,7 +202,7 @@ class JointReader:
         angles = Rotation(moved.rotation).as_euler("XYZ")
         values = dict(zip(FREEDOMS, [*moved.position.tolist(), *angles.tolist()], strict=True))
         locked = np.array([0.0 if word in free else values[word] for word in FREEDOMS])
-        self._tell_apart(name, locked[:3], locked[3:])
+        self._note_offset(name, locked[:3], locked[3:])
         if len([word for word in free if word.startswith("Rot")]) == 3:
             told = "three hinges about x, y, z in a row, in place of a twist and a swing"
             self._report.approximate("joint d6", name, told)

@@ -25,7 +25,7 @@ from simwarp.importers.links.link_tree import (
     tied_links,
     unchanged_on_error,
 )
-from simwarp.importers.links.link_visuals import shown_by
+from simwarp.importers.links.link_visuals import visuals_of_links
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import FileFolders, source_file
@@ -136,7 +136,7 @@ def _read(
     return Imported(
         builder=target, bodies=result.bodies, dofs=result.dofs, shapes=result.shapes, coordinates=result.coordinates,
         report=report, frames=result.frames, actuators=actuators, keyframes={f"{prefix}initial": start},
-        show=shown_by(visuals, result.frames, result.shapes_of, prefix),
+        show=visuals_of_links(visuals, result.frames, result.shapes_of, prefix),
     )  # fmt: skip
 
 

@@ -251,7 +251,7 @@ def can_factorise(problem: ConeProblem) -> bool:
 
 
 @wp.func
-def take_gamma(problem: ConeProblem, friction_law: int) -> float:
+def load_start(problem: ConeProblem, friction_law: int) -> float:
     """X, AX <- those of GAMMA, R_EFF <- De Saxcé's term there; returns the residual."""
     n = problem.row_count
     for row in range(n):
@@ -271,7 +271,7 @@ def start_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
     set_units(problem)
     for row in range(n):
         problem.wide[GAMMA, row] = wp.float64(problem.gamma[row])
-    take_gamma(problem, config.friction_law)
+    load_start(problem, config.friction_law)
     updates = int(1)
     if config.friction_law == EXACT:
         updates = int(TERM_UPDATES)
@@ -281,7 +281,7 @@ def start_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
         law += 1
         inside = solve_convex(problem, config, config.friction_law)
         report.iterations += inside.iterations
-        inner = take_gamma(problem, config.friction_law)
+        inner = load_start(problem, config.friction_law)
     report.residual = inner
     for row in range(n):
         # The double iterate, of which float32 takes two numbers: what follows may need the room.

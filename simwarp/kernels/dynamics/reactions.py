@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def take_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work):
+def subtract_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work):
     """Removes a row's impulse from what the link's tree joint must have transmitted."""
     if link >= 0:
         work.f_ang[link] = work.f_ang[link] - ang * scale
@@ -23,7 +23,7 @@ def take_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work)
 
 
 @wp.func
-def take_contact(contact: int, world: int, topology: Topology, contacts: ContactArrays, work: Work):
+def subtract_contact(contact: int, world: int, topology: Topology, contacts: ContactArrays, work: Work):
     """A contact's impulse, off the account of the joints of both links."""
     frame = contact_frame(contacts.contact_normal_w[world, contact])
     impulse = contacts.contact_impulse[world, contact] * frame
@@ -31,12 +31,12 @@ def take_contact(contact: int, world: int, topology: Topology, contacts: Contact
     moment = wp.vec3(m[2], m[0], m[1]) * frame
     link0 = link_of(topology.shape_body[contacts.contact_shape0[world, contact]], topology)
     link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
-    take_wrench(link0, wp.cross(contacts.contact_arm0[world, contact], impulse) + moment, impulse, -1.0, work)
-    take_wrench(link1, wp.cross(contacts.contact_arm1[world, contact], impulse) + moment, impulse, 1.0, work)
+    subtract_wrench(link0, wp.cross(contacts.contact_arm0[world, contact], impulse) + moment, impulse, -1.0, work)
+    subtract_wrench(link1, wp.cross(contacts.contact_arm1[world, contact], impulse) + moment, impulse, 1.0, work)
 
 
 @wp.func
-def take_relative_rotations(coupling: int, topology: Topology, work: Work):
+def subtract_relative_rotations(coupling: int, topology: Topology, work: Work):
     """A coupling's impulses on the bodies that its RELATIVE_ROTATION terms name, off the account of their joints."""
     for term in range(topology.coupling_wrench.shape[1]):
         entry = topology.coupling_wrench[coupling, term]
@@ -45,12 +45,12 @@ def take_relative_rotations(coupling: int, topology: Topology, work: Work):
             impulse = work.row_impulse[topology.coupling_row[coupling]]
             link0 = link_of(topology.joint_body0[joint], topology)
             link1 = link_of(topology.joint_body1[joint], topology)
-            take_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
-            take_wrench(link1, work.j1_ang[entry], work.j1_lin[entry], impulse, work)
+            subtract_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
+            subtract_wrench(link1, work.j1_ang[entry], work.j1_lin[entry], impulse, work)
 
 
 @wp.func
-def take_distance(
+def subtract_distance_spring(
     index: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, work: Work, reports: Reports,
 ):  # fmt: skip
@@ -62,8 +62,8 @@ def take_distance(
         dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
     )
     impulse = implicit.effort - implicit.gain * line.lever * work.qd[topology.distance_dof[index, 1]]
-    take_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
-    take_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
+    subtract_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
+    subtract_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
     frames = joint_frames(joint, world, topology, parameters, work)
     force = line.w1.lin * (impulse / dt)
     reports.joint_reaction_force[world, joint] = force
@@ -71,7 +71,7 @@ def take_distance(
 
 
 @wp.func
-def take_dof(
+def subtract_dof_impulse(
     dof: int, impulse: float, world: int, dt: float, topology: Topology, parameters: Parameters, work: Work,
     reports: Reports,
 ):  # fmt: skip
@@ -80,8 +80,8 @@ def take_dof(
     frames = joint_frames(joint, world, topology, parameters, work)
     axis = topology.dof_axis[dof]
     row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
-    take_wrench(link_of(topology.joint_body0[joint], topology), row.w0.ang, row.w0.lin, impulse, work)
-    take_wrench(link_of(topology.joint_body1[joint], topology), row.w1.ang, row.w1.lin, impulse, work)
+    subtract_wrench(link_of(topology.joint_body0[joint], topology), row.w0.ang, row.w0.lin, impulse, work)
+    subtract_wrench(link_of(topology.joint_body1[joint], topology), row.w1.ang, row.w1.lin, impulse, work)
     if topology.joint_type[joint] != FREE:
         force = row.w1.lin * (impulse / dt)
         torque = row.w1.ang * (impulse / dt) - wp.cross(to_float(frames.r1), force)
@@ -144,30 +144,32 @@ def record_reactions(
         torque = wp.vec3()
         for row in range(topology.loop_row[index, 0], topology.loop_row[index, 2]):
             impulse = work.row_impulse[row]
-            take_wrench(link0, work.j0_ang[row], work.j0_lin[row], impulse, work)
-            take_wrench(link1, work.j1_ang[row], work.j1_lin[row], impulse, work)
+            subtract_wrench(link0, work.j0_ang[row], work.j0_lin[row], impulse, work)
+            subtract_wrench(link1, work.j1_ang[row], work.j1_lin[row], impulse, work)
             force += work.j1_lin[row] * impulse
             torque += work.j1_ang[row] * impulse
         frames = joint_frames(joint, world, topology, parameters, work)
         reports.joint_reaction_force[world, joint] = force / dt
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
     for coupling in range(topology.row_count - topology.joint_row_count):
-        take_relative_rotations(coupling, topology, work)
+        subtract_relative_rotations(coupling, topology, work)
     for index in range(topology.distance_count):
-        take_distance(index, world, dt, topology, parameters, state, control, work, reports)
+        subtract_distance_spring(index, world, dt, topology, parameters, state, control, work, reports)
     for block in range(blocks):
         index = work.active[block]
         if index >= topology.box_count:
-            take_contact(index - topology.box_count, world, topology, contacts, work)
+            subtract_contact(index - topology.box_count, world, topology, contacts, work)
         else:
             dof = topology.box_dof[index]
             # what bounds a combination acts along coordinates of the tree, as drives and limits of these do
             if topology.dof_to_tree_dof[dof] < 0 and topology.dof_sum[dof] < 0:
                 impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
-                take_dof(dof, impulse, world, dt, topology, parameters, work, reports)
+                subtract_dof_impulse(dof, impulse, world, dt, topology, parameters, work, reports)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
-        take_dof(dof, dt * applied_effort(world, dof, control), world, dt, topology, parameters, work, reports)
+        subtract_dof_impulse(
+            dof, dt * applied_effort(world, dof, control), world, dt, topology, parameters, work, reports
+        )
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         parent = topology.link_parent[link]

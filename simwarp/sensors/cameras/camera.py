@@ -21,7 +21,7 @@ from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import LensField, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
@@ -95,7 +95,7 @@ class CameraConfig(Configuration):
 
 
 @renamed_fields(development="image_processing")
-class Camera(PrintedSensor):
+class Camera(ReadableSensor):
     """A camera on a body, or fixed in the world, in every world.
 
     Args:

@@ -143,7 +143,7 @@ class Lights(Readable):
             setattr(self, name, array)
             setattr(self.arrays, name, array)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {self.sun_direction.shape[1]} suns, {self.lamp_color.shape[1]} lamps"
 
     def check(self, model: Model) -> None:

@@ -12,7 +12,7 @@ import warp as wp
 
 from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
 from simwarp.core.types import ModelError, shown
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beam, Beams
 from simwarp.sensors.ranging.lidar_kernels import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
@@ -105,7 +105,7 @@ class LidarConfig(Configuration):
         check_reach("LidarConfig", self.near, self.far)
 
 
-class Lidar(PrintedSensor):
+class Lidar(ReadableSensor):
     """Scans every world; a `Sensor` for `Simulation(sensors=[...])`.
 
     Sensor axes: x ahead, y left, z up, those of the mount. Points are given in the axes that the sensor had when their

@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.clusters_kernels import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
@@ -114,7 +114,7 @@ class RadarConfig(Configuration):
         check_reach("RadarConfig", self.near, self.far)
 
 
-class Radar(PrintedSensor):
+class Radar(ReadableSensor):
     """Measures range, direction and range rate in every world; a `Sensor` for `Simulation(sensors=[...])`.
 
     The range rate is that of the surface that a ray meets, seen from the moving sensor, positive where it goes away:

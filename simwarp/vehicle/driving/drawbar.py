@@ -129,7 +129,7 @@ class Drawbar(Readable):
         for name in ("force_sum", "throttle_sum", *MEASURED):
             setattr(self._state, name, wp.zeros(model.world_count, dtype=float, device=device))
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of vehicle '{self.vehicle.parts.spec.name}' at {self.spec.speed:g} m/s"
 
     @property

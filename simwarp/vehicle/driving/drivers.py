@@ -151,7 +151,7 @@ class ScriptedDriver(Readable):
         self._parts = vehicle.parts if isinstance(vehicle, Vehicle) else vehicle.parts[0]
         self.error_sum = wp.zeros(vehicle.input_rows.shape[:2], dtype=float, device=device)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of vehicle '{self._parts.spec.name}', by a script"
 
     @property

@@ -154,7 +154,7 @@ class PathTracker(Readable):
         self._state.started = wp.zeros(worlds, dtype=int, device=device)
         self._memory = {name: getattr(self._state, name) for name in ("segment", "started", *names)}
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of vehicle '{self.vehicle.parts.spec.name}', along {plural(len(self.spec.paths), 'path')}"
 
     @property
@@ -243,7 +243,7 @@ class InteractiveDriver(Readable):
         self.target = writable((vehicle.model.world_count, 4), wp.float32, vehicle.model.device)
         self._gain, self._rate = _four("gain", gain), _four("rate", rate)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of vehicle '{self.vehicle.parts.spec.name}', towards target"
 
     @property

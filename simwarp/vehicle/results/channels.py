@@ -78,7 +78,7 @@ class Recorder(Readable):
         axles = len(vehicle.parts.spec.axles)
         self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of vehicle '{self.vehicle.parts.spec.name}': {plural(len(self.rows), 'row')}"
 
     def sample(self) -> None:
@@ -123,7 +123,7 @@ class Recorder(Readable):
         dt = self.simulation.dt
         return np.asarray(np.round(np.round(t / dt) * dt - self.start, 9))
 
-    def take_inputs(self) -> None:
+    def record_inputs(self) -> None:
         """Enters what the driver did in the step after `sample`: the inputs at the sample's own time."""
         throttle = COLUMNS.index("throttle")
         inputs = self.vehicle.input.numpy()[self.worlds]

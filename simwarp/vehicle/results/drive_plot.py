@@ -42,7 +42,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
-    told = [f"{item.label} {item.shown} {item.told_unit}".rstrip() for item in results]
+    told = [f"{item.label} {item.shown} {item.unit_text}".rstrip() for item in results]
     lines = joined(told)
     grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
     note = figure.add_subplot(grid[0, :])

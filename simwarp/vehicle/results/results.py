@@ -36,7 +36,7 @@ class Result:
     """Text in place of NaN."""
 
     @property
-    def told_unit(self) -> str:
+    def unit_text(self) -> str:
         """The unit of a number, nothing where there is none."""
         return "" if math.isnan(self.value) else self.unit
 

@@ -120,7 +120,7 @@ class Drive(Readable):
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of vehicle '{self.setup.vehicle.parts.spec.name}': {self.setup.maneuver.duration:g} s"
 
     def run(self, progress: Progress | None = None) -> Run:
@@ -135,7 +135,7 @@ class Drive(Readable):
         for step in range(1, total + 1):
             simulation.step()
             if (step - 1) % every == 0:
-                self.recorder.take_inputs()
+                self.recorder.record_inputs()
             if step % every == 0:
                 self.recorder.sample()
                 if self.broken():

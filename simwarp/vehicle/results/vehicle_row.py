@@ -49,7 +49,7 @@ class Convoy(Readable):
     maneuver: Maneuver
     boxes: tuple[int, ...]
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         name = self.vehicles.parts[0].spec.name
         return f": {len(self.vehicles)} '{name}' in each of {plural(self.simulation.model.world_count, 'world')}"
 

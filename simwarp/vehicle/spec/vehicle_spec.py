@@ -145,10 +145,10 @@ class VehicleSpec(Readable, Spec):
         check_vehicle(self)
         self._check_wheelbase()
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" '{self.name}': {plural(len(self.axles), 'axle')}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         """The templates of its parts."""
         axles, mounts = self.axles, self.steerings
         parts = {"driveline": self.driveline, "engine": self.engine, "transmission": self.transmission}

@@ -211,7 +211,7 @@ class Tires(Readable):
         self.force = writable((world_count, body_count), wp.vec3, self.device)
         self.torque = writable((world_count, body_count), wp.vec3, self.device)
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')} on {self.device}"
 
     def _report(self, dtype: type) -> WritableArray:

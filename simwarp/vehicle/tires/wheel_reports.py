@@ -53,5 +53,5 @@ class WheelReports(Readable):
             setattr(part, name, getattr(self, name)[:, wheels])
         return part
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')}"

@@ -116,7 +116,7 @@ class LiveView(Readable):
         """Called once, when the view is stopped."""
         self.recorders: list[FrameTaker] = []
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" of '{self.subject.name}' at {self.server.url.partition('?')[0]}"
 
     @property

@@ -88,9 +88,9 @@ class RunPanel:
     def toggle(self) -> None:
         """Pauses, or goes on."""
         self._view.paused = not self._view.paused
-        self._tell_paused()
+        self._show_paused()
 
-    def _tell_paused(self) -> None:
+    def _show_paused(self) -> None:
         label = "Go on" if self._view.paused else "Pause"
         if self._pause.label != label:
             self._pause.label = label
@@ -151,7 +151,7 @@ class RunPanel:
     def refresh(self, now: float) -> None:
         """The clock."""
         view = self._view
-        self._tell_paused()  # an error pauses, and so does --paused
+        self._show_paused()  # an error pauses, and so does --paused
         world = int(view.page.worlds[view.page.chosen])
         time = float(view.subject.simulation.state.world_time.numpy()[world])
         wanted = view.speed

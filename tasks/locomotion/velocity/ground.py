@@ -37,11 +37,11 @@ from ..walking_ground_kernels import (
     Patches,
     Rules,
     choose_patch,
+    measure_heights,
     record_walk,
     scan_field,
     scan_plane,
     show_patches,
-    tell_heights,
 )
 from .height_scan import GridScan, ScanConfig
 
@@ -338,7 +338,7 @@ class RoughGround(FlatGround):
             start=model.assets.field_start,
             height=model.assets.field_height,
         )
-        self._height = TensorFunction(tell_heights, [heights], [(torch.float32, ())], device, dimensions=2)
+        self._height = TensorFunction(measure_heights, [heights], [(torch.float32, ())], device, dimensions=2)
         self._scan = GridScan(scan_field, self.scanned, self.stand, worlds, device, [heights])
         timed = [task.episode_clock, task.config.max_episode_steps, task.config.control_dt]
         self._walk = TensorFunction(record_walk, [*timed, self._climb], [], device)

@@ -54,11 +54,11 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """What the class says, component by component."""
         joints, steps = self.action_joints, self.config.history
         sent = {"command": ("ahead", "left", "turn"), "angle": joints, "rate": joints, "action": joints}
-        felt = pieces.names_of(turning=3, down=3, **sent)
+        proprioception = pieces.names_of(turning=3, down=3, **sent)
         if self.config.obs is Seen.HISTORY:
-            return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in felt]}
+            return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in proprioception]}
         around = self.config.scan.names() if self.config.obs is Seen.SCAN else []
-        return {"policy": [*pieces.names_of(velocity=3), *felt, *around]}
+        return {"policy": [*pieces.names_of(velocity=3), *proprioception, *around]}
 
     def setup(self) -> None:
         """Allocate commands and errors."""
@@ -67,16 +67,18 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         self.most = torch.tensor([config.max_speed, config.max_sideways, config.max_turn], device=device)
         self.command, self.heading = torch.zeros(worlds, 3, device=device), torch.zeros(worlds, device=device)
         self.errors, self.error_sums = torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, device=device)
-        self.past = torch.zeros(worlds, config.history - 1, self.felt().shape[1], device=device)  # the newest first
+        self.past = torch.zeros(
+            worlds, config.history - 1, self.proprioception().shape[1], device=device
+        )  # the newest first
 
     def begin_step(self) -> None:
         """Add the errors of the step before; remember what was felt."""
         self.error_sums.add_(self.errors)
         if self.config.history > 1:
-            self.past.copy_(torch.cat([self.felt().unsqueeze(1), self.past[:, :-1]], dim=1))
+            self.past.copy_(torch.cat([self.proprioception().unsqueeze(1), self.past[:, :-1]], dim=1))
         super().begin_step()
 
-    def felt(self) -> torch.Tensor:
+    def proprioception(self) -> torch.Tensor:
         """Return (W, 9 + 3 J) what the robot feels."""
         turning, down = (tell(self.views, self.body) for tell in (pieces.turning_in_body, pieces.projected_gravity))
         return torch.cat([turning, down, self.command, self.angles, self.rates, self.action], dim=1)
@@ -88,8 +90,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     def observations_of(self, obs: str | None) -> dict[str, torch.Tensor]:
         """Return ``policy`` of other observations: for teachers."""
         if obs == Seen.HISTORY.value:
-            return {"policy": torch.cat([self.felt(), self.past.flatten(1)], dim=1)}
-        exact = [pieces.velocity_in_body(self.views, self.body), self.felt()]
+            return {"policy": torch.cat([self.proprioception(), self.past.flatten(1)], dim=1)}
+        exact = [pieces.velocity_in_body(self.views, self.body), self.proprioception()]
         return {"policy": torch.cat([*exact, self.heights()] if obs == Seen.SCAN.value else exact, dim=1)}
 
     def rewards(self) -> dict[str, torch.Tensor]:
@@ -137,7 +139,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             self.command[:, 2] = pieces.turn_towards(rotation, self.heading, gain=1.0, most=config.max_turn)
         for buffer in (self.errors, self.error_sums):
             buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
-        self.past.copy_(torch.where(world_mask.view(-1, 1, 1), self.felt().unsqueeze(1), self.past))
+        self.past.copy_(torch.where(world_mask.view(-1, 1, 1), self.proprioception().unsqueeze(1), self.past))
 
     def commands(self) -> dict[str, Command]:
         """Return speeds ahead and to the left [m/s], and the turn [rad/s]."""

@@ -26,7 +26,7 @@ def vector(name=OFF_ROAD, worlds=3, **options):
     return gym.make_vec(name, num_envs=worlds, render_mode="rgb_array", render_size=SIZE, **options)
 
 
-def shown_by(env) -> Any:
+def visuals_of_links(env) -> Any:
     """What an environment renders: Gymnasium's types allow for text and nothing too."""
     return env.render()
 
@@ -50,7 +50,7 @@ def test_frames_of_one_world(name, rate):
     # 2 x 10 ms, 40 x 2.5 ms and 20 x 1 ms for an action
     env = gym.make(name, render_mode="rgb_array")
     env.reset(seed=0)
-    frame = shown_by(env)
+    frame = visuals_of_links(env)
     assert (frame.shape, frame.dtype) == ((320, 480, 3), np.uint8)
     assert env.metadata["render_fps"] == rate
     assert env.metadata["render_modes"] == ["rgb_array"]
@@ -63,7 +63,7 @@ def test_frames_of_one_world(name, rate):
 def test_frames_of_a_vector(name, rate):
     env = vector(name)
     env.reset(seed=0)
-    frames = shown_by(env)
+    frames = visuals_of_links(env)
     assert isinstance(frames, tuple)
     assert [(frame.shape, frame.dtype) for frame in frames] == [((64, 96, 3), np.uint8)] * 3
     assert (env.metadata["render_fps"], env.metadata["render_modes"]) == (rate, ["rgb_array"])
@@ -71,7 +71,7 @@ def test_frames_of_a_vector(name, rate):
     assert far_apart(frames[0], frames[1]) > 0.01
     kept = frames[0].copy()
     env.step(np.ones(env.action_space.shape, np.float32))
-    later = shown_by(env)
+    later = visuals_of_links(env)
     np.testing.assert_array_equal(frames[0], kept)
     assert (later[0] != kept).any()
 
@@ -94,7 +94,7 @@ def test_nothing_is_built_before_the_first_frame(monkeypatch):
         env.step(env.action_space.sample())
         assert built == []
         for _ in range(2):
-            shown_by(env)
+            visuals_of_links(env)
             env.step(env.action_space.sample())
         assert built == [env.unwrapped.task]
         built.clear()
@@ -110,18 +110,18 @@ def test_frames_change_nothing(name):
         left, right = plain.step(action), filmed.step(action)
         assert data_equivalence(left, right, exact=True)
         if step != 1:  # the first frame comes in the middle of an episode
-            shown_by(filmed)
+            visuals_of_links(filmed)
 
 
 def test_a_reset_shows_the_same_start_again():
     env = single()
     env.reset(seed=5)
-    start = shown_by(env)
+    start = visuals_of_links(env)
     for _ in range(20):
         env.step(np.ones(8, np.float32))
-    assert far_apart(shown_by(env), start) > 0.01
+    assert far_apart(visuals_of_links(env), start) > 0.01
     env.reset(seed=5)
-    np.testing.assert_array_equal(shown_by(env), start)
+    np.testing.assert_array_equal(visuals_of_links(env), start)
 
 
 def test_the_last_frame_shows_the_end_of_the_episode():
@@ -131,16 +131,16 @@ def test_the_last_frame_shows_the_end_of_the_episode():
     frames = []
     for env in (long, short):
         env.reset(seed=2)
-        frames.append([shown_by(env)])
+        frames.append([visuals_of_links(env)])
         for _ in range(15):
             *_, truncated, _ = env.step(np.ones(8, np.float32))
-            frames[-1].append(shown_by(env))
+            frames[-1].append(visuals_of_links(env))
     assert truncated
-    np.testing.assert_array_equal(frames[1][-1], shown_by(env))  # asked again
+    np.testing.assert_array_equal(frames[1][-1], visuals_of_links(env))  # asked again
     # The camera is where it was, the ant too
     np.testing.assert_array_equal(np.stack(frames[0]), np.stack(frames[1]))
     env.reset(seed=2)
-    np.testing.assert_array_equal(shown_by(env), frames[1][0])
+    np.testing.assert_array_equal(visuals_of_links(env), frames[1][0])
 
 
 def test_a_list_of_frames_is_gymnasiums_to_make():
@@ -148,7 +148,7 @@ def test_a_list_of_frames_is_gymnasiums_to_make():
     env.reset(seed=0)
     for _ in range(3):
         env.step(env.action_space.sample())
-    assert [frame.shape for frame in shown_by(env)] == [(64, 96, 3)] * 4
+    assert [frame.shape for frame in visuals_of_links(env)] == [(64, 96, 3)] * 4
 
 
 @pytest.mark.parametrize("make", [gym.make, lambda name, **options: gym.make_vec(name, num_envs=2, **options)])
@@ -171,16 +171,16 @@ def test_a_size_that_no_film_has_is_refused(size):
 def test_without_a_mode_there_is_no_frame_and_a_warning(env):
     env.reset()
     with pytest.warns(UserWarning, match="render\\(\\) was called without a render mode"):
-        assert shown_by(env) is None
+        assert visuals_of_links(env) is None
 
 
 def test_a_task_of_lines_renders_and_one_of_nothing_is_refused():
     env = TaskEnv("fast", render_mode="rgb_array", render_size=SIZE)
     env.reset(seed=0)
-    assert len(np.unique(shown_by(env).reshape(-1, 3), axis=0)) > 10
+    assert len(np.unique(visuals_of_links(env).reshape(-1, 3), axis=0)) > 10
     unseen = TaskVectorEnv(counter(), render_mode="rgb_array")
     with pytest.raises(InputError, match="has nothing to draw"):
-        shown_by(unseen)
+        visuals_of_links(unseen)
 
 
 def film(path):
@@ -195,10 +195,10 @@ def test_record_video_writes_a_film_of_an_episode(tmp_path):
     pytest.importorskip("moviepy")
     env = RecordVideo(single(max_episode_steps=6), str(tmp_path), episode_trigger=lambda episode: True)
     env.reset(seed=0)
-    shown = [shown_by(env)]
+    shown = [visuals_of_links(env)]
     for _ in range(6):
         *_, truncated, _ = env.step(np.ones(8, np.float32))
-        shown.append(shown_by(env))
+        shown.append(visuals_of_links(env))
     env.close()
     assert truncated
     frames, rate = film(tmp_path / "rl-video-episode-0.mp4")

@@ -85,7 +85,10 @@ def test_parts_are_where_they_are_and_move_as_they_do():
     for _ in range(5):
         task.step(still(task))
     speed = -G * 0.1
-    assert task.felt.velocity()[0].tolist() == [pytest.approx([0.0] * 3, abs=1e-4), pytest.approx([0.0, 0.0, speed])]
+    assert task.felt.velocity()[0].tolist() == [
+        pytest.approx([0.0] * 3, abs=1e-4),
+        pytest.approx([0.0, 0.0, speed]),
+    ]
     place = task.felt.position()[0, 1].tolist()
     # Semi-implicit Euler falls by half a step's speed more, over 0.1 s
     assert place == pytest.approx([1.0, 0.0, 0.6 - 0.5 * G * 0.1 * (0.1 + 0.005)], abs=1e-5)

@@ -15,10 +15,10 @@ class Box(Readable):
     def __init__(self, title="", rows=None):
         self.title, self.rows = title, rows or {}
 
-    def _printed_title(self):
+    def _readable_title(self):
         return self.title
 
-    def _printed_rows(self):
+    def _readable_rows(self):
         return self.rows
 
 

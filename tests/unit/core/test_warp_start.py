@@ -12,7 +12,7 @@ import pytest
 import warp as wp
 
 from simwarp.core import warp_start
-from simwarp.core.warp_start import COMPILING, told_compiling
+from simwarp.core.warp_start import COMPILING, report_compiling
 
 FOUR_BAR = """
     import simwarp as sw
@@ -53,14 +53,14 @@ def compile_something(cache):
 
 
 def test_compiling_is_one_line(cache, capsys):
-    with told_compiling(), told_compiling():
+    with report_compiling(), report_compiling():
         compile_something(cache)
     assert capsys.readouterr().err == f"simwarp: {COMPILING}\n"
 
 
 def test_the_line_goes_where_it_is_said_to_go(cache, capsys):
     lines: list[str] = []
-    with told_compiling(lines.append):
+    with report_compiling(lines.append):
         compile_something(cache)
     assert lines == [COMPILING]
     assert capsys.readouterr().err == ""
@@ -68,7 +68,7 @@ def test_the_line_goes_where_it_is_said_to_go(cache, capsys):
 
 def test_a_terminal_sees_how_long_it_takes(cache, capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with told_compiling():
+    with report_compiling():
         compile_something(cache)
     said = capsys.readouterr().err
     assert said.startswith(f"\rsimwarp: {COMPILING}, 0 s")
@@ -77,14 +77,14 @@ def test_a_terminal_sees_how_long_it_takes(cache, capsys, monkeypatch):
 
 def test_without_compiling_nothing_is_told(cache, capsys):
     (cache / f"wp_module_p{os.getpid() + 1}_t1").mkdir()  # another process compiles
-    with told_compiling():
+    with report_compiling():
         time.sleep(0.2)
     assert capsys.readouterr().err == ""
 
 
 def test_a_silent_warp_is_silent(cache, capsys, monkeypatch):
     monkeypatch.setattr(wp.config, "log_level", wp.LOG_ERROR)
-    with told_compiling():
+    with report_compiling():
         compile_something(cache)
     assert capsys.readouterr().err == ""
 
@@ -131,12 +131,12 @@ def test_a_home_without_room_for_compiled_kernels_is_one_line(tmp_path):
 def test_a_kernel_that_cannot_be_written_is_one_line():
     """A cache that is read-only serves as long as all kernels are in it."""
     place = os.path.join(str(wp.config.kernel_cache_dir), "wp_module_p1_t1")
-    with pytest.raises(warp_start.CacheError) as caught, told_compiling():
+    with pytest.raises(warp_start.CacheError) as caught, report_compiling():
         raise OSError(30, "Read-only file system", place)
     assert str(caught.value) == (
         f"the folder '{place}' of compiled kernels cannot be used: Read-only file system; "
         "set WARP_CACHE_PATH to a folder of your own"
     )
-    with pytest.raises(FileNotFoundError) as other, told_compiling():
+    with pytest.raises(FileNotFoundError) as other, report_compiling():
         raise FileNotFoundError(2, "No such file or directory", "/some/mesh.stl")
     assert not isinstance(other.value, warp_start.CacheError)

@@ -85,7 +85,7 @@ def test_machines_apart_are_groups(count):
     model = model_of(machines(APART[:count]))
     assert model.row_groups.row_counts == [7] * count  # five of the loop, gear, spring
     assert model.row_groups.columns == [10] * count
-    assert model.row_groups.most_columns == 10
+    assert model.row_groups.max_columns == 10
     assert model.row_groups.response_room == 80
     check(model)
 
@@ -169,7 +169,7 @@ def test_no_rows_no_groups():
     model = model_of(scenes.stack(count=2))
     assert model.topology.group_count == 0
     assert model.row_groups.row_start == [0]
-    assert model.row_groups.most_columns == model.row_groups.response_room == model.share_width == 0
+    assert model.row_groups.max_columns == model.row_groups.response_room == model.share_width == 0
     assert set(model.row_groups.link_group) == {-1}
 
 

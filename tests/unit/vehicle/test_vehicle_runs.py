@@ -217,7 +217,7 @@ def test_a_vehicle_without_engine_has_no_stopping_distance():
     what = Maneuver(name="reference-brake", script=maneuver("reference-brake", HMMWV).script, duration=12.0)
     with np.errstate(all="raise"):
         found = results(made_up(t, brake=(t >= 9.0).astype(float)), what)
-    told = {item.key: (item.shown, item.told_unit) for item in found}
+    told = {item.key: (item.shown, item.unit_text) for item in found}
     for key in ("stopping_distance", "stopping_time", "mean_deceleration"):
         assert told[key] == ("it does not drive", "")
     assert told["speed_to_hold"] == ("not reached", "")

@@ -89,7 +89,7 @@ class CommandPanel:
             self._actions.take_over(self.world, component, None)
         self._tick()
 
-    def take_all(self) -> None:
+    def hold_all(self) -> None:
         """The chosen world's actions stay as they are until they are moved."""
         assert self._actions is not None
         for component, value in enumerate(self._actions.values()[self.world]):
@@ -111,7 +111,7 @@ class CommandPanel:
     def _switched(self, event: Any) -> None:
         if event.client is not None:
             # not by the box's value, which `refresh` may have written since
-            self._view.post(lambda: self.give_back() if self._given.get(self.world) else self.take_all())
+            self._view.post(lambda: self.give_back() if self._given.get(self.world) else self.hold_all())
 
 
 def _actuators(view: LiveView) -> Actuators | None:

@@ -38,7 +38,7 @@ def test_mirrored_worlds_stay_mirrored(obs):
     qd[2:, task._columns] = images.actions(qd[:2, task._columns])
     task.simulation.set_joint_state(None, q, qd)
     task.command[2:] = task.command[:2] * torch.tensor([1.0, -1.0, -1.0])
-    task.past.copy_(task.felt().unsqueeze(1).expand_as(task.past))
+    task.past.copy_(task.proprioception().unsqueeze(1).expand_as(task.past))
     for _ in range(6):
         half = 0.4 * torch.randn(2, 12, generator=generator)
         result = task.step(torch.cat([half, images.actions(half)]))

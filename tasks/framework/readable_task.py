@@ -12,7 +12,7 @@ from .agents import lead_of
 from .config import TaskConfig
 
 
-class PrintedTask(Readable):
+class ReadableTask(Readable):
     """The rows of a task; see :class:`~simwarp.tasks.Task` for the attributes."""
 
     name: ClassVar[str]
@@ -26,10 +26,10 @@ class PrintedTask(Readable):
     end_reasons: Any
     simulation: Any
 
-    def _printed_title(self) -> str:
+    def _readable_title(self) -> str:
         return f" '{self.name}': {plural(self.num_worlds, 'world')} on {self.device}"
 
-    def _printed_rows(self) -> dict[str, Row]:
+    def _readable_rows(self) -> dict[str, Row]:
         config: TaskConfig = self.config
         groups = [
             f"{name} {(*lead_of(self), *shape)} {str(self.observation_dtypes[name]).rpartition('.')[2]}"
