@@ -480,6 +480,7 @@ def _row_topology(
         ints(tables.loop_joint),
         ints(np.stack([first, end - np.array(tables.rotation_rows, np.int32), end], axis=1)),
     )
+    t.loop_rotation_count = sum(rows > 0 for rows in tables.rotation_rows)
     ends = [max(row.axis1, row.axis0) if dof >= 0 else row.axis1
             for row, dof in zip(tables.rows, tables.row_dof, strict=True)]  # fmt: skip
     columns = ([row.kind for row in tables.rows], [row.axis0 for row in tables.rows], ends, tables.row_dof)

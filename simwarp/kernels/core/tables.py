@@ -27,6 +27,7 @@ class Topology:
     dof_count: int
     joint_count: int
     loop_joint_count: int
+    loop_rotation_count: int  # of them, with efforts on their rotation
     row_count: int  # group by group: rows of loop joints, then couplings, then combinations with a law
     response_count: int  # the same, then combinations without one
     joint_row_count: int  # rows of loop joints, in all groups

@@ -119,6 +119,12 @@ def has_rows(topology: Topology) -> bool:
 
 
 @wp.func
+def has_loop_rotations(topology: Topology) -> bool:
+    """Balls or bushings with efforts on their rotation that close loops."""
+    return topology.loop_rotation_count > 0
+
+
+@wp.func
 def has_cones(topology: Topology) -> bool:
     """Bounded impulses: contacts, limits, drives or friction."""
     return topology.box_count > 0 or topology.pair_count > 0
@@ -225,7 +231,7 @@ def bias_rows(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
     state: StateArrays, work: Work,
 ):  # fmt: skip
-    """Right-hand sides of the rows of loop joints and of combinations."""
+    """Right-hand sides of the rows of loop joints and of combinations, but for efforts on rotations."""
     time = state.world_time[world]
     for index in range(topology.loop_joint_count):
         joint = topology.loop_joint[index]
@@ -234,9 +240,20 @@ def bias_rows(
                 row, joint, world, config.dt, time, wp.float64(work.row_b[row]), topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
-        if topology.loop_row[index, 1] < topology.loop_row[index, 2]:
-            rotation_rows(index, world, config.dt, time, topology, parameters, state, control, config, work)
     combination_laws(world, config.dt, time, topology, parameters, state, control, config, work)
+
+
+@wp.func(inline=True)
+def bias_rotations(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    state: StateArrays, work: Work,
+):  # fmt: skip
+    """Right-hand sides of the rows that carry efforts on rotations: three of a ball or bushing."""
+    for index in range(topology.loop_joint_count):
+        if topology.loop_row[index, 1] < topology.loop_row[index, 2]:
+            rotation_rows(
+                index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
+            )
 
 
 @wp.func(inline=True)

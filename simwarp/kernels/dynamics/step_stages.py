@@ -14,6 +14,7 @@ from simwarp.kernels.dynamics.contact_rows import collect_contacts, reduce_conta
 from simwarp.kernels.dynamics.solve_stages import cone_solve, stages_for_cuda_check
 from simwarp.kernels.dynamics.step import (
     apply_impulses,
+    bias_rotations,
     bias_rows,
     build_islands,
     collect_bounds,
@@ -25,6 +26,7 @@ from simwarp.kernels.dynamics.step import (
     has_cones,
     has_contacts,
     has_islands,
+    has_loop_rotations,
     has_projection,
     has_reactions,
     has_rows,
@@ -61,6 +63,8 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
               reads="poses", writes="wrenches of the rows of closed loops, position errors"),
         Stage(name="bias_rows", function=bias_rows, when=has_rows,
               reads="position errors, velocities, controls", writes="right-hand sides of bilateral rows"),
+        Stage(name="bias_rotations", function=bias_rotations, when=has_loop_rotations,
+              reads="poses, velocities, controls", writes="right-hand sides of efforts on rotations"),
         Stage(name="factor_constraints", function=factor_constraints, when=has_rows,
               reads="the tree's factor, wrenches", writes="responses of bilateral rows, their factor"),
         Stage(name="solve_bilateral", function=solve_bilateral, when=has_rows,
