@@ -61,15 +61,13 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         return {"policy": [*pieces.names_of(velocity=3), *proprioception, *around]}
 
     def setup(self) -> None:
-        """Allocate commands and errors."""
+        """Allocate commands, errors, and earlier observations, the newest first."""
         super().setup()
         config, worlds, device = self.config, self.num_worlds, self.device
         self.most = torch.tensor([config.max_speed, config.max_sideways, config.max_turn], device=device)
         self.command, self.heading = torch.zeros(worlds, 3, device=device), torch.zeros(worlds, device=device)
         self.errors, self.error_sums = torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, device=device)
-        self.past = torch.zeros(
-            worlds, config.history - 1, self.proprioception().shape[1], device=device
-        )  # the newest first
+        self.past = torch.zeros(worlds, config.history - 1, self.proprioception().shape[1], device=device)
 
     def begin_step(self) -> None:
         """Add the errors of the step before; remember what was felt."""
