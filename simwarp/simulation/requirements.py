@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.contact_lists import ListSizes, list_layouts
 from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
+from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS
 from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON_VECTORS
 from simwarp.kernels.core.tables import progress_layouts
@@ -69,9 +70,10 @@ def collision_sizes(model: Model) -> CollisionSizes:
     )
 
 
-LEAST_PAIRS = 64
-LEAST_TRIANGLES = {True: 256, False: 8192}
-"""By whether every world has scratch of its own: on a CPU a few slots have room for a large body on a fine surface."""
+LEAST_ROOM = {True: (64, 64, 256), False: (8192, 16384, 8192)}
+"""Pairs, contacts and triangles that lists have room for at least, by whether every world has lists of its own. A CPU
+has few lists: with few contact slots it still sees all contacts, and keeps the deepest.
+"""
 PER_SLOT = 4
 """Pairs and triangles that there is room for, per contact slot: bounds of boxes cross more often than shapes touch."""
 
@@ -80,11 +82,12 @@ def list_sizes(model: Model, *, own_slots: bool) -> ListSizes:
     """Room for the lists that stages of collision hand on."""
     topology, slots = model.topology, model.contact_capacity
     searched, ground = topology.searched_pairs, topology.ground_pairs
+    pairs, contacts, triangles = LEAST_ROOM[own_slots]
     return ListSizes(
         lists=0 if topology.pair_count == 0 else 3 if ground else 2 if searched else 1,
-        found=2 * slots if topology.pair_count else 0,
-        pairs=min(searched, max(LEAST_PAIRS, PER_SLOT * slots)),
-        triangles=max(LEAST_TRIANGLES[own_slots], PER_SLOT * slots) if ground else 0,
+        found=min(int(MANIFOLD_CONTACTS) * topology.pair_count, max(contacts, 2 * slots)),
+        pairs=min(searched, max(pairs, PER_SLOT * slots)),
+        triangles=max(triangles, PER_SLOT * slots) if ground else 0,
     )  # fmt: skip
 
 
