@@ -70,9 +70,9 @@ def collision_sizes(model: Model) -> CollisionSizes:
     )
 
 
-LEAST_ROOM = {True: (64, 64, 256), False: (8192, 16384, 8192)}
-"""Pairs, contacts and triangles that lists have room for at least, by whether every world has lists of its own. A CPU
-has few lists: with few contact slots it still sees all contacts, and keeps the deepest.
+LEAST_ROOM = {True: (64, 0, 256), False: (8192, 64, 8192)}
+"""Pairs, contacts of a shape, and triangles that lists have room for at least, by whether every world has lists of its
+own. A CPU has few lists: with few contact slots it still sees all contacts, and keeps the deepest.
 """
 PER_SLOT = 4
 """Pairs and triangles that there is room for, per contact slot: bounds of boxes cross more often than shapes touch."""
@@ -85,7 +85,7 @@ def list_sizes(model: Model, *, own_slots: bool) -> ListSizes:
     pairs, contacts, triangles = LEAST_ROOM[own_slots]
     return ListSizes(
         lists=0 if topology.pair_count == 0 else 3 if ground else 2 if searched else 1,
-        found=min(int(MANIFOLD_CONTACTS) * topology.pair_count, max(contacts, 2 * slots)),
+        found=min(int(MANIFOLD_CONTACTS) * topology.pair_count, max(contacts * model.shape_count, 2 * slots)),
         pairs=min(searched, max(pairs, PER_SLOT * slots)),
         triangles=max(triangles, PER_SLOT * slots) if ground else 0,
     )  # fmt: skip
