@@ -10,7 +10,7 @@ from simwarp.core.types import ModelError
 from simwarp.scenery import TEXTURES, flattened, ground_texture, height_at, hills, steepness
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import Visuals
-from tests.unit.kernels.rays.test_rays import Cast, built
+from tests.unit.sensors.test_ray_casting import Cast, built
 
 SIZE = (120.0, 80.0)
 

@@ -15,8 +15,8 @@ from simwarp.core.rotation import rotate
 from simwarp.core.types import ShapeType
 from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, Visual, add_collision, add_visual, arranged
 from simwarp.sensors.scene import Visuals
-from tests.unit.kernels.rays.test_rays import Cast
 from tests.unit.scenery.scenery_meshes import assert_outward, color_of, points_of
+from tests.unit.sensors.test_ray_casting import Cast
 
 SEEDED: dict[str, Callable[[int], Visual]] = {
     **{f"rock {kind}": partial(scenery.rock, kind) for kind in ROCKS},

@@ -11,7 +11,7 @@ from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.presets import load_config
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
-from tests.unit.kernels.rays.ray_scenes import carrier
+from tests.unit.sensors.ray_scenes import carrier
 
 RADIUS = 5.0
 BEAMS = beam_grid(100, 40, elevation=(0.9, -0.9))

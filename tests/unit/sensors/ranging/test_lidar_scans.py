@@ -11,7 +11,7 @@ from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
 from tests.reference.sensors import lidar as reference
-from tests.unit.kernels.rays.ray_scenes import carrier
+from tests.unit.sensors.ray_scenes import carrier
 
 AT_ONCE = Schedule(rate=10.0)
 TILT = np.array([0.06, -0.09, 0.3, 0.0])

@@ -17,7 +17,7 @@ from simwarp.sensors.ranging.clusters_kernels import CLUSTER_CHANNELS, ClusterFr
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise, cluster_scratch
 from simwarp.sensors.ranging.radar_kernels import CHANNELS
 from tests.reference.sensors import radar as reference
-from tests.unit.kernels.rays.ray_scenes import carrier
+from tests.unit.sensors.ray_scenes import carrier
 
 AHEAD = BeamTable(azimuth=(0.0,), elevation=(0.0,))
 FAN = beam_grid(9, 5, azimuth=(0.3, -0.3), elevation=(0.15, -0.15))
