@@ -1,10 +1,9 @@
 """Imports go one way, and never in a circle:
 
-warp <- kernels <- core, geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, soil, scenery,
-scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share six leaves,
-`SHARED`: types, arrays, their devices and declarations, near names, and how objects print. A device half,
-`X_kernels.py` beside its host `X.py`, imports the engine and other device halves. Measurement and commands may import
-each other's modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
+warp <- core <- kernels <- geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, soil, scenery,
+scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. A device half, `X_kernels.py` beside
+its host `X.py`, imports `core`, the engine and other device halves. Measurement and commands may import each other's
+modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
 (`if TYPE_CHECKING:`) counts for directions and circles too.
 """
 
@@ -20,16 +19,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 RANKS = {
-    "kernels": 0, "core": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "actuators": 6, "kinematics": 6,
+    "core": 0, "kernels": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "actuators": 6, "kinematics": 6,
     "vehicle": 6, "sensors": 6, "soil": 6,
     "scenery": 6, "scenes": 6, "importers": 7, "exporters": 7, "viewer": 7, "tasks": 8, "train": 9, "bench": 10,
     "verify": 10, "cli": 10, "__main__": 11,
 }  # fmt: skip
-SHARED = {
-    "simwarp.core.types", "simwarp.core.arrays", "simwarp.core.array_devices", "simwarp.core.fields",
-    "simwarp.core.wording", "simwarp.core.readable",
-}  # fmt: skip
-"""What kernels may import of the host."""
 ONLY_IMPORTER = {"torch": "simwarp.core.interop", "trimesh": "simwarp.geometry.mesh_files"}
 
 
@@ -48,8 +42,6 @@ MODULES = module_names()
 
 def rank(module: str) -> int:
     """The place of a module of simwarp in the order."""
-    if module in SHARED:
-        return -1
     head = module.split(".")[1:2]
     return RANKS[head[0]] if head else RANKS["api"]
 
@@ -94,7 +86,7 @@ def complaints(source: str, module: str, is_package: bool = False) -> list[str]:
         elif top == "simwarp":
             if rank(name) > rank(module):
                 wrong.append(f"{at}: {room} imports {name}")
-            engine = name in SHARED or name.startswith("simwarp.kernels.") or name.endswith("_kernels")
+            engine = name.startswith(("simwarp.core.", "simwarp.kernels.")) or name.endswith("_kernels")
             if module.endswith("_kernels") and not engine:
                 wrong.append(f"{at}: a device half imports {name}")
             if {rest[0] if rest else "", room} == {"vehicle", "sensors"}:
