@@ -6,17 +6,16 @@ order. Lengths and rates are those of the sub-step's start.
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.core.world_status import NON_FINITE
 from simwarp.kernels.dynamics.efforts import effort_bounds
 from simwarp.kernels.dynamics.joints import rotation_vector
 
 wp.set_module_options({"enable_backward": False})
 
-NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 # members of `Law`, `Target` and `Activation` (simwarp/actuators/actuator_spec.py)
 SERVO = wp.constant(1)
 VELOCITY = wp.constant(1)

@@ -7,14 +7,13 @@ reader can see is not taken: readers look when the count is a multiple of `every
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.core.world_status import NON_FINITE
 from simwarp.sensors.random_kernels import frame_key
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
-NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 PHASE_PURPOSE = wp.constant(0x70686173)
 
 IDLE = wp.constant(0)

@@ -15,10 +15,8 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
-
-NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
+from simwarp.kernels.core.world_status import NON_FINITE
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.world_status import NOT_ASSEMBLED
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_rows,
     combination_laws,
@@ -37,7 +37,6 @@ from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pa
 
 wp.set_module_options({"enable_backward": False})
 
-NOT_ASSEMBLED = wp.constant(int(WorldStatus.NOT_ASSEMBLED))
 NEWTON_ITERATIONS = wp.constant(30)
 ASSEMBLED = wp.constant(1.0e-6)  # m or rad: the float32 solve reaches about 1e-7 of the lever arms
 GIVEN_UP = wp.constant(1.0e-4)

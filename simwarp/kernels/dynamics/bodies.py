@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.world_status import SINGULAR
 from simwarp.kernels.dynamics.bilateral_rows import (
     coefficient_of,
     combined_coordinate,
@@ -40,8 +40,6 @@ from simwarp.kernels.dynamics.recovery import make_recovery
 from simwarp.kernels.dynamics.tree import Wrench, has_held_rate
 
 wp.set_module_options({"enable_backward": False})
-
-SINGULAR = wp.constant(int(WorldStatus.SINGULAR))
 
 
 @wp.func

@@ -2,12 +2,12 @@
 
 import warp as wp
 
-from simwarp.core.types import WorldStatus
 from simwarp.kernels.cones.islands import enter_islands, leave_islands, world_report
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, world_row
+from simwarp.kernels.core.world_status import NON_FINITE
 from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_group,
@@ -44,8 +44,6 @@ from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
 
 wp.set_module_options({"enable_backward": False})
-
-NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
 
 @wp.func

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.core.types import ArrayLayout, WorldStatus
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.problem import ConeProblem, ConeScratch
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.scratch import (
@@ -22,10 +22,9 @@ from simwarp.kernels.core.scratch import (
 )
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkScratch
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
+from simwarp.kernels.core.world_status import NON_FINITE
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
 from simwarp.kernels.dynamics.dense_rows import padded
-
-NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
