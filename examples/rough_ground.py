@@ -41,7 +41,7 @@ def pictures(levels: list[int], width: int, seed: int = 0) -> list[np.ndarray]:
     lighting = Lighting(suns=(Sun(direction=(-0.35, -0.8, 0.5)),), shadow_reach=30.0)
     camera = FreeCamera(scene, list(range(len(shown))), config, lighting)
     view = look_at((-9.4, -6.5, 8.3), (-0.2, -0.2, -0.3))
-    return list(camera.take(sw.Simulation(model, 1e-3).state, [view] * len(shown)))
+    return list(camera.render(sw.Simulation(model, 1e-3).state, [view] * len(shown)))
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -65,7 +65,7 @@ class World:
             (self.far, width, 2, self.fov), (self.near, 80, 1, math.pi / 2.0),
         ):  # fmt: skip
             config = CameraConfig(width=pixels, height=pixels * 9 // 16, lens=Pinhole(fov=fov), samples=samples)
-            picture = FreeCamera(scene, [0], config, self.lighting).take(state, [look_at(eye, target)])[0]
+            picture = FreeCamera(scene, [0], config, self.lighting).render(state, [look_at(eye, target)])[0]
             size = (width, width * 9 // 16)
             found.append(np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.NEAREST)))
         return found

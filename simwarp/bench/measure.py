@@ -128,7 +128,7 @@ class TimedRun:
         self._start = self.sim.snapshot()
         self.examiner = examiner
 
-    def _take(self, settled: dict[str, Any]) -> None:
+    def _assign(self, settled: dict[str, Any]) -> None:
         """Hands the settled worlds out in turn; a leading dimension of 1 is shared by all of them."""
         for name, array in self._arrays().items():
             values = settled[name]
@@ -182,7 +182,7 @@ class SceneRun(TimedRun):
     def set_motion(self) -> None:
         """Start and forces: world k gets the same ones whatever the number of worlds."""
         if self.scene.settle > 0.0:
-            self._take(_settled(self.scene, str(self.sim.model.device), self.dt))
+            self._assign(_settled(self.scene, str(self.sim.model.device), self.dt))
         else:
             self._draw()
         self._start_with_examiner()
@@ -190,7 +190,7 @@ class SceneRun(TimedRun):
     def set_motion_of(self, other: SceneRun) -> None:
         """The start of another run of the same worlds."""
         other.restart()
-        self._take({name: array.numpy() for name, array in other._arrays().items()})
+        self._assign({name: array.numpy() for name, array in other._arrays().items()})
         self._start_with_examiner()
 
     def _start_with_examiner(self) -> None:

@@ -42,7 +42,7 @@ def run(arguments: list[str]) -> int:
     device = str(resolve_device(None if options.device == "auto" else options.device))
     begin = time.perf_counter()
     with _StageProgress(console) as teller:
-        demo = sensor_demo(seed=options.seed, device=device, panel=options.panel, tell=teller.tell)
+        demo = sensor_demo(seed=options.seed, device=device, panel=options.panel, report=teller.tell)
     wall = time.perf_counter() - begin
     with replacing(options.out) as draft:
         demo.sheet.save(draft)

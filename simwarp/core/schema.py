@@ -71,7 +71,7 @@ def dotted(keys: Keys) -> str:
     return text
 
 
-def tell(fault: Fault) -> str:
+def fault_text(fault: Fault) -> str:
     """A fault in one line."""
     path = dotted(fault.keys)
     if fault.kind == "check" and path:
@@ -96,7 +96,7 @@ class Place(NamedTuple):
 
     def line(self, fault: Fault) -> str:
         """A fault of a value in the file."""
-        return f"{self.file}: {tell(fault)}"
+        return f"{self.file}: {fault_text(fault)}"
 
 
 class Schema:
@@ -108,19 +108,19 @@ class Schema:
         least: the smallest positive number.
         longest: letters of the longest text.
         unit: unit of a number by its key, for what is wanted.
-        tell: makes the line of a fault in a configuration of a class.
+        describe: makes the line of a fault in a configuration of a class.
     """
 
     def __init__(
         self, error: type[ValueError], *, largest: float = FLOAT32_MAX, least: float = 0.0, longest: int = 10**6,
         unit: Callable[[str], str] = lambda key: "",
-        tell: Callable[[Fault, type], str] = lambda fault, kind: tell(fault),
+        describe: Callable[[Fault, type], str] = lambda fault, kind: fault_text(fault),
     ) -> None:  # fmt: skip
-        self.error, self.unit, self.tell = error, unit, tell
+        self.error, self.unit, self.describe = error, unit, describe
         self.largest, self.least, self.longest = largest, least, longest
         self._validators: dict[Any, SchemaValidator] = {}
 
-    def load(self, hint: Any, value: Any, tell: Callable[[Fault], str] = tell) -> Any:
+    def load(self, hint: Any, value: Any, describe: Callable[[Fault], str] = fault_text) -> Any:
         """The value as a type hint wants it: a class of configurations, or anything that a field may be.
 
         Raises:
@@ -132,7 +132,7 @@ class Schema:
             return self._validator(hint).validate_python((value,))[0]
         except ValidationError as found:
             errors = _errors(found)
-        raise self.error(tell(self._fault(hint, value, errors))) from None
+        raise self.error(describe(self._fault(hint, value, errors))) from None
 
     def hold(self, config: Any) -> None:
         """Hold the fields of a frozen configuration to their types, in `__post_init__`; lists become tuples.
@@ -149,7 +149,7 @@ class Schema:
             return
         except ValidationError as found:
             errors = _errors(found)
-        raise self.error(self.tell(self._fault(kind, given, errors, python=True), kind)) from None
+        raise self.error(self.describe(self._fault(kind, given, errors, python=True), kind)) from None
 
     def _validator(self, hint: Any, fields: bool = False) -> SchemaValidator:
         """What holds a tuple of one value to a hint, or of one dictionary to a class's fields; made when needed."""
@@ -196,7 +196,7 @@ class Schema:
     # ---- what is wrong, in words -----------------------------------------------------------------------------------
 
     def _fault(self, hint: Any, value: Any, errors: Sequence[Mapping[str, Any]], python: bool = False) -> Fault:
-        """The fault to tell: unknown keys before wrong values, and these before missing ones."""
+        """The fault that counts: unknown keys before wrong values, and these before missing ones."""
 
         def rank(error: Mapping[str, Any]) -> int:
             if error["type"] == "missing":
@@ -207,9 +207,9 @@ class Schema:
                 return 0
             return 2 if _within(hint, error["loc"]).union and _is_of_type(error["type"]) else 1
 
-        return self._told(hint, value, min(errors, key=rank), python)
+        return self._described(hint, value, min(errors, key=rank), python)
 
-    def _told(self, hint: Any, root: Any, error: Mapping[str, Any], python: bool) -> Fault:
+    def _described(self, hint: Any, root: Any, error: Mapping[str, Any], python: bool) -> Fault:
         kind, value, context = error["type"], error["input"], error.get("ctx", {})
         place = _within(hint, error["loc"])
         if kind == "missing" and isinstance(error["loc"][-1], int):  # an item of a list of fixed length

@@ -102,8 +102,8 @@ class Workers:
 
     def __init__(self, count: int) -> None:
         self.count = count
-        _POOL.take(count)
-        weakref.finalize(self, _POOL.give_back, count)
+        _POOL.acquire(count)
+        weakref.finalize(self, _POOL.release, count)
 
     def run(self, work: Callable[[], None], count: int | None = None) -> None:
         """Calls `work` in `count` threads at a time and waits until all have returned.
@@ -125,7 +125,7 @@ class _Pool:
     """The process' threads, made when they are first needed.
 
     Users end wherever Python collects garbage: in any thread, and also inside of `submit`, whose locks that thread
-    holds then. So `give_back` waits for no lock. It leaves a note, and whoever holds the lock reads it after release.
+    holds then. So `release` waits for no lock. It leaves a note, and whoever holds the lock reads it after release.
     """
 
     def __init__(self) -> None:
@@ -139,13 +139,13 @@ class _Pool:
         self._executor: concurrent.futures.ThreadPoolExecutor | None = None
         self._size = 0
 
-    def take(self, count: int) -> None:
+    def acquire(self, count: int) -> None:
         """One more user."""
         with self._lock:
             self._users.append(count)
         self._settle()
 
-    def give_back(self, count: int) -> None:
+    def release(self, count: int) -> None:
         """One less; the threads of the last one end."""
         self._gone.append(count)
         self._settle()

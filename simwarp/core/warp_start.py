@@ -24,7 +24,7 @@ COMPILING: Final = "compiling kernels, once per machine: 1 to 3 minutes"
 _NO_DRIVER: Final = "Could not find or load the NVIDIA CUDA driver"
 _started = threading.Event()
 _starting = threading.Lock()
-_telling = threading.Lock()
+_busy = threading.Lock()
 
 
 class CacheError(OSError):
@@ -111,13 +111,13 @@ def report_compiling(say: Callable[[str], None] | None = None) -> Iterator[None]
     Raises:
         CacheError: a kernel had to be compiled, and cannot be written.
     """
-    with _cache_errors(wp.config.kernel_cache_dir or ""), _told(say):
+    with _cache_errors(wp.config.kernel_cache_dir or ""), _reporting(say):
         yield
 
 
 @contextlib.contextmanager
-def _told(say: Callable[[str], None] | None) -> Iterator[None]:
-    if (say is None and wp.config.log_level > wp.LOG_WARNING) or not _telling.acquire(blocking=False):
+def _reporting(say: Callable[[str], None] | None) -> Iterator[None]:
+    if (say is None and wp.config.log_level > wp.LOG_WARNING) or not _busy.acquire(blocking=False):
         yield
         return
     done = threading.Event()
@@ -128,7 +128,7 @@ def _told(say: Callable[[str], None] | None) -> Iterator[None]:
     finally:
         done.set()
         watcher.join()
-        _telling.release()
+        _busy.release()
 
 
 def _watch(done: threading.Event, say: Callable[[str], None] | None) -> None:

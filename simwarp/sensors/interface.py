@@ -31,7 +31,7 @@ def _told(fault: Fault, kind: type) -> str:
     return f"{kind.__name__}: {dotted(fault.keys)} {fault.what}"
 
 
-SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, tell=_told)
+SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, describe=_told)
 """Reads configurations of sensors."""
 
 

@@ -80,7 +80,7 @@ class FreeCamera(Readable):
     def _readable_title(self) -> str:
         return f": {plural(len(self.worlds), 'world')} of {self.config.width} x {self.config.height} pixels"
 
-    def take(self, state: State, poses: Sequence[Pose]) -> npt.NDArray[Any]:
+    def render(self, state: State, poses: Sequence[Pose]) -> npt.NDArray[Any]:
         """A picture of the present state from these poses, one per view (`look_at` makes them).
 
         Returns:

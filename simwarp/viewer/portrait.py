@@ -60,7 +60,7 @@ def portrait(
     paint(visuals, tile=_tile(size))
     eye, target = _view(low, high, width / height)
     camera = FreeCamera(_scene(visuals, simulation), [0], config, _lighting(size))
-    picture: npt.NDArray[Any] = camera.take(simulation.state, [look_at(eye, target)])[0]
+    picture: npt.NDArray[Any] = camera.render(simulation.state, [look_at(eye, target)])[0]
     return picture
 
 

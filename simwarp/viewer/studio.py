@@ -121,7 +121,7 @@ class FollowCamera(Readable):
         config = self.camera.config
         return f": {plural(len(self.camera.worlds), 'world')} of {config.width} x {config.height} pixels"
 
-    def take(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
+    def render(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
         """(worlds, height, width, 3) of the present state.
 
         Args:
@@ -129,7 +129,7 @@ class FollowCamera(Readable):
             lines: of each of the worlds, drawn into its picture; empty: none.
         """
         poses = self._aim(time)
-        pictures: npt.NDArray[np.uint8] = self.camera.take(self._simulation.state, poses)
+        pictures: npt.NDArray[np.uint8] = self.camera.render(self._simulation.state, poses)
         if self._ground is not None:
             self._finish_grounds(pictures, poses)
         if any(lines):

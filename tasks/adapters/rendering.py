@@ -98,4 +98,4 @@ class TaskRenderer:
 
             width, height = self._size
             self._camera = TaskCamera(self._task, width=width, height=height, samples=_SAMPLES)
-        return self._camera.take(self._time)
+        return self._camera.render(self._time)

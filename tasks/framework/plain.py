@@ -42,7 +42,7 @@ def _fault_text_of(fault: Fault, kind: type) -> str:
     return _tell(fault) if fault.kind != "value" else f"{_path(fault.keys)}{owner} {fault.what}"
 
 
-CONFIGS: Final = Schema(InputError, longest=LONGEST_TEXT, tell=_fault_text_of)
+CONFIGS: Final = Schema(InputError, longest=LONGEST_TEXT, describe=_fault_text_of)
 """Reads configurations of tasks and of trainings."""
 
 

@@ -46,7 +46,7 @@ class TaskCamera:
             samples=samples, lighting=task.lighting(), marks=marks, quiet=True,
         )  # fmt: skip
 
-    def take(self, time: float, below: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
+    def render(self, time: float, below: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
         """Images of the present state.
 
         Args:
@@ -61,7 +61,7 @@ class TaskCamera:
             if not line.only_maps:
                 points = line.points.double().cpu().numpy()[self._rows]
                 lines.append([Polyline(each, to_rgb(line.colour), line.width) for each in points])
-        return self._camera.take(time, list(zip(*lines, strict=True)))
+        return self._camera.render(time, list(zip(*lines, strict=True)))
 
     @property
     def follows(self) -> bool:

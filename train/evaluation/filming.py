@@ -106,7 +106,7 @@ class Film:
         )  # fmt: skip
         self._trails = Trails(shown) if options.trail else None
 
-    def take(self, index: int, count: int, time: float) -> Images | None:
+    def render(self, index: int, count: int, time: float) -> Images | None:
         """Images of the present state, frame ``index`` of ``count``; None where none is wanted."""
         if self._trails is not None:
             self._trails.add(self._places())
@@ -115,7 +115,7 @@ class Film:
             if index not in wanted:
                 return None
         trails = [] if self._trails is None else [Polyline(line, TRAIL, _TRAIL_WIDTH) for line in self._trails.lines()]
-        return self._camera.take(time, [trails] if trails else [])
+        return self._camera.render(time, [trails] if trails else [])
 
     def _places(self) -> npt.NDArray[np.float64]:
         """(worlds, 3) where the bodies are: on the ground below what goes about, else where they are [m]."""

@@ -95,7 +95,7 @@ def record(
     steps = max(1, round(seconds / task.config.control_dt))
     count = steps // every + 1
     frames = [] if frames is None else frames
-    frames.append(Frame(0.0, film.take(0, count, 0.0)))
+    frames.append(Frame(0.0, film.render(0, count, 0.0)))
     total = torch.zeros(rows.count, dtype=torch.float64, device=task.device)
     running = torch.ones(rows.count, dtype=torch.bool, device=task.device)
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
@@ -110,7 +110,7 @@ def record(
         reset_memory(policy, ended)
         if step % every == 0:
             time = step * task.config.control_dt
-            frames.append(Frame(time, film.take(step // every, count, time)))
+            frames.append(Frame(time, film.render(step // every, count, time)))
         if watch is not None:
             watch(step, steps)
     refuse_bad_actions(bad, steps * rows.count)

@@ -76,15 +76,15 @@ class DriveFilm:
         def advance(t: float) -> None:
             progress(t)
             if self._films and t + self._start >= len(self._frames) / RATE - 1e-9:
-                self._take(t)
+                self._render(t)
 
         return advance
 
-    def _take(self, t: float) -> None:
+    def _render(self, t: float) -> None:
         from simwarp.train.evaluation.play import Frame
 
         begin = time.perf_counter()
-        self._frames.append(Frame(t + self._start, self._camera.take(t + self._start)))
+        self._frames.append(Frame(t + self._start, self._camera.render(t + self._start)))
         self.seconds += time.perf_counter() - begin
 
     def write(self) -> None:
@@ -99,7 +99,7 @@ class DriveFilm:
             write_video(self.path, self._frames, self._title)
             return
         still = io.BytesIO()
-        image = Image.fromarray(self._camera.take(0.0)[0])
+        image = Image.fromarray(self._camera.render(0.0)[0])
         if self.path.suffix.lower() == ".png":
             image.save(still, format="png", optimize=True)
         else:

@@ -44,7 +44,7 @@ class HtmlFilm:
         self._view = LiveView(_seen(task), worlds=min(task.num_worlds, 64), port=0)
         self._recorder: Recorder | None = None
 
-    def take(self, index: int, count: int, time: float) -> None:
+    def render(self, index: int, count: int, time: float) -> None:
         """Takes the present state as a frame; it goes on from the first one."""
         if self._recorder is None:
             self._recorder = Recorder(self._view, self.path)

@@ -51,7 +51,7 @@ class ManeuverView:
         subject.advance = self._let_pass
         self.view = LiveView(subject, worlds=min(worlds, 16), port=port)
         add_panels(self.view)
-        Chase(self.view.page, setup.vehicle).take(Eye.BEHIND)
+        Chase(self.view.page, setup.vehicle).use(Eye.BEHIND)
         self._pace = Pace(SAMPLE_TIME)
         self._passes = 0
 

@@ -64,7 +64,7 @@ def task_view(name: str, arguments: list[str], server: WebServer | None) -> tupl
 def _record(view: LiveView, human: HumanInTask, options: Any) -> None:
     """Keeps the steps while somebody is at the wheel; the file is written when the page ends."""
     path = options.record_trajectories
-    human.recording = lambda: view.wheel.taken
+    human.recording = lambda: view.wheel.occupied
     view.listeners.append(human.after_step)
 
     def save() -> None:

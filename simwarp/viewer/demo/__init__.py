@@ -59,14 +59,14 @@ class Demo:
     summary: dict[str, Any]
 
 
-def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, tell: Progress | None = None) -> Demo:
+def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, report: Progress | None = None) -> Demo:
     """Drives a truck along a trail, measures with all its sensors, and puts the results on one sheet.
 
     Args:
         seed: of the landscape and of all noise.
         device: Warp device; None: the default.
         panel: width of a small picture [pixels].
-        tell: hears of the progress.
+        report: hears of the progress.
 
     Raises:
         ModelError: the pictures would be too small or too large.
@@ -74,7 +74,7 @@ def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, t
     if isinstance(panel, bool) or not isinstance(panel, int) or not LEAST_PANEL <= panel <= MOST_PANEL:
         rule = f"an integer from {LEAST_PANEL} to {MOST_PANEL} pixels"
         raise ModelError(f"sensor_demo: panel must be {rule}, got {panel!r}; four stand side by side")
-    say: Progress = tell or (lambda what, share: None)
+    say: Progress = report or (lambda what, share: None)
     say("building the world", 0.0)
     world = make_world(seed, device)
     rig = make_sensor_suite(world, seed, panel)
@@ -135,7 +135,7 @@ def _cloud(world: DemoWorld, rig: SensorSuite, simulation: Simulation, width: in
         world.scene, [0], CameraConfig(width=width, height=height, samples=1, lens=lens), rig.cameras["rgb"].lights
     )
     view = look_at(place + np.array([-14.0, 5.0, 8.0]), place + np.array([11.0, 0.0, -2.5]))
-    background = camera.take(simulation.state, [view])[0]
+    background = camera.render(simulation.state, [view])[0]
     return cloud_panel(cloud, background, view, lens.fov, float(place[2]) - ROOF[2] - 0.47)
 
 

@@ -164,7 +164,7 @@ def big_size(panel: int) -> tuple[int, int]:
     return 2 * panel + GAP, 2 * small_height(panel) + CAPTION + GAP
 
 
-def drive(world: DemoWorld, rig: SensorSuite, tell: Progress) -> tuple[dict[str, dict[str, Array]], Simulation]:
+def drive(world: DemoWorld, rig: SensorSuite, report: Progress) -> tuple[dict[str, dict[str, Array]], Simulation]:
     """Drives until all sensors have seen the moment.
 
     Returns:
@@ -182,7 +182,7 @@ def drive(world: DemoWorld, rig: SensorSuite, tell: Progress) -> tuple[dict[str,
     pictures = round(world.moment / DT)
     for step in range(1, last + 1):
         if step % 250 == 0 or step >= pictures:
-            tell("taking pictures" if step >= pictures else "driving", step / last)
+            report("taking pictures" if step >= pictures else "driving", step / last)
         simulation.step()
         if step == last // 2:
             scene.enabled.fill_(1)

@@ -84,7 +84,7 @@ class Hand:
         """The launch after a sub-step."""
         return [simulation.shares.record(let_go, inputs=[self._grip], outputs=[simulation.control.arrays])]
 
-    def take(self, world: int, body: int, grab: npt.ArrayLike, pointer: npt.ArrayLike) -> None:
+    def grab(self, world: int, body: int, grab: npt.ArrayLike, pointer: npt.ArrayLike) -> None:
         """Takes hold, to be called between steps.
 
         Args:

@@ -43,7 +43,7 @@ class FrameTaker(Protocol):
     def due(self) -> bool:
         """Whether it wants a frame now; asked after every step."""
 
-    def take(self) -> None:
+    def begin_frame(self) -> None:
         """To be called before the page sends a frame."""
 
     def finish(self) -> object:
@@ -150,9 +150,9 @@ class LiveView(Readable):
             try:
                 command()
             except Exception as error:  # noqa: BLE001  a click must not end a simulation
-                self.tell(error)
+                self.report(error)
 
-    def tell(self, error: Exception) -> None:
+    def report(self, error: Exception) -> None:
         """An error in the terminal and in the page."""
         text = f"{type(error).__name__}: {error}"
         print(f"viewer: {text}", file=sys.stderr, flush=True)
@@ -190,7 +190,7 @@ class LiveView(Readable):
                 listener()
         except Exception as error:  # noqa: BLE001  told in the page, which lives on
             self.paused = True
-            self.tell(error)
+            self.report(error)
         self.step()
 
     def _note_failures(self) -> None:
@@ -221,7 +221,7 @@ class LiveView(Readable):
             self._next_scenery = now + 1.0 / SCENERY
             self.page.refresh_scenery()
         for recorder in list(self.recorders):
-            recorder.take()
+            recorder.begin_frame()
         with self.server.viser.atomic():
             self.page.frame()
             self._each(self.page.overlays, lambda draw: draw())
@@ -237,7 +237,7 @@ class LiveView(Readable):
             except Exception as error:  # noqa: BLE001  a read-out must not end a simulation
                 if part in parts:
                     parts.remove(part)
-                self.tell(error)
+                self.report(error)
 
 
 def _worlds(worlds: int | Sequence[int], count: int) -> list[int]:

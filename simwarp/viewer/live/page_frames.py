@@ -33,12 +33,12 @@ class Complaints:
     """Lines in the terminal about what pages and others do wrong: one for each page, and at most one a second."""
 
     def __init__(self) -> None:
-        self._told: dict[str, None] = {}
+        self._reported: dict[str, None] = {}
         self._last = -math.inf
         self._held_back = 0
         self._lock = threading.Lock()  # pages are read in the server's thread, callbacks run in others
 
-    def tell(self, who: str, what: str) -> None:
+    def report(self, who: str, what: str) -> None:
         """Says it, unless this page was told of already or the last line is too new.
 
         Args:
@@ -47,12 +47,12 @@ class Complaints:
         """
         with self._lock:
             now = time.monotonic()
-            if who in self._told or now - self._last < QUIET:
+            if who in self._reported or now - self._last < QUIET:
                 self._held_back += 1
                 return
-            self._told[who] = None
-            while len(self._told) > MOST_PAGES:
-                del self._told[next(iter(self._told))]
+            self._reported[who] = None
+            while len(self._reported) > MOST_PAGES:
+                del self._reported[next(iter(self._reported))]
             more = f" ({self._held_back} more since the last line)" if self._held_back else ""
             self._last, self._held_back = now, 0
         line = " ".join(what.split())[:200]
@@ -83,7 +83,7 @@ class CheckedConnection:
             fault = fault_of(raw, self._elements)
             if fault is None:
                 return raw
-            self._complaints.tell(address_of(self._connection), f"a frame is dropped: {fault}")
+            self._complaints.report(address_of(self._connection), f"a frame is dropped: {fault}")
 
 
 def address_of(connection: Any) -> str:
@@ -162,5 +162,5 @@ class OneLine(logging.Filter):
         if record.levelno >= logging.ERROR:
             error = record.exc_info[1] if record.exc_info else None
             told = record.getMessage() + (f" ({type(error).__name__}: {error})" if error is not None else "")
-            self._complaints.tell("web server", told)
+            self._complaints.report("web server", told)
         return False

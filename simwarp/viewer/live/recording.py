@@ -15,8 +15,8 @@ import numpy as np
 
 from simwarp.core.files import check_output, write_file
 from simwarp.core.types import WORLD, ModelError
-from simwarp.viewer.live.extra import not_installed
 from simwarp.viewer.live.page import ROOT
+from simwarp.viewer.live.viser_extra import not_installed
 from simwarp.viewer.live.world_layout import Layout
 
 try:
@@ -129,7 +129,7 @@ class Recorder:
         """Whether enough simulated time went by for the next frame."""
         return self.elapsed + self._gone(self._now()) >= self._next - 1e-4
 
-    def take(self) -> None:
+    def begin_frame(self) -> None:
         """To be called before the page sends a frame; the frame is recorded if one is due."""
         if self.size > self._largest:
             self.finish()

@@ -16,7 +16,7 @@ class RecordingPanel:
     """Starts and ends recordings into the working folder, and tells of the one that runs."""
 
     def __init__(self, view: LiveView) -> None:
-        self._view, self._told = view, ""
+        self._view, self._message = view, ""
         self._recorder: Recorder | None = None
         gui: Any = view.server.viser.gui
         with gui.add_folder("Recording", expand_by_default=False):
@@ -30,8 +30,8 @@ class RecordingPanel:
     def toggle(self) -> None:
         """Starts a recording, or ends the one that runs."""
         if self._running is None:
-            self._told = ""
-            self._recorder = Recorder(self._view, recording_name(self._view.subject.name), say=self._tell)
+            self._message = ""
+            self._recorder = Recorder(self._view, recording_name(self._view.subject.name), say=self._report)
         elif self._recorder is not None:
             path = self._recorder.finish()
             print(f"wrote {path}", flush=True)
@@ -46,7 +46,7 @@ class RecordingPanel:
 
     def refresh(self, now: float) -> None:
         """Name, length and size of the file."""
-        running, recorder, line = self._running, self._recorder, self._told
+        running, recorder, line = self._running, self._recorder, self._message
         label = "Record" if running is None else "Stop recording"
         if recorder is not None and not line:
             word = "recording" if running is not None else "wrote"
@@ -58,6 +58,6 @@ class RecordingPanel:
         if self._line.content != line:
             self._line.content = line
 
-    def _tell(self, text: str) -> None:
-        self._told = text
+    def _report(self, text: str) -> None:
+        self._message = text
         print(text, file=sys.stderr, flush=True)

@@ -22,7 +22,7 @@ from typing import Any, Final
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from simwarp.core.types import ModelError
-from simwarp.viewer.live.extra import not_installed
+from simwarp.viewer.live.viser_extra import not_installed
 
 try:
     import viser
@@ -235,7 +235,7 @@ class _Guard:
         """A handler of viser failed over what a page sent: it has no page's name any more."""
         error = context.get("exception")
         told = str(context.get("message", "")) if error is None else f"{type(error).__name__}: {error}"
-        self.complaints.tell("a page", f"what it asked for failed ({told})")
+        self.complaints.report("a page", f"what it asked for failed ({told})")
 
 
 def _split(text: str) -> SplitResult | None:

@@ -202,7 +202,7 @@ def test_ruts_are_seen(hills):
     places = [below, below + 8.0]
     drive(task, 25)
     poses = [look_at((*place, 20.0), (*place, 0.0), up=(1.0, 0.0, 0.0)) for place in places]
-    seen = 20.0 - sight.take(task.simulation.state, poses)[:, 1, 1, 0]
+    seen = 20.0 - sight.render(task.simulation.state, poses)[:, 1, 1, 0]
     plain = [0.0, 0.0]
     if hills:
         plain = task.hills.height(torch.tensor(np.array(places))[None])[0].tolist()

@@ -160,7 +160,7 @@ def test_what_play_cannot_show_is_refused_in_one_line(options, told, tmp_path, m
 
 def test_an_interruption_loses_no_frame(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    take, taken = Film.take, []
+    take, taken = Film.render, []
 
     def interrupted(film, index, count, time):
         if index == 3:
@@ -168,7 +168,7 @@ def test_an_interruption_loses_no_frame(tmp_path, monkeypatch, capfd):
         taken.append(index)
         return take(film, index, count, time)
 
-    monkeypatch.setattr(Film, "take", interrupted)
+    monkeypatch.setattr(Film, "render", interrupted)
     assert cli.main(["play", "pendulum", "--seconds", "4", "--size", "48", "32", "--video", "a.gif"]) == 130
     assert "interrupted; wrote the 0.1 s so far to a.gif" in capfd.readouterr().out
     assert len(images_of(tmp_path / "a.gif")) == len(taken) == 3
@@ -179,7 +179,7 @@ def test_worlds_size_zoom_and_camera_are_as_asked():
     task.restart(seed=1)
 
     def look(**options: Any) -> Any:
-        return Film(task, True, FilmOptions(size=(96, 64), trail=False, **options)).take(0, 1, 0.0)
+        return Film(task, True, FilmOptions(size=(96, 64), trail=False, **options)).render(0, 1, 0.0)
 
     every, one = look(), look(worlds=(2,))
     assert every.shape == (3, 64, 96, 3)
@@ -201,7 +201,7 @@ def test_the_trail_shows_where_a_body_went():
     film: Any = Film(task, True, FilmOptions(size=(240, 160)))
     for index, position in enumerate(np.linspace(-1.0, 1.0, 21)):
         task.map_position = lambda at=position: torch.tensor([[at, -0.3, 0.6]])
-        images = film.take(index, 21, 0.04 * index)
+        images = film.render(index, 21, 0.04 * index)
     assert images is not None
     camera = FollowCamera(task.simulation, task.scene(), task.shot(), width=240, height=160)
     pose = camera._aim(0.0)[0]
@@ -222,7 +222,7 @@ def test_a_trail_ends_where_its_world_was_reset():
 
 def test_a_goal_is_in_the_picture():
     task: Any = make("fast", 1)
-    images: Any = Film(task, True, FilmOptions(size=(240, 240))).take(0, 1, 0.0)
+    images: Any = Film(task, True, FilmOptions(size=(240, 240))).render(0, 1, 0.0)
     green = np.argwhere(near(images[0], (0.17, 0.63, 0.17)))
     # a ring of 0.2 m about the middle of a view that spans 4 m and more
     assert len(green) > 12
@@ -248,9 +248,9 @@ def test_a_task_without_bodies_is_drawn_in_lines_on_the_ground():
     task: Any = make("fast", 1)
     film: Any = Film(task, video=True)
     task.position.copy_(torch.tensor([1.0, 1.0]))
-    right_above = blue(film.take(0, 2, 0.0)[0])
+    right_above = blue(film.render(0, 2, 0.0)[0])
     task.position.copy_(torch.tensor([-1.0, -1.0]))
-    left_below = blue(film.take(1, 2, 1.0)[0])
+    left_below = blue(film.render(1, 2, 1.0)[0])
     rows, columns = np.nonzero(right_above)
     height, width = right_above.shape
     assert len(rows) > 20
@@ -280,9 +280,9 @@ def test_the_lines_of_a_drawing_are_in_the_picture(monkeypatch):
     task = make("pendulum", 1)
     task.restart(seed=1)
     film: Any = Film(task, video=True, options=FilmOptions(trail=False))
-    marked = film.take(0, 1, 0.0)
+    marked = film.render(0, 1, 0.0)
     monkeypatch.setattr(type(task), "drawing", Task.drawing)
-    plain = film.take(0, 1, 0.0)
+    plain = film.render(0, 1, 0.0)
     changed = (marked != plain).any(axis=(0, -1))
     columns = np.nonzero(changed.any(axis=0))[0]
     half = changed.shape[1] // 2
@@ -308,9 +308,9 @@ def test_films_are_lit_as_the_task_says():
     task = make("hallway", 1, obs="state")
     film, scene = Film(task, video=True), task.scene()
     assert scene is not None
-    lit = film.take(0, 1, 0.0)
+    lit = film.render(0, 1, 0.0)
     assert lit is not None
     height, width = lit.shape[1:3]
-    under_the_sun = FollowCamera(task.simulation, scene, task.shot(), width=width, height=height).take(0.0)
+    under_the_sun = FollowCamera(task.simulation, scene, task.shot(), width=width, height=height).render(0.0)
     # below a ceiling there is no sun
     assert lit.mean() > 1.5 * under_the_sun.mean()

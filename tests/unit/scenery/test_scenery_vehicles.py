@@ -130,7 +130,7 @@ def test_a_picture_of_a_parked_car_shows_it():
     config = CameraConfig(width=40, height=24, lens=Pinhole(fov=1.0), outputs=("semantic",))
     camera = FreeCamera(scene, [0], config)
     simulation = sw.Simulation(model, dt=0.01)
-    seen = camera.take(simulation.state, [look_at((-9.0, 0.0, 1.4), (0.0, 0.0, 0.9))])[0, ..., 0]
+    seen = camera.render(simulation.state, [look_at((-9.0, 0.0, 1.4), (0.0, 0.0, 0.9))])[0, ..., 0]
     rows, columns = np.nonzero(seen == Label.VEHICLE)
     assert set(np.unique(seen)) == {-1, int(Label.VEHICLE)}
     # 2.15 m wide at 6.65 m; 40 pixels are 2 tan 0.5 wide at 1 m

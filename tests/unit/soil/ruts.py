@@ -111,7 +111,7 @@ class Eye:
 
     def look(self) -> dict[str, np.ndarray]:
         """All outputs, (2, height, width, channels)."""
-        self.camera.take(self.rut.simulation.state, [self.pose, self.pose])
+        self.camera.render(self.rut.simulation.state, [self.pose, self.pose])
         return {name: array.numpy().copy() for name, array in self.camera.outputs.items()}
 
     def directions(self) -> np.ndarray:

@@ -43,7 +43,7 @@ def test_heights_are_those_that_rays_meet_in_each_world(rough):
     config = CameraConfig(width=1, height=1, outputs=("depth",))
     camera = FreeCamera(scene, [0, 1, 2], config)
     eyes = [tuple(place) for place in PLACES]
-    depths = camera.take(simulation.state, [look_at(eye, (*eye[:2], 0.0)) for eye in eyes])[:, 0, 0, 0]
+    depths = camera.render(simulation.state, [look_at(eye, (*eye[:2], 0.0)) for eye in eyes])[:, 0, 0, 0]
     np.testing.assert_allclose(found, PLACES[:, 2] - depths, atol=1e-4)  # of 8 m, in float32
     assert np.ptp(found) > 0.05
 

@@ -47,7 +47,7 @@ def test_marks_are_at_whole_metres_and_behind_what_stands():
     sim, scene = world()
     eye, target = (-1.2, -4.0, 3.0), (0.3, 0.0, 0.0)
     shot = Shot(body=sw.WORLD, target=target, eye=tuple(np.subtract(eye, target)), fov=0.9)
-    picture = FollowCamera(sim, scene, shot, width=SIZE[0], height=SIZE[1], marks=True).take(0.0)[0]
+    picture = FollowCamera(sim, scene, shot, width=SIZE[0], height=SIZE[1], marks=True).render(0.0)[0]
     white = np.abs(picture.astype(int) - MARK).max(axis=-1) < 60
     for place in ((-1.0, 0.0), (0.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
         column, row = pixel((*place, 0.0), eye, target, 0.9)
@@ -63,7 +63,7 @@ def test_a_quieter_ground_has_less_pattern_and_what_stands_on_it_is_as_before():
     sim, scene = world(texture=sw.sensors.CheckerTexture(colors=((0.05,) * 3, (0.6,) * 3), metres=0.1))
     shot = Shot(body=sw.WORLD, target=(0.0, 0.0, 0.2), eye=(-1.0, -2.0, 1.5))
     loud, quiet = (
-        FollowCamera(sim, scene, shot, width=SIZE[0], height=SIZE[1], quiet=wanted).take(0.0)[0].astype(float)
+        FollowCamera(sim, scene, shot, width=SIZE[0], height=SIZE[1], quiet=wanted).render(0.0)[0].astype(float)
         for wanted in (False, True)
     )
     left = np.s_[120:240, 10:120]  # nothing stands there
@@ -78,7 +78,7 @@ def test_a_camera_from_behind_turns_with_the_body(yaw):
     sim, scene = world(yaw)
     shot = Shot(body="box", target=(0.5, 0.0, 0.0), eye=(-2.0, 0.0, 1.0), turns=True)
     studio = FollowCamera(sim, scene, shot, width=16, height=12, samples=1)
-    studio.take(0.0)
+    studio.render(0.0)
     place = studio.camera._views.start.numpy()[0] + studio.camera._tables.origin.numpy()[0]
     expected = (-1.5 * math.cos(yaw), -1.5 * math.sin(yaw), 1.3)
     np.testing.assert_allclose(place, expected, atol=1e-5)  # float32 quaternion
@@ -92,7 +92,7 @@ def test_a_camera_that_does_not_follow_stays():
         places = sim.state.body_x.numpy()
         places[0, 0, 0] = x
         sim.state.body_x.assign(places)
-        studio.take(time)
+        studio.render(time)
         place = studio.camera._views.start.numpy()[0] + studio.camera._tables.origin.numpy()[0]
         np.testing.assert_allclose(place, [-2.0, 0.0, 1.3], atol=1e-5)  # float32 about another origin
 

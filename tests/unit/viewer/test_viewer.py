@@ -46,7 +46,7 @@ def test_a_free_camera_sees_what_a_sensor_sees(imaging):
     camera = Camera(sensor_scene, Mount(sw.WORLD, look_at(EYE, TARGET)), config)
     sim = sw.Simulation(sensor_scene.model, 0.01, sensors=[camera])
     free = FreeCamera(scene, [0], config)
-    free.take(free_sim.state, [look_at(EYE, TARGET)])
+    free.render(free_sim.state, [look_at(EYE, TARGET)])
     assert sim.dt == builder_sim.dt
     for name in ALL:
         # directions are turned by the same matrix, but from a float64 quaternion rounded at another place
@@ -71,10 +71,10 @@ def test_views_are_of_the_worlds_that_were_named():
     sim.measure()
     config = CameraConfig(width=24, height=16, outputs=("depth",))
     free = FreeCamera(scene, [2, 0, 2], config)
-    views = free.take(sim.state, [look_at(EYE, TARGET)] * 3)
+    views = free.render(sim.state, [look_at(EYE, TARGET)] * 3)
     np.testing.assert_array_equal(views[0], views[2])
     assert not np.array_equal(views[0], views[1])
-    alone = FreeCamera(scene, [0], config).take(sim.state, [look_at(EYE, TARGET)])
+    alone = FreeCamera(scene, [0], config).render(sim.state, [look_at(EYE, TARGET)])
     np.testing.assert_array_equal(alone[0], views[1])
     # radii 0.2 about 0.5 m above the ground; world 2 is shifted by 1.4 m
     np.testing.assert_allclose(free.extent(sim.state)[0], [[1.2, -0.2, 0.3], [1.6, 1.2, 0.7]], atol=1e-5)
@@ -99,7 +99,7 @@ def test_what_a_free_camera_refuses():
         FreeCamera(scene, [0], CameraConfig(width=0))
     free = FreeCamera(scene, [0, 1], CameraConfig(width=4, height=4))
     with pytest.raises(ModelError, match="there must be 2 poses, got 1; one per view"):
-        free.take(sim.state, [look_at(EYE, TARGET)])
+        free.render(sim.state, [look_at(EYE, TARGET)])
 
 
 def place_of(studio):
@@ -111,29 +111,29 @@ def test_a_studio_follows_with_delay():
     sim, scene = rolling_world(speed=2.0)
     shot = Shot(body="ball_0", target=(0.0, 0.0, 0.0), eye=(-2.0, -2.0, 1.0), calm=0.5)
     studio = FollowCamera(sim, scene, shot, width=16, height=12, samples=1)
-    studio.take(0.0)
+    studio.render(0.0)
     np.testing.assert_allclose(place_of(studio), [-2.0, -2.0, 1.5], atol=1e-6)
     for _ in range(50):
         sim.step()
-    studio.take(0.5)
+    studio.render(0.5)
     # the ball is 1 m on; after its calm time the camera has made up 1 - 1/e of it
     np.testing.assert_allclose(place_of(studio), [-2.0 + 1.0 - math.exp(-1.0), -2.0, 1.5], atol=1e-5)
-    studio.take(0.5)  # no time has passed
+    studio.render(0.5)  # no time has passed
     np.testing.assert_allclose(place_of(studio)[0], -1.0 - math.exp(-1.0), atol=1e-5)
     for _ in range(200):
         sim.step()
-    studio.take(2.5)  # a world that is elsewhere, as after a reset, is seen there at once
+    studio.render(2.5)  # a world that is elsewhere, as after a reset, is seen there at once
     np.testing.assert_allclose(place_of(studio), [-2.0 + 5.0, -2.0, 1.5], atol=1e-5)
 
 
 def test_a_studio_that_stands_still_sees_all_that_moves():
     sim, scene = rolling_world()
     studio = FollowCamera(sim, scene, Shot(body=sw.WORLD), width=60, height=40, samples=1)
-    first = studio.take(0.0)[0]
+    first = studio.render(0.0)[0]
     place = place_of(studio)
     config = CameraConfig(width=60, height=40, outputs=("instance",), lens=Pinhole(fov=Shot().fov))
     middle = np.array([0.0, 0.5, 0.5])
-    seen = FreeCamera(scene, [0], config).take(sim.state, [look_at(place, middle)])[0, ..., 0]
+    seen = FreeCamera(scene, [0], config).render(sim.state, [look_at(place, middle)])[0, ..., 0]
     for ball in range(2):
         rows, columns = np.nonzero(seen == ball)
         assert len(rows) > 10
@@ -141,7 +141,7 @@ def test_a_studio_that_stands_still_sees_all_that_moves():
             assert 0 < places.min() <= places.max() < size - 1
     for _ in range(100):
         sim.step()
-    assert not np.array_equal(studio.take(1.0)[0], first)
+    assert not np.array_equal(studio.render(1.0)[0], first)
     np.testing.assert_allclose(place_of(studio), place, atol=1e-6)  # float32 about another origin
 
 
@@ -197,9 +197,9 @@ def test_a_studio_draws_lines_into_the_pictures_of_their_worlds():
     sim, scene = rolling_world(worlds=2)
     shot = Shot(body=sw.WORLD, target=(0.0, 0.0, 0.0), eye=(0.0, -8.0, 3.0))
     studio = FollowCamera(sim, scene, shot, worlds=(0, 1), width=60, height=40, samples=1)
-    plain = studio.take(0.0)
+    plain = studio.render(0.0)
     line = Polyline(np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]), (1.0, 0.0, 0.0))
-    marked = studio.take(0.0, [(), (line,)])
+    marked = studio.render(0.0, [(), (line,)])
     np.testing.assert_array_equal(marked[0], plain[0])
     red = marked[1, ..., 0].astype(int) - marked[1, ..., 1]
     assert (red > 150).sum() > 5
@@ -296,6 +296,6 @@ def test_lights_may_be_shared():
     dark = Lights(Lighting(suns=(), ambient=0.0, ambient_below=0.0, sky=0.0, horizon=0.0), 1, scene.model.device)
     free = FreeCamera(scene, [0], CameraConfig(width=8, height=6), dark)
     assert free.lights is dark
-    assert not free.take(sim.state, [look_at(EYE, TARGET)]).any()
+    assert not free.render(sim.state, [look_at(EYE, TARGET)]).any()
     dark.sky_horizon.fill_(1.0)
-    assert free.take(sim.state, [look_at(EYE, (5.0, 0.0, 4.0))]).any()
+    assert free.render(sim.state, [look_at(EYE, (5.0, 0.0, 4.0))]).any()

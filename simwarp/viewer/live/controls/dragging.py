@@ -52,7 +52,7 @@ class Dragging:
         self._row, self._owner = int(rows[0]), client
         place, turn = self._pose(world, body)
         back = turn * np.array([-1.0, -1.0, -1.0, 1.0])
-        self._hand.take(world, body, turned(back, page.in_world(grab, self._row) - place), place)
+        self._hand.grab(world, body, turned(back, page.in_world(grab, self._row) - place), place)
         self._hand.move(page.in_world(pointer, self._row))
         page.overlays.append(self._draw)
 

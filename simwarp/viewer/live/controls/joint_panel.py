@@ -78,7 +78,7 @@ class JointPanel:
         q = of_world(simulation.state.joint_q, world)
         targets = q if view.paused else of_world(simulation.control.joint_target_q, world)
         self._sliders.show([(targets if each.driven else q)[each.column] for each in self._seen])
-        note = self._told(WorldStatus(int(of_world(simulation.state.world_status, world))))
+        note = self._status_text(WorldStatus(int(of_world(simulation.state.world_status, world))))
         if self._note.content != note:
             self._note.content = note
 
@@ -87,7 +87,7 @@ class JointPanel:
         page = self._view.page
         return int(page.worlds[page.chosen])
 
-    def _told(self, status: WorldStatus) -> str:
+    def _status_text(self, status: WorldStatus) -> str:
         if status & WorldStatus.NOT_ASSEMBLED:
             return '<span style="color:#d33">NOT_ASSEMBLED</span>: the loops do not close there'
         if status & WorldStatus.NON_FINITE:

@@ -58,7 +58,7 @@ class Chase:
         self._length = max(1.5 * float(axles.max()), 0.1)
         self._front = float(np.linalg.norm(np.mean(wheels[:2, :2], axis=0) - middle[:2]))
 
-    def take(self, eye: Eye) -> None:
+    def use(self, eye: Eye) -> None:
         """Another camera, for all who look."""
         page, length, wheel = self._page, self._length, self._height
         self.eye, self._seen = eye, None

@@ -64,7 +64,7 @@ class DrivePanel:
         def _(event: Any) -> None:
             eye = Eye(self._eye.value)
             if event.client is not None:
-                view.post(lambda: self.chase.take(eye))
+                view.post(lambda: self.chase.use(eye))
 
         @view.server.viser.on_client_connect
         def _(client: Any) -> None:
@@ -86,15 +86,18 @@ class DrivePanel:
     def refresh(self, now: float) -> None:
         """Tells whether somebody drives."""
         line = ""
-        if self._view.wheel.open:
-            line = "W A S D or arrows, Space brakes, R resets" if self._view.wheel.taken else "nobody is at the wheel"
+        wheel = self._view.wheel
+        if wheel.open:
+            line = (
+                "W A S D or arrows, Space brakes, R resets" if self._view.wheel.occupied else "nobody is at the wheel"
+            )
         if self._line.content != line:
             self._line.content = line
 
     def _switched(self, on: bool, clients: list[Any]) -> None:
         self._view.wheel.open = on
         if on:
-            self.chase.take(self.chase.eye)  # also while paused, when nothing is driven yet
+            self.chase.use(self.chase.eye)  # also while paused, when nothing is driven yet
             for client in clients:
                 run_script(client, self.script())
             return
@@ -112,9 +115,9 @@ class DrivePanel:
             mask[self._world()] = True
             self._view.reset(mask)
         elif button == TAKEN:
-            self.chase.take(self.chase.eye)
+            self.chase.use(self.chase.eye)
         elif button == "camera":
-            self.chase.take(self.chase.eye.next)
+            self.chase.use(self.chase.eye.next)
             self._set(self._eye, self.chase.eye.value)
 
     @staticmethod

@@ -23,7 +23,7 @@ WHEEL: Final = "wheel"
 """Key of a subject's `details`: its `Wheel`, or None where nobody may drive."""
 PATIENCE: Final = 1.0
 """For which a page waits for a wheel that another one holds: one that is loaded anew has just left it [s]."""
-TAKEN: Final = "taken"
+TAKEN: Final = "occupied"
 PARKED: Final = Inputs(braking=HELD_BRAKE)
 
 
@@ -42,18 +42,18 @@ class DriveSocket:
         self._presses: deque[str] = deque(maxlen=64)
 
     @property
-    def taken(self) -> bool:
+    def occupied(self) -> bool:
         """Whether somebody is connected."""
         return self._driver is not None
 
     async def handle(self, connection: Any) -> None:
         """One connection, from its opening to its end."""
         until = time.perf_counter() + PATIENCE
-        while self.open and self.taken and time.perf_counter() < until:
+        while self.open and self.occupied and time.perf_counter() < until:
             await asyncio.sleep(0.05)
         if not self.open:
             await connection.close(1008, "Drive is off")
-        elif self.taken:
+        elif self.occupied:
             await connection.close(1013, "another page is driving")
         else:
             await self._listen(connection)

@@ -55,7 +55,7 @@ class DrivingPage:
     def __exit__(self, *_):
         self.silent()
         self._socket.close()
-        self._until(lambda: not self.view.wheel.taken)
+        self._until(lambda: not self.view.wheel.occupied)
 
 
 def run_for(view, seconds):

@@ -163,7 +163,7 @@ def test_held_throttle_drives_one_world(view):
         print("held throttle", speed[0], "braked", fast, vehicle(view).velocity_b.numpy()[0, 0])
         assert vehicle(view).velocity_b.numpy()[0, 0] < fast - 0.5
     run_for(view, 0.04)
-    assert not view.wheel.taken
+    assert not view.wheel.occupied
 
 
 def test_reset_gear_and_camera_keys(view):
@@ -193,7 +193,7 @@ def test_one_driver_at_a_time_and_the_next_one_after_him(view):
         assert ended(closed) == (1013, "another page is driving")
     with DrivingPage(view, throttle=1.0):
         time.sleep(0.2)
-        assert view.wheel.taken
+        assert view.wheel.occupied
         assert view.wheel.wish() == Wish(throttle=1.0)
 
 
@@ -248,7 +248,7 @@ def test_scripted_vehicles_are_not_offered_for_driving():
 @pytest.mark.parametrize("eye", list(Eye))
 def test_the_scene_turns_and_moves_under_the_camera(view, eye):
     chase = next(panel for panel in view.panels if isinstance(panel, DrivePanel)).chase
-    chase.take(eye)
+    chase.use(eye)
     view.page.frame()
     start = moving(view)[0]
     with DrivingPage(view, throttle=1.0, steer=1.0):
@@ -285,7 +285,7 @@ def moving(view):
 
 
 def test_the_ground_goes_along(view):
-    Chase(view.page, vehicle(view)).take(Eye.BEHIND)
+    Chase(view.page, vehicle(view)).use(Eye.BEHIND)
     view.page.frame()
     ground, handle = view.page.batches.grounds[0], view.page._grounds[0]
     section = 10.0 * ground.tile

@@ -34,7 +34,7 @@ def run(builder: sw.ModelBuilder, steps: int, *, hand: bool, drag: bool = False)
     held = hand_of(simulation.elements)
     for step in range(steps):
         if drag and held is not None and step == 5:
-            held.take(1, 0, (0.0, 0.0, 0.1), simulation.state.body_x.numpy()[1, 0] + (0.0, 0.0, 0.5))
+            held.grab(1, 0, (0.0, 0.0, 0.1), simulation.state.body_x.numpy()[1, 0] + (0.0, 0.0, 0.5))
         if drag and held is not None and step == steps - 5:
             held.release()
         simulation.step()
@@ -64,7 +64,7 @@ def test_a_body_follows_the_closed_form():
     simulation = sw.Simulation(model, DT, elements=with_hand(model))
     hand = hand_of(simulation.elements)
     assert hand is not None
-    hand.take(0, 0, (0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
+    hand.grab(0, 0, (0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
     rate = math.sqrt(STIFFNESS)
     for step in range(1, 401):
         simulation.step()
@@ -80,7 +80,7 @@ def test_the_force_is_held_to_five_weights():
     simulation = sw.Simulation(model, DT, elements=with_hand(model))
     hand = hand_of(simulation.elements)
     assert hand is not None
-    hand.take(0, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 1000.0))
+    hand.grab(0, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 1000.0))
     simulation.step()
     # upwards at 5 g, less 1 g of weight
     assert simulation.state.body_v.numpy()[0, 0, 2] == pytest.approx((MOST - 1.0) * 9.81 * DT, rel=1e-5)
@@ -91,7 +91,7 @@ def test_a_point_off_the_centre_turns_the_body():
     simulation = sw.Simulation(model, DT, elements=with_hand(model))
     hand = hand_of(simulation.elements)
     assert hand is not None
-    hand.take(0, 0, (0.1, 0.0, 0.0), (0.1, 0.0, 0.2))
+    hand.grab(0, 0, (0.1, 0.0, 0.0), (0.1, 0.0, 0.2))
     simulation.step()
     assert simulation.state.body_omega.numpy()[0, 0, 1] < 0.0  # x upwards: about -y
     place, turn = (getattr(simulation.state, name).numpy()[0, 0] for name in ("body_x", "body_rot"))
@@ -108,7 +108,7 @@ def test_a_light_part_of_a_heavy_robot_stays_calm():
     simulation = sw.Simulation(model, DT, elements=with_hand(model))
     hand = hand_of(simulation.elements)
     assert hand is not None
-    hand.take(0, light, (0.05, 0.0, 0.0), (1.05, 0.1, 0.0))
+    hand.grab(0, light, (0.05, 0.0, 0.0), (1.05, 0.1, 0.0))
     for _ in range(500):
         simulation.step()
     assert np.abs(simulation.state.body_omega.numpy()).max() < 50.0
@@ -128,7 +128,7 @@ def test_refusals():
     with pytest.raises(ModelError, match="Hand: it must be the last"):
         sw.Simulation(model, DT, elements=[hand, Hand(model)])
     with pytest.raises(ModelError, match="Hand: world and body must be below 1 and 1, got 0 and 7"):
-        hand.take(0, 7, (0, 0, 0), (0, 0, 0))
+        hand.grab(0, 7, (0, 0, 0), (0, 0, 0))
 
 
 def test_a_task_takes_further_elements():

@@ -84,12 +84,12 @@ def test_a_page_is_told_of_once_and_lines_keep_their_distance(
     one = Complaints()
     for number in range(600):
         clock[0] += 5.0
-        one.tell("127.0.0.1:1", f"fault {number}\nof two lines")
+        one.report("127.0.0.1:1", f"fault {number}\nof two lines")
     assert capfd.readouterr().err.splitlines() == ["viewer: 127.0.0.1:1: fault 0 of two lines"]
     many = Complaints()
     for number in range(600):
         clock[0] += 0.005
-        many.tell(f"127.0.0.1:{number}", "fault")
+        many.report(f"127.0.0.1:{number}", "fault")
     lines = capfd.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[1].endswith("fault (199 more since the last line)")

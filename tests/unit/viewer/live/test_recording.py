@@ -279,7 +279,7 @@ def test_a_film_takes_the_steps_of_play(tmp_path):
 class Blind:
     """Sees nothing."""
 
-    def take(self, index: int, count: int, time: float) -> None:
+    def render(self, index: int, count: int, time: float) -> None:
         """Nothing."""
 
     def close(self) -> None:
@@ -331,14 +331,14 @@ def test_without_viser_films_are_refused_before_the_training(tmp_path, monkeypat
 
 @pytest.mark.parametrize("seconds", [["--seconds", "80000"], ["--no-open"]])
 def test_ctrl_c_writes_the_file(tmp_path, monkeypatch, capsys, seconds):
-    taken = Recorder.take
+    taken = Recorder.begin_frame
 
     def interrupted(recorder: Recorder) -> None:
         taken(recorder)
         if recorder.frames == 4:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Recorder, "take", interrupted)
+    monkeypatch.setattr(Recorder, "begin_frame", interrupted)
     file = tmp_path / "a.html"
     command = ["view", "pendulum", "--worlds", "1", "--checkpoint", "zero", "--record", str(file), "--port", "0"]
     assert cli.main([*command, *seconds]) == 130

@@ -51,7 +51,7 @@ class Onlooker:
     def due(self) -> bool:
         return True
 
-    def take(self) -> None:
+    def begin_frame(self) -> None:
         pass
 
     def finish(self) -> None:
