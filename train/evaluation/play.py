@@ -43,10 +43,10 @@ class Frame:
 
 
 class FrameRecorder(Protocol):
-    """What takes frames of a task while it is played."""
+    """Frames of a task while it is played."""
 
-    def take(self, index: int, count: int, time: float) -> npt.NDArray[np.uint8] | None:
-        """Take frame ``index`` of ``count`` of the present state; images of it, or None."""
+    def render(self, index: int, count: int, time: float) -> npt.NDArray[np.uint8] | None:
+        """Render frame ``index`` of ``count`` of the present state; return images of it, or None."""
 
 
 def check_video_path(path: Path) -> None:
