@@ -8,7 +8,6 @@ if __name__ != "simwarp.tasks":
     raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegative, Positive, Whole
-from simwarp.core.renames import renamed_fields, renamed_names
 
 from .actuation.actuator_network import ActuatorNetwork
 from .actuation.attached_actuators import actuators_of
@@ -77,7 +76,6 @@ __all__ = [
     "reflection",
     "register",
     "register_envs",
-    "renamed_fields",
     "replace_fields",
     "require",
     "resolve_device",
@@ -86,5 +84,3 @@ __all__ = [
 ]
 
 register_envs()
-
-__getattr__ = renamed_names(__name__, Equipment="Attachments")

@@ -21,7 +21,6 @@ from simwarp.tasks import (
     Positive,
     Task,
     TaskConfig,
-    renamed_fields,
     require,
 )
 
@@ -31,7 +30,6 @@ POLE_MASS = 0.785398
 POLE_INERTIA = (0.262290, 0.262290, 0.000981748)
 
 
-@renamed_fields(quirks="legacy_compat")
 @dataclasses.dataclass(frozen=True)
 class CartPoleConfig(TaskConfig):
     """Configuration of the cart-pole."""

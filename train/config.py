@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
+from simwarp.core.file_keys import with_current_threads
 from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import InputError, Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.framework.config import obs_of
@@ -376,10 +377,7 @@ def train_config_from_plain(plain: object, where: str = "") -> TrainConfig:
     Raises:
         InputError: a name is unknown, or a value is of a wrong type or breaks its rule.
     """
-    if isinstance(plain, Mapping) and "threads" in plain and "torch_threads" not in plain:
-        # A run of before: its threads were torch's, and one thread learnt, as one still does, bit by bit
-        plain = {**plain, "threads": 1, "torch_threads": plain["threads"]}
-    return config_from_plain(TrainConfig, plain, where)
+    return config_from_plain(TrainConfig, with_current_threads(plain) if isinstance(plain, Mapping) else plain, where)
 
 
 def check_configs(content: Mapping[str, Any], where: str) -> None:

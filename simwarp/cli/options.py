@@ -22,7 +22,6 @@ from rich.console import Console
 from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, is_flag, may_repeat
 from simwarp.core.files import check_output, is_special, read_json, write_file
-from simwarp.core.renames import RENAMED
 from simwarp.core.wording import close_names
 
 OptionsT = TypeVar("OptionsT")
@@ -283,7 +282,6 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
     if HELP & set(arguments):
         arguments = ["--help"]
     else:
-        arguments = _with_new_names(dict(_renamed(kind)), arguments)
         _check_words(dict(_options(kind)), arguments)
     errors = io.StringIO()
     try:
@@ -295,28 +293,6 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
         if not stop.code:
             raise
         raise UsageError(_explain(_message(errors.getvalue()), kind)) from None
-
-
-def _renamed(kind: type[Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the old options of a dataclass and the new ones."""
-    for old, new in getattr(kind, RENAMED, {}).items():
-        for no in ("", "no-"):
-            yield f"--{prefix}{no}{old.replace('_', '-')}", f"--{prefix}{no}{new.replace('_', '-')}"
-    for _, word, inner, flat in _nested(kind):
-        yield from _renamed(inner, prefix if flat else f"{prefix}{word}.")
-
-
-def _with_new_names(renamed: Mapping[str, str], arguments: list[str]) -> list[str]:
-    """Return the arguments with new names in the place of old ones, and say so."""
-    found = []
-    for argument in arguments:
-        name, equals, value = argument.partition("=")
-        new = renamed.get(name.replace("_", "-"))
-        if new is not None and name.startswith("--"):
-            print(f"simwarp: {name} is now called {new}; the old name goes with the next release", file=sys.stderr)
-            name = new
-        found.append(f"{name}{equals}{value}")
-    return found
 
 
 def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:

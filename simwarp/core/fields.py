@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import warp as wp
 
+from simwarp.core import file_keys
 from simwarp.core.arrays import ANY, Domain, FixedAttributes, writable
 from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import ArrayLayout
@@ -104,12 +105,10 @@ class FieldGroup(Readable, FixedAttributes):
     Attributes:
         FIELDS: by name, in the order of declaration.
         NAMES: of those that kernels take and snapshots hold.
-        NAMES_IN_FILES: of arrays that snapshots and checkpoints know under their first name.
     """
 
     FIELDS: ClassVar[dict[str, Field]] = {}
     NAMES: ClassVar[tuple[str, ...]] = ()
-    NAMES_IN_FILES: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -152,7 +151,7 @@ class FieldGroup(Readable, FixedAttributes):
 
     def in_files(self) -> dict[str, wp.array]:
         """Return the arrays that kernels take, (1 or W, ...), by the names that files have for them."""
-        return {self.NAMES_IN_FILES.get(name, name): getattr(self, name) for name in self.NAMES}
+        return {file_keys.ARRAYS.get(name, name): getattr(self, name) for name in self.NAMES}
 
     def allocate(self, sizes: Mapping[Size, int], device: Any, label: str, struct: Any) -> None:
         """Make all arrays, zero, as attributes of this object and of the struct that kernels take."""

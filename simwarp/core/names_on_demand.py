@@ -8,19 +8,21 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 
-def names_on_demand(package: str, names: Mapping[str, str], missing: Callable[[str], Any]) -> Callable[[str], Any]:
+def names_on_demand(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
     """The `__getattr__` of a package.
 
     Args:
         package: its name.
-        names: its public names, and the modules that they are imported from.
-        missing: is asked for any other name.
+        modules: its public names, and the module in it that each is imported from.
+
+    Raises:
+        AttributeError: (of what is returned) there is no such name.
     """
 
     def find(name: str) -> Any:
-        if name not in names:
-            return missing(name)
-        value = getattr(importlib.import_module(names[name]), name)
+        if name not in modules:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name)
+        value = getattr(importlib.import_module(f"{package}.{modules[name]}"), name)
         setattr(sys.modules[package], name, value)
         return value
 

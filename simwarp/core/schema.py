@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Ty
 import numpy as np
 
 from simwarp.core.constraints import Ge, Gt, Le, Lt, Meaning, Read, RuleError, Tagged
-from simwarp.core.renames import RENAMED, with_new_names
+from simwarp.core.file_keys import old_keys, with_current_keys
 from simwarp.core.types import FLOAT32_MAX, shown
 from simwarp.core.wording import nearest, shortened
 
@@ -183,8 +183,8 @@ class Schema:
             held = {"max_length": self.longest, **held, "strict": True}
         elif kind == "bool":
             held["strict"] = True
-        elif kind == "dataclass" and (names := getattr(held["cls"], RENAMED, None)):
-            return _with_new_names(held, names)
+        elif kind == "dataclass" and (keys := old_keys(held["cls"])):
+            return _with_current_keys(held, keys)
         return held
 
     def _bound(self, node: dict[str, Any], least: float, most: float) -> None:
@@ -461,12 +461,12 @@ def _adapter(hint: Any, **config: Any) -> Any:
     return TypeAdapter(tuple[hint], config=cast(ConfigDict, {**settings, **config}))
 
 
-def _with_new_names(node: Any, names: Mapping[str, str]) -> Any:
-    """A core schema of a class whose fields have new names: objects may have the old ones."""
+def _with_current_keys(node: Any, keys: Mapping[str, str]) -> Any:
+    """A core schema of a class whose fields had other keys in files: objects may have these."""
     from pydantic_core import core_schema
 
     def read(value: Any) -> Any:
-        return with_new_names(node["cls"].__name__, value, names) if isinstance(value, Mapping) else value
+        return with_current_keys(value, keys) if isinstance(value, Mapping) else value
 
     return core_schema.no_info_before_validator_function(read, node)
 

@@ -59,9 +59,6 @@ class JointType(IntEnum):
     BUSHING = 25
     RELATIVE_ROTATION = 26
     COMBINATION = 27
-    # names of before, until the next release
-    LINE = 22
-    TURN = 26
 
 
 class RowKind(IntEnum):

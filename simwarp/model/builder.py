@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.readable import Readable, Row
-from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.core.types import (
     WORLD,
@@ -70,7 +69,6 @@ ANCHORED: Final = (
 IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-@renamed_fields(add_turn="add_joint_relative_rotation")
 class ModelBuilder(Readable, ShapeList, CouplingList):
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from simwarp.core import file_keys
 from simwarp.core.readable import Readable, plural
-from simwarp.core.types import Dof, FrictionRule, JointType, Material, PairRule, shown
+from simwarp.core.types import Dof, FrictionRule, Material, PairRule, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
@@ -20,12 +21,6 @@ VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""
 
 LONGEST_PART: Final = 60
-
-KINDS_IN_FILES: Final = {JointType.DISTANCE: "line", JointType.RELATIVE_ROTATION: "turn"}
-"""Kinds of joints that snapshots know under their first names."""
-
-CLASSES_IN_FILES: Final = {"PathTracker": "PathFollower"}
-"""Force elements and sensors, likewise."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -127,7 +122,7 @@ def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dic
 def _part_line(part: Any) -> str:
     """Kind and name of a force element or sensor."""
     name, kind = getattr(part, "name", None), type(part).__name__
-    kind = CLASSES_IN_FILES.get(kind, kind)
+    kind = file_keys.PARTS.get(kind, kind)
     return f"{kind} '{name}'" if isinstance(name, str) else kind
 
 
@@ -148,7 +143,8 @@ def _joint_line(joint: JointSpec) -> str:
     efforts = [_effort_line(dof) for dof in joint.dofs]
     said = f" with {', '.join(efforts)}" if any(efforts) else ""
     assert len(joint.dofs) == len(ELEMENTS[joint.type].dofs)
-    kind = KINDS_IN_FILES.get(joint.type, joint.type.name.lower())
+    kind = joint.type.name.lower()
+    kind = file_keys.JOINT_TYPES.get(kind, kind)
     if joint.terms:
         return f"'{joint.name}' ({kind} of coordinates {', '.join(str(dof) for dof, _ in joint.terms)}{said})"
     return f"'{joint.name}' ({kind} {joint.parent} to {joint.child}{said})"

@@ -7,7 +7,6 @@ ground has its origin in the middle of its foot, at ground level.
 
 from __future__ import annotations
 
-from simwarp.core.renames import renamed_names
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.corridor import Corridor, corridor
 from simwarp.scenery.course import (
@@ -48,8 +47,3 @@ __all__ = [
     "race_course", "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree", "vehicle_visual",
     "vehicle_visuals_of", "yaw_pose",
 ]  # fmt: skip
-
-__getattr__ = renamed_names(
-    __name__, Prop="Visual", VehicleLook="VehicleVisuals", add_picture="add_visual",
-    add_vehicle_picture="add_vehicle_visual", vehicle_look="vehicle_visuals_of", vehicle_prop="vehicle_visual",
-)  # fmt: skip

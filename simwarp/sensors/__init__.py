@@ -6,7 +6,6 @@ camera = sw.sensors.Camera(scene, sw.sensors.Mount("chassis"), sw.sensors.Camera
 
 from __future__ import annotations
 
-from simwarp.core.renames import renamed_names
 from simwarp.sensors.cameras.appearance import CheckerTexture, ImageTexture, NoiseTexture
 from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
 from simwarp.sensors.cameras.image_processing import Imaging
@@ -95,5 +94,3 @@ __all__ = [
     "mount_arrays",
     "sensor_names",
 ]
-
-__getattr__ = renamed_names(__name__, Frames="FrameBuffer", Look="Appearance")

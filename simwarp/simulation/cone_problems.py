@@ -10,7 +10,6 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.memory import check_layouts
-from simwarp.core.renames import renamed_options
 from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
 from simwarp.core.wording import close_names
 from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
@@ -53,7 +52,6 @@ class ConeSolution:
     """(problems, velocities) v+ [m/s or rad/s] when the mechanics are given."""
 
 
-@renamed_options(rescue="fallback")
 def solve_cone_problems(
     N: Any,
     r: Any,

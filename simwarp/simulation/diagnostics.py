@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simwarp.core.renames import renamed_fields
 from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ReportFields, Reports
 from simwarp.model.model import Model
@@ -25,7 +24,6 @@ ROW_SHARE = 1.0e-2
 is 1e-3 of it, and mostly below 1e-5."""
 
 
-@renamed_fields(bounded_residual="cone_residual", bounded_count="constraint_count")
 class Diagnostics(ReportFields):
     """Per-world reports of the last sub-step. Its arrays are declared in `ReportFields`."""
 

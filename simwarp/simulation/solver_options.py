@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.renames import renamed_fields
 from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
 from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 
@@ -21,10 +20,6 @@ MOST_DENSE_ROWS: Final = 32_768
 """Of a matrix of 4 GiB, whose entries kernels number with 32 bits."""
 
 
-@renamed_fields(
-    recovery_speed="max_depenetration_velocity", recovery_rate="max_depenetration_rate",
-    contact_envelope="contact_margin", bounce_speed="restitution_threshold", rescue="fallback",
-)  # fmt: skip
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SolverOptions(ReadableFields):
     """Numbers of the solver (docs/theory.md). Every field is checked when the options are written.

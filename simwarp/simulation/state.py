@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from simwarp.core.renames import renamed_fields
 from simwarp.kernels.core.fields import ControlArrays, ControlFields, StateArrays, StateFields
 from simwarp.model.model import Model
 
 
-@renamed_fields(bounded_impulse="box_impulse")
 class State(StateFields):
     """State of all worlds. Angular and linear parts are separate arrays; everything is in the world frame.
 

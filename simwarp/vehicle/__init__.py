@@ -7,7 +7,6 @@ parts = sw.vehicle.add_vehicle(builder, spec)
 
 from __future__ import annotations
 
-from simwarp.core.renames import renamed_names
 from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
@@ -88,5 +87,3 @@ __all__ = [
     "vehicle_names",
     "with_options",
 ]
-
-__getattr__ = renamed_names(__name__, FollowSpec="PathTrackingSpec", PathFollower="PathTracker")

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from simwarp.core.names_on_demand import names_on_demand
-from simwarp.core.renames import renamed_names
 
 if TYPE_CHECKING:
     from simwarp.viewer.default_appearance import add_bodies, add_skeleton, paint
@@ -32,8 +31,4 @@ _MODULES: Final = {
     "show": "live.page_panels",
 }  # fmt: skip
 
-__getattr__ = names_on_demand(
-    __name__,
-    {name: f"{__name__}.{module}" for name, module in _MODULES.items()},
-    renamed_names(__name__, Studio="FollowCamera"),
-)
+__getattr__ = names_on_demand(__name__, _MODULES)

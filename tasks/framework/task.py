@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 import torch
 
 from simwarp.core.interop import shared_stream
-from simwarp.core.renames import warn_renamed
 
 from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom
@@ -157,11 +156,7 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
 
     def attach(self, model: Model) -> Attachments:
         """Return the elements of every physics step: force elements such as a vehicle, sensors. Optional."""
-        before = getattr(self, "equip", None)
-        if before is None:
-            return Attachments()
-        warn_renamed(type(self).__name__, "equip", "attach")
-        return before(model)
+        return Attachments()
 
     def setup(self) -> None:
         """Allocate the task's own buffers, once, after the simulation exists. Optional."""

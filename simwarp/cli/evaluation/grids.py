@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from simwarp.cli import UsageError, shortened
-from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.tasks import Range, Sensing, TaskConfig
 from simwarp.tasks.framework.plain import plain_value
 
@@ -77,7 +76,7 @@ def grid_points(
     """
     from simwarp.train.evaluation.grid import LEVEL, GridPoint
 
-    axes = with_new_names("--grid", grid_axes(texts), getattr(base, RENAMED, {}))
+    axes = grid_axes(texts)
     if not axes:
         return [GridPoint({}, base, level)]
     keys = list(axes)

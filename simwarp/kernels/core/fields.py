@@ -7,8 +7,6 @@ items that `source` names.
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import warp as wp
 
 from simwarp.core.arrays import NOT_NEGATIVE, POSITIVE, Domain, WritableArray
@@ -155,8 +153,6 @@ class ParameterFields(FieldGroup):
 
 class StateFields(FieldGroup):
     """State that a step advances. Angular and linear parts are separate arrays; everything is in the world frame."""
-
-    NAMES_IN_FILES: ClassVar = {"box_impulse": "bounded_impulse"}
 
     body_x: WritableArray = field(
         wp.vec3d, Size.WORLDS, Size.BODIES, writable=True, text="position of record of the centre of mass [m]"

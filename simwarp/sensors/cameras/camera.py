@@ -11,7 +11,6 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
-from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
 from simwarp.sensors.cameras.image_kernels import Camera as CameraNumbers
@@ -48,7 +47,6 @@ Output: TypeAlias = Literal["rgb", "grey", "depth", "range", "normals", "instanc
 OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different]
 
 
-@renamed_fields(reach="far")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfig(Configuration):
     """Configuration of a camera. It looks along X of its mount; Y is to the left, Z up.
@@ -94,7 +92,6 @@ class CameraConfig(Configuration):
         camera_numbers(self)
 
 
-@renamed_fields(development="image_processing")
 class Camera(ReadableSensor):
     """A camera on a body, or fixed in the world, in every world.
 

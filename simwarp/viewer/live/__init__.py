@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from simwarp.core.names_on_demand import names_on_demand
-from simwarp.core.renames import renamed_names
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView
@@ -20,6 +19,4 @@ _MODULES: Final = {
     "show": "page_panels", "subject_of": "subject",
 }  # fmt: skip
 
-__getattr__ = names_on_demand(
-    __name__, {name: f"{__name__}.{module}" for name, module in _MODULES.items()}, renamed_names(__name__)
-)
+__getattr__ = names_on_demand(__name__, _MODULES)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.core import renames
 from simwarp.tasks.cart_pole_base import CartPoleConfig
 from simwarp.tasks.framework.replay import replay
 from simwarp.train.algorithm.trajectories import load_trajectories
@@ -18,24 +17,16 @@ from simwarp.train.runs.checkpoint import load_checkpoint
 BEFORE = Path(__file__).parents[2] / "data" / "before"
 
 
-@pytest.fixture(autouse=True)
-def _nothing_told_yet(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(renames, "_told", set())
-
-
-def test_a_checkpoint_is_read_with_one_warning() -> None:
+def test_a_checkpoint_is_read() -> None:
     content = load_checkpoint(BEFORE / "checkpoint.pt")
     assert "quirks" in content["task_config"]
     from simwarp.tasks import task_class
 
-    with pytest.warns(FutureWarning, match="quirks is now called legacy_compat") as told:
-        config = task_config_from_plain(task_class("pendulum"), content["task_config"])
-    assert len(told) == 1
+    config = task_config_from_plain(task_class("pendulum"), content["task_config"])
     assert isinstance(config, CartPoleConfig)
     assert not config.legacy_compat
 
 
-@pytest.mark.filterwarnings("ignore::FutureWarning")
 def test_a_run_goes_on(tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(BEFORE / "run", run)
@@ -54,7 +45,6 @@ def test_trajectories_are_read() -> None:
     assert len(load_trajectories(BEFORE / "trajectories.npz", "pendulum").actions) == 2000
 
 
-@pytest.mark.filterwarnings("ignore::FutureWarning")
 def test_a_dump_is_replayed() -> None:
     assert replay(BEFORE / "dump.npz").reproduced
 
@@ -91,6 +81,11 @@ def test_a_snapshot_goes_on_as_it_did() -> None:
 def test_a_vehicle_and_a_sensor_are_read() -> None:
     assert sw.vehicle.load(BEFORE / "vehicle.json") == sw.vehicle.load("gator")
     assert "reach" in json.loads((BEFORE / "sensor.json").read_text())
-    with pytest.warns(FutureWarning, match="reach is now called far"):
-        config = sw.sensors.load_config(BEFORE / "sensor.json")
+    config = sw.sensors.load_config(BEFORE / "sensor.json")
     assert (config.far, config.width) == (10.0, 32)
+
+
+def test_a_key_and_its_old_name_are_refused_together(tmp_path: Path) -> None:
+    (tmp_path / "both.json").write_text(json.dumps({"sensor": "camera", "far": 5.0, "reach": 10.0}))
+    with pytest.raises(sw.ModelError, match="unknown key"):
+        sw.sensors.load_config(tmp_path / "both.json")
