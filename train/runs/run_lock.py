@@ -1,7 +1,7 @@
 """One writer per run folder: a lock file that names the process, and what becomes of a lock whose process is gone.
 
-The file is read and changed only under an advisory lock of the operating system, so that two processes that find the
-lock of a dead one do not both take it over. That is held for moments; the file stays as long as its run is written.
+The file is read and changed only under a lock of the operating system (`filelock`), so that two processes that find the
+file of a dead one do not both take it over. That lock is held for moments; the file stays while its run is written.
 """
 
 from __future__ import annotations
@@ -9,16 +9,15 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import errno
-import fcntl
 import json
 import os
 import socket
-import stat
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, Self
+
+from filelock import FileLock, Timeout
 
 from simwarp.core.files import FileError, OutputError, output_error, parse_json
 from simwarp.tasks import InputError, config_from_plain
@@ -29,6 +28,8 @@ LOCK: Final = "writer.json"
 _PATIENCE = 5.0
 """Longest time that another process may be reading or changing the file [s]."""
 _LARGEST = 10_000
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+"""Errors of file systems without locks: there, the file itself must do."""
 _PROC = Path("/proc")
 
 
@@ -123,11 +124,18 @@ def writing(folder: Path, take_over: bool = False) -> Iterator[RunLock]:
 
 def living_writer(folder: Path) -> Writer | None:
     """Return the process that writes a run, if it is known to live; a moment later it may be gone."""
+    with contextlib.suppress(OSError):
+        writer = _writer_of((folder / LOCK).read_bytes())
+        return writer if writer and writer.is_alive() else None
+    return None
+
+
+def _writer_of(text: bytes) -> Writer | None:
+    """Return the writer that a lock file names; None where it cannot be read."""
     try:
-        writer = config_from_plain(Writer, parse_json((folder / LOCK).read_text(encoding="utf-8"), LOCK))
-    except (OSError, FileError, InputError, UnicodeDecodeError):
+        return config_from_plain(Writer, parse_json(text[:_LARGEST].decode(), LOCK))
+    except (FileError, InputError, UnicodeDecodeError):
         return None
-    return writer if writer.is_alive() else None
 
 
 class RunLock:
@@ -142,23 +150,20 @@ class RunLock:
         self.path = path
         self.took_over = ""
         self._own = Writer.this()
-        with _opened(path) as handle:
-            text = os.read(handle, _LARGEST)
-            if text:
-                self.took_over = self._judge(text, take_over)
-            self._write(handle)
+        with _exclusive(path):
+            if text := path.read_bytes():
+                self.took_over = self._judge(_writer_of(text), take_over)
+            self._write()
 
-    def _judge(self, text: bytes, take_over: bool) -> str:
+    def _judge(self, found: Writer | None, take_over: bool) -> str:
         """Return the reason why the lock that was found may be taken over; refuse otherwise."""
         run = self.path.parent
-        try:
-            found = config_from_plain(Writer, parse_json(text.decode(), self.path.name))
-        except (FileError, InputError, UnicodeDecodeError):
+        if found is None:
             if take_over:
                 return f"run {run}: its lock {LOCK} was unreadable and is taken over"
             raise InputError(
                 f"run {run}: its lock {LOCK} is unreadable; if no process writes the run, give --take-over"
-            ) from None
+            )
         alive = found.is_alive()
         if alive:
             raise InputError(f"run {run} is being written by {found}; wait for it or stop it")
@@ -168,12 +173,13 @@ class RunLock:
             )
         return f"run {run}: its lock was of {found}, {'taken over' if alive is None else 'which is dead; taken over'}"
 
-    def _write(self, handle: int) -> None:
+    def _write(self) -> None:
         data = json.dumps(dataclasses.asdict(self._own)).encode()
         try:
-            os.ftruncate(handle, 0)
-            os.pwrite(handle, data, 0)
-            os.fsync(handle)
+            with self.path.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
         except OSError as error:
             with contextlib.suppress(OSError):
                 self.path.unlink()
@@ -182,15 +188,11 @@ class RunLock:
     def is_own(self) -> bool:
         """Return True if the lock is still the one of this process; of a folder that is gone the disk tells."""
         try:
-            text = self.path.read_bytes()[:_LARGEST]
+            return _writer_of(self.path.read_bytes()) == self._own
         except FileNotFoundError:  # whoever took the run over has finished it
             return not self.path.parent.is_dir()
         except OSError:
             return True
-        try:
-            return config_from_plain(Writer, parse_json(text.decode(), self.path.name)) == self._own
-        except (FileError, InputError, UnicodeDecodeError):
-            return False
 
     def check(self) -> None:
         """Check that this process may still write.
@@ -203,51 +205,30 @@ class RunLock:
 
     def release(self) -> None:
         """Remove the lock, unless it is another's by now."""
-        with contextlib.suppress(OSError, OutputError, InputError), _opened(self.path, os.O_RDWR):
-            if self.is_own():
+        with contextlib.suppress(OSError, OutputError, InputError), _exclusive(self.path):
+            if self.is_own() or not self.path.stat().st_size:  # locking makes the file where it is gone
                 self.path.unlink()
 
 
 @contextlib.contextmanager
-def _opened(path: Path, flags: int = os.O_RDWR | os.O_CREAT) -> Iterator[int]:
-    """Open the file, which is made if it is not there, while no other process has it open like this."""
-    deadline = time.monotonic() + _PATIENCE
-    while True:
-        try:
-            handle = os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
-        except OSError as error:
-            raise output_error(path, error, needed=_LARGEST) from error
-        try:
-            if not stat.S_ISREG(os.fstat(handle).st_mode):
-                raise InputError(f"run {path.parent}: its lock {path.name} is no regular file; remove it")
-            if _take(handle, path, deadline):
-                yield handle
-                return
-        finally:
-            os.close(handle)
-
-
-def _take(handle: int, path: Path, deadline: float) -> bool:
-    """Wait for an open file to be this process's; False if it is no longer the one at ``path``."""
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
-                break  # a file system without such locks: the file itself must do
-            if time.monotonic() > deadline:
-                raise InputError(
-                    f"run {path.parent}: another process holds {path.name}; repeat when it is done"
-                ) from None
-            time.sleep(0.01)
-        else:
-            break
+def _exclusive(path: Path) -> Iterator[None]:
+    """Keep other processes from reading or changing the file inside the block; it is made if it is not there."""
+    lock = FileLock(path, timeout=_PATIENCE, poll_interval=0.01, fallback_to_soft=False)
     try:
-        now = os.stat(path, follow_symlinks=False)
-    except OSError:
-        return False
-    mine = os.fstat(handle)
-    return (now.st_dev, now.st_ino) == (mine.st_dev, mine.st_ino)
+        os.stat(path.parent)  # filelock would make the folder
+        if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
+            raise InputError(f"run {path.parent}: its lock {path.name} is no regular file; remove it")
+        lock.acquire()
+    except Timeout:
+        raise InputError(f"run {path.parent}: another process holds {path.name}; repeat when it is done") from None
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise output_error(path, error, needed=_LARGEST) from error
+        path.touch()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _line(path: Path) -> str:

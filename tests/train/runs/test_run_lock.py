@@ -1,6 +1,7 @@
 """One writer per run folder: who may write, whose lock is taken over, and that it is gone afterwards."""
 
 import dataclasses
+import fcntl
 import json
 import multiprocessing
 import os
@@ -13,7 +14,6 @@ from rich.console import Console
 from simwarp import cli
 from simwarp.tasks import InputError
 from simwarp.train.algorithm.learner import TrainingError
-from simwarp.train.runs import run_lock
 from simwarp.train.runs.run_lock import LOCK, Writer, started, writing
 from simwarp.train.runs.run_saver import RunSaver
 from tests.train.runs.trained_run import QUIET, run
@@ -141,7 +141,7 @@ def test_of_processes_that_find_the_same_lock_one_at_a_time_is_inside(tmp_path, 
 
 def test_a_lock_that_another_process_replaced_at_the_last_moment_is_looked_at_anew(tmp_path, dead, monkeypatch):
     leave(tmp_path, pid=dead, started="1")
-    flock = run_lock.fcntl.flock
+    flock = fcntl.flock
 
     def slow_flock(handle, how):
         if json.loads((tmp_path / LOCK).read_text(encoding="utf-8"))["pid"] == dead:
@@ -149,7 +149,7 @@ def test_a_lock_that_another_process_replaced_at_the_last_moment_is_looked_at_an
             leave(tmp_path)  # of a living process
         flock(handle, how)
 
-    monkeypatch.setattr(run_lock.fcntl, "flock", slow_flock)
+    monkeypatch.setattr(fcntl, "flock", slow_flock)
     with pytest.raises(InputError, match=f"is being written by process {os.getpid()} on"):
         writing(tmp_path).__enter__()
 
