@@ -14,11 +14,11 @@ from .actuation.attached_actuators import actuators_of
 from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
 from .framework.command import Command
 from .framework.config import TaskConfig, replace_fields, require
+from .framework.config_values import config_from_plain, config_to_plain
 from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
 from .framework.errors import InputError, TaskError
 from .framework.mirror import Mirror, Reflection, reflection
-from .framework.plain import config_from_plain, config_to_plain
 from .framework.registry import ENTRY_POINT_GROUP, config_to_train_in, make, register, task_class, task_names
 from .framework.replay import ReplayReport
 from .framework.simulation_access import Attachments

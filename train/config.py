@@ -12,7 +12,7 @@ from simwarp.core.file_keys import with_current_threads
 from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import InputError, Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.framework.config import obs_of
-from simwarp.tasks.framework.plain import Settings
+from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import task_class_of
 
 CRITIC = "critic"

@@ -17,8 +17,8 @@ from gymnasium.vector.utils import batch_space
 
 from simwarp.core.types import host_values
 
+from ..framework.agent_rows import refuse_agents
 from ..framework.registry import make, task_names
-from ..framework.rows import refuse_agents
 from ..framework.task import StepResult, Task
 from .iterations import Iterations
 from .rendering import RENDER_MODES, RENDER_SIZE, Frames, TaskRenderer, check_rendering, metadata_of
@@ -286,7 +286,7 @@ class TaskEnv(gym.Env[Any, Any]):
 
     def _keep_last_frame(self) -> None:
         """Show the end of an episode while the world still is there: the step that ends it also resets it."""
-        if self.task._judge.ended.item():
+        if self.task._outcome.ended.item():
             frames = self._renderer.frames(env_id(self.task.name))
             self._last_frame = None if frames is None else frames[0]
 

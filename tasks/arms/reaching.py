@@ -19,7 +19,7 @@ from simwarp import to_torch
 from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
 from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
 
-from ..framework.launching import filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import filled, launch_over, share_over, zeros_of
 from . import reach_kernels as kernels
 from .reach_kernels import ReachingArm, ReachState
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from simwarp.sensors import Visuals
     from simwarp.viewer import Shot
 
-    from ..framework.launching import TensorLaunch, WorldLaunch
+    from ..framework.recorded_launches import TensorLaunch, WorldLaunch
 
 _HALF_CUBE = 0.015
 _DRIVE_ERROR = 0.02
@@ -126,6 +126,7 @@ class ReachTask(Task[ReachConfig]):
     the grip [m], both in the world. Actions are torques of the joints as shares of the largest ones.
     """
 
+    fused_physics: ClassVar[bool] = True
     arm: ClassVar[Arm]
     """The robot."""
     config_type: ClassVar[type[TaskConfig]] = ReachConfig
@@ -291,13 +292,13 @@ class ReachTask(Task[ReachConfig]):
             self._aiming.search.solve(self._aiming.target_q)
             self._aiming.drive.launch()
 
-    def _physics_launches(self) -> Sequence[WorldLaunch]:
+    def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, torques and touches."""
         path, simulation = self._path, self.simulation
         parts = [self.reaching, simulation.state.arrays, self.reach, simulation.control.joint_force]
         return [share_over(simulation, kernels.reach_on, path.reach, path.request, self.action, *parts)]
 
-    def _finish_physics(self) -> None:
+    def finish_physics(self) -> None:
         """Notice the last touch."""
         self._finish.launch()
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from ..framework.launching import TensorFunction, launch_over
+from ..framework.recorded_launches import TensorFunction, launch_over
 from ..framework.registry import register
 from .barrier_track_kernels import find_corners_outside, reward_lane_offset
 from .base import PEDALS_BY_CAMERA, DrivingConfig

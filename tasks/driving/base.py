@@ -18,7 +18,7 @@ from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
 from ..framework.config import require
 from ..framework.errors import InputError, TaskError
-from ..framework.launching import TensorFunction, filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import TensorFunction, filled, launch_over, share_over, zeros_of
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
 from ..randomisation.uncertainty import Uncertainty
@@ -36,6 +36,7 @@ from .base_kernels import (
     place_cars,
     steer,
 )
+from .camera_images import CameraImages
 from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
 from .navigation_kernels import Navigator
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from simwarp.vehicle import Vehicle, VehicleParts, Vehicles, VehicleSpec
     from simwarp.viewer import Shot
 
-    from ..framework.launching import WorldLaunch
+    from ..framework.recorded_launches import WorldLaunch
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
@@ -141,6 +142,7 @@ class DrivingTask(Task[DrivingT]):
     (W, height, width, 3) uint8 beside it. All arrays are of the task's device; W is the number of worlds.
     """
 
+    fused_physics: ClassVar[bool] = True
     action_size: int = 2
     """2: steering and pedals; 1: steering alone, and the task works the pedals (`vehicle.input`)."""
     per_world: ClassVar[tuple[str, ...]] = VEHICLE_ARRAYS
@@ -153,6 +155,8 @@ class DrivingTask(Task[DrivingT]):
     begins with 0.3 of the throttle; that of a class with ``action_size = 1``, which works no pedals, straight ahead."""
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
     """Vehicle that is driven: a name of `simwarp.vehicle.vehicle_names()` or a path of a vehicle's JSON file."""
+    missing_measures: ClassVar[tuple[str, ...]] = ()
+    """Measures that a class with a `vehicle_name` of its own does not say beside it."""
     full_name: ClassVar[str] = "hmmwv"
     """Vehicle that is driven with the field ``full``; the same name where there is one model only."""
     tire: ClassVar[str | None] = None
@@ -178,8 +182,10 @@ class DrivingTask(Task[DrivingT]):
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: Camera | None
     """The policy's camera; None with ``obs`` state. From `attach` on."""
+    images: CameraImages | None
+    """What the policy sees by its camera: light, fog and noise in it; None with ``obs`` state. From `setup` on."""
     conditions: DrawnConditions
-    """Friction, light, fog and what disturbs the image; from `setup` on."""
+    """Friction, light, fog, contrast and noise of the running episodes; from `setup` on."""
     soil: DrivenSoil | None
     """The soil below the wheels; None on rigid ground. From `attach` on."""
     navigation: Navigation | None
@@ -190,9 +196,12 @@ class DrivingTask(Task[DrivingT]):
     """(W,) bool: the box of the chassis touched something in this control step; from `setup` on."""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Leave the throttle out of what a class begins with that steers alone, unless it says that itself."""
+        """Note measures that lack beside a `vehicle_name`; a class that steers alone begins without throttle."""
         super().__init_subclass__(**options)
-        if vars(cls).get("action_size") == 1 and "training_by_obs" not in vars(cls):
+        own = vars(cls)
+        if "vehicle_name" in own:
+            cls.missing_measures = tuple(name for name in OWN_MEASURES if name not in own)
+        if own.get("action_size") == 1 and "training_by_obs" not in own:
             camera = {**cls.training_by_obs["camera"], "network.init_mean": (0.0,)}
             cls.training_by_obs = {**cls.training_by_obs, "camera": camera}
 
@@ -294,13 +303,10 @@ class DrivingTask(Task[DrivingT]):
         Raises:
             InputError: some of them are missing.
         """
-        line = type(self).__mro__
-        owner = {name: next(at for at, cls in enumerate(line) if name in vars(cls)) for name in OWN_MEASURES}
-        missing = [name for name, at in owner.items() if at > owner["vehicle_name"]]
-        if missing:
+        if self.missing_measures:
             raise InputError(
                 f"task '{self.name}': beside a vehicle_name of its own must stand its {', '.join(OWN_MEASURES[1:])}, "
-                f"got no {', '.join(missing)}; write them beside vehicle_name = {self.vehicle_name!r}"
+                f"got no {', '.join(self.missing_measures)}; write them beside vehicle_name = {self.vehicle_name!r}"
             )
 
     def make_spec(self) -> VehicleSpec:
@@ -414,7 +420,10 @@ class DrivingTask(Task[DrivingT]):
         """
         self.input = to_torch(self._driven.input)
         friction = to_torch(self._driven.tires.ground_friction) if self.soil is None else None
-        self.conditions = DrawnConditions(self.config, self.random, self.simulation, friction, self.camera)
+        self.images = None if self.camera is None else CameraImages(self.camera, self.simulation, self.random)
+        self.conditions = DrawnConditions(
+            self.config, self.random, self.num_worlds, friction, self.images, self.device
+        )  # fmt: skip
         self._settle()
         state = self.simulation.state
         bodies = to_torch(self.vehicle.bodies).long()
@@ -458,7 +467,7 @@ class DrivingTask(Task[DrivingT]):
         self._steer = launch_over(self, steer, self._actions, car)
         self._notice = launch_over(self, finish_physics, car, drive)
 
-    def _physics_launches(self) -> Sequence[WorldLaunch]:
+    def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return what stands for `apply` and `after_physics`: the action's way, steering and pedals, and touches."""
         if not hasattr(self, "_car"):
             raise TaskError(f"task '{self.name}': its setup() must call super().setup() first; add that line")
@@ -506,8 +515,9 @@ class DrivingTask(Task[DrivingT]):
 
         ``policy`` is what is `measured` beside a camera, and the `exact_state` without one.
         """
-        image = self.conditions.look()
-        return {"policy": self.exact_state()} if image is None else {"policy": self.measured(), "camera": image}
+        if self.images is None:
+            return {"policy": self.exact_state()}
+        return {"policy": self.measured(), "camera": self.images.read()}
 
     def privileged(self) -> torch.Tensor | None:
         """Return the `exact_state` (W, N) where the policy sees images; None where it sees that state itself."""
@@ -525,7 +535,7 @@ class DrivingTask(Task[DrivingT]):
         """Notice a touch that may be over before the control step is. A subclass calls ``super()`` first."""
         self._notice.launch()
 
-    def _finish_physics(self) -> None:
+    def finish_physics(self) -> None:
         """Notice the last touch, read the instruments, and end the step."""
         self._notice.launch()
         if self.navigation is not None:

@@ -10,22 +10,16 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import torch
-import warp as wp
 
-from simwarp import to_torch
 from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig, require
 from ..framework.errors import InputError
-from ..framework.launching import filled, share_over
 from ..randomisation.uncertainty import Delay, Range, Sensing, Steps, Uncertainty
-from .image_noise_kernels import Disturbance, disturb_images
 
 if TYPE_CHECKING:
-    from simwarp.sensors import Camera
-
-    from ..framework.launching import WorldLaunch
     from ..randomisation.randomness import WorldRandom
+    from .camera_images import CameraImages
 
 Elevation: TypeAlias = Annotated[float, Gt(0.0), Le(0.5 * math.pi)]
 Span: TypeAlias = tuple[float, float]
@@ -59,9 +53,6 @@ NEUTRAL: Final[Mapping[str, Any]] = MappingProxyType(
 SEEN: Final = ("light", "sun_elevation", "sun_azimuth", "fog", "image_noise", "contrast")
 """Conditions that only a camera notices."""
 SUN: Final = ("sun_elevation", "sun_azimuth")
-RAYLEIGH: Final = (0.046, 0.108, 0.265)
-"""Optical depth of clear air towards the zenith at 680, 550 and 440 nm: scattering at sea level of 5.8, 13.5 and
-33.1e-6 /m (Bruneton and Neyret 2008) over a height of 8 km."""
 
 
 class Conditions(enum.Enum):
@@ -183,143 +174,71 @@ def middle(value: float | Span) -> float:
     return 0.5 * (value[0] + value[1]) if isinstance(value, tuple) else value
 
 
-def air_mass(elevation: torch.Tensor) -> torch.Tensor:
-    """Return how much air is in the way of the sun, as a multiple of that towards the zenith (Kasten and Young 1989).
-
-    Args:
-        elevation: of the sun [rad].
-    """
-    degrees = elevation * (180.0 / math.pi)
-    return 1.0 / (elevation.sin() + 0.50572 * (degrees + 6.07995) ** -1.6364)
-
-
 class DrawnConditions:
-    """Conditions of all worlds at work: writes those that are not neutral, and draws those that have a range.
+    """Conditions of all worlds at work: hands on those that are not neutral, and draws those that have a range.
 
     Mass and delays are not here: `ConditionsConfig.uncertainty_of` hands them to what draws parameters and delays.
 
     Args:
         config: what is fixed, and what is drawn.
         random: of the task.
-        simulation: of the task.
+        worlds: their number W.
         friction: (W,) of the ground below the tires, written here; None on soil, whose own strength counts.
-        camera: of the policy, with rows for each world in `ConditionsConfig.camera_arrays`; None without.
+        images: of the policy's camera, which show light, fog and noise; None without a camera.
 
     Attributes:
         values: name -> (W,) float32, of the running episodes; those that are neutral are not there.
-        image: (W, height, width, 3) uint8, what the camera gives in the end; None without one.
 
     Raises:
         InputError: there is a place of the sun where the task's light has none.
     """
 
     def __init__(
-        self, config: ConditionsConfig, random: WorldRandom, simulation: Any, friction: torch.Tensor | None,
-        camera: Camera | None,
+        self, config: ConditionsConfig, random: WorldRandom, worlds: int, friction: torch.Tensor | None,
+        images: CameraImages | None, device: torch.device,
     ) -> None:  # fmt: skip
-        self._random, self._friction = random, friction
-        self._nominal = torch.ones(simulation.model.world_count, device=str(simulation.model.device))
-        acting = (*(("friction",) if friction is not None else ()), *(SEEN if camera is not None else ()))
+        self._random, self._friction, self._images = random, friction, images
+        acting = (*(("friction",) if friction is not None else ()), *(SEEN if images is not None else ()))
         spans = {name: config.span(name) for name in acting}
-        if camera is not None and camera.lights.sun_direction.shape[1] == 0:
+        if images is not None and not images.has_sun:
             for name in SUN:
                 if getattr(config, name) is not None:
                     raise InputError(f"{name.replace('_', '-')}: there is no sun in this task's light; leave it away")
                 spans[name] = None
-        if camera is not None:
-            self._bind_lights(camera)
         self.values = {
-            name: torch.full_like(self._nominal, 0.5 * (span[0] + span[1]))
+            name: torch.full((worlds,), 0.5 * (span[0] + span[1]), device=device)
             for name, span in spans.items() if span is not None
         }  # fmt: skip
         self._drawn = {name: span for name, span in spans.items() if span is not None and span[0] < span[1]}
-        self._usual = {name: self._nominal_value(config, name) for name in self._drawn if config.left_to_chance(name)}
-        self.image = None if camera is None else to_torch(camera.data)
-        self._disturb: WorldLaunch | None = None
-        if self.image is not None and {"image_noise", "contrast"} & self.values.keys():
-            self.image = self._bind_image(self.image, simulation)
+        self._nominal = {name: self._nominal_value(config, name) for name in self._drawn if config.left_to_chance(name)}
+        if images is not None:
+            images.bind(self.values)
         self._write()
-
-    def _bind_lights(self, camera: Camera) -> None:
-        lights = camera.lights
-        self._exposure, self._fog = to_torch(camera.image_processing.exposure), to_torch(lights.fog_density)
-        self._sun, self._sun_color = to_torch(lights.sun_direction), to_torch(lights.sun_color)
-        self._built_sun, self._built_color = self._sun.clone(), self._sun_color.clone()
-        self._depth = torch.tensor(RAYLEIGH, device=self._sun.device)
 
     def _nominal_value(self, config: ConditionsConfig, name: str) -> torch.Tensor:
         """Return the value (W,) of a condition as the task is built."""
         if name in SUN:
-            elevation, azimuth = self._built_place()
-            return elevation if name == "sun_elevation" else azimuth
-        return torch.full_like(self._nominal, float(getattr(config, name)))
-
-    def _built_place(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return elevation and azimuth (W,) of the first sun as built [rad]."""
-        x, y, z = self._built_sun[:, 0].unbind(1)
-        return z.asin(), torch.atan2(y, x)
-
-    def _bind_image(self, clear: torch.Tensor, simulation: Any) -> torch.Tensor:
-        """Record what makes the image that is seen of the clear one, (W, height, width, 3), and return its memory."""
-        worlds, seen = len(self._nominal), torch.zeros_like(clear)
-        self._made = torch.zeros(worlds, dtype=torch.int64, device=clear.device)
-        disturbance = filled(
-            Disturbance,
-            contrast=self.values.get("contrast", self._nominal),
-            noise=self.values.get("image_noise", torch.zeros_like(self._nominal)),
-            stream=self._random.stream("image noise"),
-            last=wp.from_torch(self._made, dtype=wp.uint64),
-        )
-        pairs = (clear[0].numel() + 1) // 2
-        chunk = 1 if clear.is_cuda else pairs  # on a CPU threads share worlds
-        self._disturb = share_over(
-            simulation, disturb_images, chunk, int(chunk == pairs), clear.view(worlds, -1), disturbance,
-            self._random.draws, seen.view(worlds, -1), threads_per_world=-(-pairs // chunk),
-        )  # fmt: skip
-        return seen
+            assert self._images is not None
+            return self._images.built_sun()[SUN.index(name)]
+        return torch.full_like(self.values[name], float(getattr(config, name)))
 
     def draw(self, world_mask: torch.Tensor) -> None:
         """Draw the conditions of the running episodes, which begin or are taken up, where ``world_mask`` is true."""
-        if self._disturb is not None:
-            self._made.masked_fill_(world_mask, 0)
+        if self._images is not None:
+            self._images.begin(world_mask)
         if not self._drawn:
             return
         nominal = self._random.uniform("nominal conditions").squeeze(1) < NOMINAL_SHARE
         for name, (low, high) in self._drawn.items():
             drawn = self._random.uniform(f"condition {name}", low, high).squeeze(1)
-            if name in self._usual:
-                drawn = torch.where(nominal, self._usual[name], drawn)
+            if name in self._nominal:
+                drawn = torch.where(nominal, self._nominal[name], drawn)
             self.values[name].copy_(torch.where(world_mask, drawn, self.values[name]))
         self._write()
 
-    def look(self) -> torch.Tensor | None:
-        """Return the image (W, height, width, 3) uint8 with contrast and noise of this control step; the buffer itself.
-
-        A function of the camera's image and of this control step's draws alone: it may be called at any time. An image
-        that the camera holds for several control steps has other noise in each.
-        """
-        if self._disturb is not None:
-            self._disturb.launch()
-        return self.image
-
     def _write(self) -> None:
         """Hand the values to what they act on: the same numbers again in worlds that have not drawn."""
-        values = self.values
-        if self._friction is not None and "friction" in values:
-            self._friction.copy_(values["friction"])
-        if "light" in values:
-            self._exposure.copy_(values["light"])
-        if "fog" in values:
-            self._fog.copy_(values["fog"])
-        if any(name in values for name in SUN):
-            self._write_sun()
-
-    def _write_sun(self) -> None:
-        """Turn the first sun, and let the air redden it: as built where it stands as built."""
-        built, around = self._built_place()
-        elevation = self.values.get("sun_elevation", built)
-        azimuth = self.values.get("sun_azimuth", around)
-        level = elevation.cos()
-        self._sun[:, 0] = torch.stack([level * azimuth.cos(), level * azimuth.sin(), elevation.sin()], dim=1)
-        more = (air_mass(elevation) - air_mass(built)).unsqueeze(1)
-        self._sun_color[:, 0] = self._built_color[:, 0] * (-self._depth * more).exp()
+        if self._friction is not None and "friction" in self.values:
+            self._friction.copy_(self.values["friction"])
+        if self._images is not None:
+            self._images.light_up()

@@ -23,7 +23,7 @@ from simwarp.tasks import Ge, Gt, Le, Positive
 from ..framework.agents import lead_of
 from ..framework.config import require
 from ..framework.drawing import Drawing, Line
-from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
 from ..framework.registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
 from .convoy_kernels import (
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from simwarp.sensors import Scene, Visuals
     from simwarp.vehicle import Path
 
-    from ..framework.launching import WorldLaunch
+    from ..framework.recorded_launches import WorldLaunch
 
 LARGE = 4
 """Large obstacles that generated paths pass."""
@@ -317,7 +317,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Show the leaders where they are at a time (W,) [s], if there is a scene."""
         self._show(time)
 
-    def _physics_launches(self) -> Sequence[WorldLaunch]:
+    def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, steering and pedals, and the leaders' where an image is taken."""
         path = self._path
         moved = [path.reach, path.request, self.action, self._car, self._drive]

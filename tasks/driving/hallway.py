@@ -16,7 +16,7 @@ import warp as wp
 
 from simwarp import to_torch
 
-from ..framework.launching import filled, launch_over, share_over
+from ..framework.recorded_launches import filled, launch_over, share_over
 from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig
 from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from simwarp.sensors import Lighting
     from simwarp.viewer import Shot
 
-    from ..framework.launching import WorldLaunch
+    from ..framework.recorded_launches import WorldLaunch
 
 WIDTH = 1.1
 """Of the lane between the cones [m]."""
@@ -162,10 +162,10 @@ class HallwayTask(LappingTask[HallwayConfig]):
         super().load_extra_state(state)
         self._integral.copy_(state["integral"])
 
-    def _physics_launches(self) -> Sequence[WorldLaunch]:
+    def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, steering, and the pedals by policy or controller."""
         if self.config.pedals:
-            return super()._physics_launches()
+            return super().physics_launches()
         path, state = self._path, self.simulation.state.arrays
         arguments = [self._control, state, path.reach, path.request, self.action, self._car, self._drive]
         return [share_over(self.simulation, drive_on_held, *arguments)]

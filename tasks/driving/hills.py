@@ -8,7 +8,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..framework.launching import TensorFunction, filled
+from ..framework.recorded_launches import TensorFunction, filled
 from .hills_kernels import FLATTEST, HillTables, measure_heights, measure_normals, show_hills
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.drawing import Drawing, Line
-from ..framework.launching import TensorFunction, fill, filled, launch_over, zeros_of
+from ..framework.recorded_launches import TensorFunction, fill, filled, launch_over, zeros_of
 from .base import DrivingConfig, DrivingTask
 from .lapping_kernels import (
     PREVIEW,

@@ -9,7 +9,7 @@ import warp as wp
 
 from simwarp import to_torch
 
-from ..framework.launching import TensorFunction, TensorLaunch, filled
+from ..framework.recorded_launches import TensorFunction, TensorLaunch, filled
 from .navigation_kernels import Navigator, advance_heading, estimate_positions
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from simwarp import to_torch
 from simwarp.tasks import Ge, Le, Positive
 
 from ..framework.drawing import Drawing, Line
-from ..framework.launching import filled, launch_over
+from ..framework.recorded_launches import filled, launch_over
 from ..framework.registry import register
 from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask
 from .obstacle_avoidance_kernels import (

@@ -14,7 +14,7 @@ import warp as wp
 from simwarp import to_torch
 
 from ..framework.drawing import Line
-from ..framework.launching import TensorFunction, filled
+from ..framework.recorded_launches import TensorFunction, filled
 from .obstacles_kernels import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from simwarp.tasks import Ge, Gt, Le, NotNegative
 
 from ..framework.config import require
 from ..framework.drawing import Drawing, Line
-from ..framework.launching import TensorLaunch, fill, filled, launch_over, zeros_of
+from ..framework.recorded_launches import TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
 from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
 from .hills import Hills

@@ -17,7 +17,7 @@ import warp as wp
 from simwarp import to_torch
 
 from ..framework.drawing import Line
-from ..framework.launching import TensorLaunch, filled, launch_over, share_over
+from ..framework.recorded_launches import TensorLaunch, filled, launch_over, share_over
 from .base import CHASSIS_GROUP, SETTLING
 from .convoy import ConvoyTask
 from .outlines import outline
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from simwarp.sensors import Scene, Visuals
     from simwarp.vehicle import PathTracker, Vehicle, Vehicles
 
-    from ..framework.launching import WorldLaunch
+    from ..framework.recorded_launches import WorldLaunch
 
 APART = 8.0
 """Distance at which vehicles settle beside each other [m]."""
@@ -222,7 +222,7 @@ class PlatoonTask(ConvoyTask):
         """Write steering, throttle and brake of the followers from ``action`` (W, N, 2) in [-1, 1]."""
         self._steer_all.on(action.reshape(self.num_worlds, -1))
 
-    def _physics_launches(self) -> Sequence[WorldLaunch]:
+    def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the actions' way, steering and pedals, and touches."""
         path = self._path
         moved = [path.reach, path.request, self._actions, self._drive, self._platoon]

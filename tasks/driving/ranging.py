@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from ..framework.launching import TensorFunction
+from ..framework.recorded_launches import TensorFunction
 from .ranging_kernels import measure_ranges
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..framework.launching import TensorFunction, filled
+from ..framework.recorded_launches import TensorFunction, filled
 from .routes_kernels import RouteTables, find_route_places, locate_on_routes, measure_route_distances
 
 if TYPE_CHECKING:

@@ -37,3 +37,25 @@ def check_room(what: str, shape: tuple[int, ...], dtype: torch.dtype, device: to
         check_fits(what, needed, wp.get_device(str(device)), remedy)
     except ModelError as error:
         raise InputError(str(error)) from None
+
+
+def checked_level(what: str, level: Any, worlds: int = 0) -> torch.Tensor:
+    """Return a level, one number or (W,), as float32.
+
+    Args:
+        what: it is called in errors.
+        level: as it was given.
+        worlds: number that (W,) stands for; 0 where only one number will do.
+
+    Raises:
+        InputError: it is no number in [0, 1], or there are too many or too few.
+    """
+    rule = "a number in [0, 1]" + (f", or {worlds} of them" if worlds else "")
+    try:
+        values = torch.as_tensor(level).to(torch.float32)
+    except (TypeError, ValueError, RuntimeError):
+        raise InputError(f"{what} must be {rule}, got {shown(level)}") from None
+    fits = values.dim() == 0 or tuple(values.shape) == (worlds,)
+    if not fits or isinstance(level, bool) or not bool(((values >= 0.0) & (values <= 1.0)).all()):
+        raise InputError(f"{what} must be {rule}, got {shown(level)}")
+    return values

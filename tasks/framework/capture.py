@@ -20,7 +20,7 @@ import warp as wp
 from simwarp.core.interop import shared_stream
 
 from .errors import TaskError
-from .fixed_state import changed_state, state_of
+from .host_state import changed_state, state_of
 
 OutcomeT = TypeVar("OutcomeT")
 Recorder = Callable[[Callable[[], Any]], tuple[Callable[[], None], Any]]

@@ -16,8 +16,8 @@ from simwarp.core.files import parse_json
 from simwarp.core.types import shown
 
 from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing, Uncertainty
+from .config_values import Settings, plain_value, typed
 from .errors import InputError, near_names
-from .plain import Settings, plain_value, typed
 
 ConfigT = TypeVar("ConfigT")
 

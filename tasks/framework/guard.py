@@ -25,12 +25,12 @@ from ..randomisation.randomising import drawn_parameters
 from ..randomisation.randomness import WorldRandom
 from .argument_checks import check_room
 from .config import require
+from .config_values import Settings, config_to_plain
 from .contract import Contract
 from .control_step_kernels import Recording, keep_bytes, keep_words
 from .interface_checks import Worlds
-from .launching import filled
 from .npz import write_arrays
-from .plain import Settings, config_to_plain
+from .recorded_launches import filled
 from .simulation_access import arrays_of, pack_snapshot
 
 FORMAT = 1

@@ -10,6 +10,7 @@ import torch
 from simwarp.core.types import shown
 
 from .agents import lead_of
+from .command import Command
 from .errors import TaskError
 
 
@@ -152,3 +153,72 @@ def check_action(task: Worlds, action: torch.Tensor) -> None:
         raise TaskError(
             f"task '{task.name}': action must be {wanted} floating point, got {tuple(action.shape)} {action.dtype}"
         )
+
+
+def check_names(task: Any) -> None:
+    """Check the names that a task gives to observations, actions and commands.
+
+    Raises:
+        TaskError: names are not lists of words, as many as there are components, or commands are not `Command`.
+    """
+    if task.action_size < 1:
+        raise _wrong(task, "action_size", "at least 1; one that nothing reads, where nothing is done", task.action_size)
+    groups: Mapping[str, tuple[int, ...]] = task.observation_shapes
+    named = _mapping(task, "observation_names", task.observation_names, "of groups to lists of names")
+    for group, names in named.items():
+        shape = groups.get(group)
+        if shape is None or len(shape) != 1:
+            rows = sorted(name for name, own in groups.items() if len(own) == 1)
+            raise _wrong(task, "observation_names", f"of groups that are rows of numbers ({', '.join(rows)})", group)
+        _words(task, f"observation_names of '{group}'", names, shape[0])
+    _words(task, "action_names", task.action_names, task.action_size)
+    _words(task, "action_joints", task.action_joints, task.action_size)
+    for name in ("action_scale", "default_positions"):
+        scales = getattr(task, name)
+        if len(scales) not in (0, task.action_size):
+            raise _wrong(task, name, f"{task.action_size} numbers, one per component of an action", scales)
+    for name, command in _mapping(task, "commands()", task.commands(), "of names to Command").items():
+        if not isinstance(command, Command):
+            raise _wrong(task, f"commands() of '{name}'", "a Command(values, low, high)", command)
+
+
+def _mapping(task: Any, name: str, value: Any, rule: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise _wrong(task, name, f"a dict {rule}", value)
+    return value
+
+
+def _words(task: Any, name: str, words: Any, count: int) -> None:
+    if isinstance(words, str) or not all(isinstance(word, str) for word in words):
+        raise _wrong(task, name, "a list of names", words)
+    if len(words) not in (0, count):
+        raise TaskError(f"task '{task.name}': {name} must be {count} names, one per component, got {len(words)}")
+
+
+def _wrong(task: Any, name: str, rule: str, value: Any) -> TaskError:
+    return TaskError(f"task '{task.name}': {name} must be {rule}, got {shown(value)}")
+
+
+def check_physics_flag(cls: Any, base: Any) -> None:
+    """Check that a class's ``fused_physics`` fits the methods that it writes.
+
+    Args:
+        cls: the class of a task.
+        base: the class that all tasks are derived from.
+
+    Raises:
+        TaskError: it writes methods that would never be called.
+    """
+    where, has_launches = f"task class {cls.__name__}", cls.physics_launches is not base.physics_launches
+    if cls.fused_physics and not has_launches:
+        raise TaskError(f"{where}: fused_physics is True without physics_launches(); write it, or set False")
+    parents = [kind for kind in cls.__bases__ if getattr(kind, "fused_physics", False)]
+    for parent in parents if cls.fused_physics and "fused_physics" not in vars(cls) else []:
+        hidden = [name for name in ("apply", "after_physics") if getattr(cls, name) is not getattr(parent, name)]
+        if hidden and cls.physics_launches is parent.physics_launches:
+            raise TaskError(
+                f"{where}: {', '.join(hidden)} is not called where fused_physics is True, as in {parent.__name__}; "
+                "set fused_physics = False beside it, or write physics_launches() too"
+            )
+    if not cls.fused_physics and "physics_launches" in vars(cls):
+        raise TaskError(f"{where}: physics_launches() is not called where fused_physics is False; set it to True")

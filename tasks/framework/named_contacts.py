@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -139,51 +138,34 @@ class NamedContacts(Readable):
         return {name: getattr(self, name) for name in kept}
 
 
-class Touching:
-    """The part of a task that keeps its contacts by name; see :class:`~simwarp.tasks.Task` for the attributes."""
+class ContactTracker:
+    """Contacts by name that a task keeps up to date."""
 
-    simulation: Any
-    _views: Any
-    _named_contacts: tuple[NamedContacts, ...] = ()
+    def __init__(self) -> None:
+        self._all: list[NamedContacts] = []
 
-    def contacts(self, *names: str, threshold: float = 1.0) -> NamedContacts:
-        """Return the contacts of shapes or bodies, kept up to date from now on: for ``setup``.
-
-        Args:
-            names: of shapes, or of bodies.
-            threshold: of the force from which on a part touches [N].
-
-        Raises:
-            InputError: a name is unknown, or the task has no physics.
-        """
-        task: Any = self
-        if self.simulation is None:
+    def add(self, task: Any, names: tuple[str, ...], threshold: float) -> NamedContacts:
+        """Track the contacts of further parts; see :meth:`~simwarp.tasks.Task.contacts`."""
+        if task.simulation is None:
             raise InputError(f"task '{task.name}': contacts need physics")
         period = task.config.control_dt
-        made = NamedContacts(names, self.simulation, self._views, period, threshold, task.name)
-        self._named_contacts = (*self._named_contacts, made)
-        return made
+        self._all.append(NamedContacts(names, task.simulation, task.views, period, threshold, task.name))
+        return self._all[-1]
 
-    def _follow_contacts(self) -> None:
-        """Take in the physics of a control step."""
-        for contacts in self._named_contacts:
+    def update(self) -> None:
+        """Read the forces after the physics of a control step."""
+        for contacts in self._all:
             contacts.follow()
 
-    def _begin_contacts(self, world_mask: torch.Tensor) -> None:
-        """Begin an episode in the worlds of a mask."""
-        for contacts in self._named_contacts:
+    def begin(self, world_mask: torch.Tensor) -> None:
+        """Begin an episode in the worlds of a mask (W,) bool."""
+        for contacts in self._all:
             contacts.begin(world_mask)
 
-    def _contacts_state(self) -> dict[str, torch.Tensor]:
-        """Return copies of the state of all contacts, for a checkpoint."""
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return the tensors that a checkpoint keeps, by the names in it."""
         return {
-            f"contacts {index} {name}": tensor.clone()
-            for index, contacts in enumerate(self._named_contacts)
+            f"contacts {index} {name}": tensor
+            for index, contacts in enumerate(self._all)
             for name, tensor in contacts.state().items()
         }
-
-    def _load_contacts(self, saved: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
-        for index, contacts in enumerate(self._named_contacts):
-            for name, tensor in contacts.state().items():
-                tensor.copy_(saved[f"contacts {index} {name}"])

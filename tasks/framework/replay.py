@@ -13,10 +13,10 @@ import torch
 from simwarp.core.files import parse_json
 from simwarp.core.types import shown
 
+from .config_values import config_from_plain
 from .errors import InputError
 from .guard import FORMAT, DumpAbout
 from .npz import Arrays, read_arrays, text_of
-from .plain import config_from_plain
 from .registry import make, task_class_of
 from .saved_state import check_like
 from .simulation_access import pack_snapshot, unpack_snapshot

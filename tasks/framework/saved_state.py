@@ -9,8 +9,8 @@ import torch
 
 from simwarp.core.types import shown
 
+from .config_values import typed
 from .errors import InputError
-from .plain import typed
 
 
 def check_like(like: Any, saved: Any, where: str) -> None:

@@ -9,7 +9,7 @@ import torch
 from simwarp.core.readable import ReadableFields
 
 from .control_step_kernels import FirstBad, Tally
-from .launching import filled
+from .recorded_launches import filled
 
 
 @dataclasses.dataclass(frozen=True)

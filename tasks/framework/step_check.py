@@ -24,7 +24,7 @@ from simwarp.core import interop
 from simwarp.simulation.world_launches import WorldProgram, WorldShares
 
 from .agents import lead_of
-from .fixed_state import changed_state, state_of
+from .host_state import changed_state, state_of
 
 if TYPE_CHECKING:
     from .task import Task

@@ -10,36 +10,37 @@ from __future__ import annotations
 import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NoReturn, TypeAlias, TypeVar
 
 import torch
 
 from simwarp.core.interop import shared_stream
+from simwarp.core.readable import Names, Readable, Row, array_text, plural
 
 from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import Sensors
+from ..randomisation.uncertainty import Driver
 from .action_path import ActionPath
 from .agents import Agents, lead_of
-from .argument_checks import check_room, whole
+from .argument_checks import check_room, checked_level, whole
 from .capture import StepCapture, recorder_of
 from .command import Command
 from .config import TaskConfig
 from .contract import Contract, bad_value
 from .control_step_kernels import Clocks, Recording, begin_episodes, count_step
-from .described import Described, check_described
 from .drawing import Drawing
 from .errors import TaskError
 from .escapes import ESCAPES, raise_named
 from .finite_observations import FiniteObservations
 from .guard import Guard
-from .interface_checks import check_action, check_reasons
-from .judge import Judge, Terms
-from .launching import filled, launch_over
-from .levels import Levelled
+from .interface_checks import check_action, check_names, check_physics_flag, check_reasons
+from .mirror import Mirror
+from .named_contacts import ContactTracker, NamedContacts
 from .other_observations import observed_as
-from .readable_task import ReadableTask
-from .saved_task import SavedTask
+from .recorded_launches import filled, launch_over
+from .rewards_and_ends import RewardsAndEnds, Terms
+from .saved_task import load_task_state, task_state
 from .simulation_access import Attachments, PhysicsViews, physics_of
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
@@ -60,7 +61,7 @@ NON_FINITE = "non_finite"
 """End reason of an episode whose world became NaN or infinite."""
 
 
-class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
+class Task(Readable, ABC, Generic[ConfigT]):
     """A batch of worlds with actions, observations, rewards and episodes.
 
     Where ``agents`` N is more than 1, what is (W, ...) below is (W, N, ...): actions, observations, reward terms,
@@ -75,8 +76,10 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         first_world: global index of world 0, where several processes share one batch.
     """
 
-    _climbing: bool
-
+    name: ClassVar[str] = ""
+    """Set by ``@register``; until then that of the class."""
+    task_file: ClassVar[str] = ""
+    """Absolute ``path/to/file.py:TaskClass`` of a task that is not installed; set when it is loaded."""
     summary: ClassVar[str] = ""
     """One line for ``simwarp list``."""
     config_type: ClassVar[type[TaskConfig]] = TaskConfig
@@ -89,8 +92,14 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
     """What an agent that is done before others of its world asks for, such as to brake: for all components or each."""
     physics: ClassVar[bool] = True
     """False for a task without a simulation; then ``build`` is not called."""
+    fused_physics: ClassVar[bool] = False
+    """True: kernels of `physics_launches` stand for ``apply``, ``after_physics`` and the action's rate limit."""
+    watches_physics: ClassVar[bool] = False
+    """True: ``after_physics`` is called after each physics step. True by itself in a class that writes it."""
     per_world: ClassVar[tuple[str, ...]] = ()
     """Model parameters that the task itself writes, world by world; those of ``randomise`` need no mention."""
+    state_buffers: ClassVar[Mapping[str, str]] = {}
+    """Tensors of the task's own that a checkpoint keeps: name in the file -> attribute."""
     success_reasons: ClassVar[frozenset[str]] = frozenset({TIME_LIMIT})
     """End reasons that count as success, unless ``metrics`` has a ``success``."""
     training: ClassVar[Mapping[str, Any]] = {}
@@ -107,6 +116,13 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
     further_elements: Callable[[Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "name" not in vars(cls):
+            cls.name = cls.__name__
+        cls.watches_physics = cls.watches_physics or cls.after_physics is not Task.after_physics
+        check_physics_flag(cls, Task)
+
     def __init__(
         self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
     ) -> None:
@@ -122,6 +138,8 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         self._sensors_in_step = True
         """Whether sensors are launched only where they are due: a captured step is for one of the two."""
         self._iteration = 0
+        self._climbing = False
+        self._contacts = ContactTracker()
         self.first_world = first_world
         self.contract = Contract(self)
         """Calls the methods that return something, and holds the results to their form."""
@@ -173,6 +191,15 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
 
     def after_physics(self) -> None:
         """Called after each physics step, for events that must not be missed between control steps. Optional."""
+
+    def physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return launches before each physics step that stand for ``apply``, ``after_physics`` and the action's rate
+        limit, of a class with ``fused_physics = True``. The methods stay: a subclass with False is stepped by them.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has fused_physics = True and no physics_launches()")
+
+    def finish_physics(self) -> None:
+        """Called after the last physics step of a control step. Optional."""
 
     @abstractmethod
     def observations(self) -> dict[str, torch.Tensor]:
@@ -261,12 +288,76 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         """Return what a person may ask for while looking on, such as a speed: name -> `Command`. Optional."""
         return {}
 
+    @property
+    def observation_names(self) -> Mapping[str, Sequence[str]]:
+        """Names of the components of observation groups that are rows of numbers: group -> names, in their order."""
+        return {}
+
+    @property
+    def action_names(self) -> Sequence[str]:
+        """Names of the components of an action, in their order; empty where it has none."""
+        return ()
+
+    @property
+    def action_joints(self) -> Sequence[str]:
+        """Names of the joints, of one coordinate each, that the components of an action move, in their order."""
+        return ()
+
+    @property
+    def action_scale(self) -> Sequence[float]:
+        """What a full action is, component by component [N·m, rad, m, as the task says]; empty where it has no unit."""
+        return ()
+
+    @property
+    def default_positions(self) -> Sequence[float]:
+        """Coordinates of ``action_joints`` at rest, from which actions count [rad or m]; empty: as they are built."""
+        return ()
+
+    def mirror(self) -> Mirror | None:
+        """Return what left-right reflection makes of observations and actions; None where there is no such symmetry.
+
+        Asked for by ``--ppo.symmetry``. Optional.
+        """
+        return None
+
+    def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor] | None:
+        """Hook of a curriculum, at the start of a training iteration: call ``super()``, return (W,) to log means of."""
+        self.iteration = iteration
+        curriculum = self.config.curriculum
+        if curriculum.driver is Driver.ITERATION:
+            self.level.fill_(curriculum.at_iteration(iteration))
+        elif curriculum.driver is Driver.PROGRESS and not self._climbing:
+            self._climb(True)
+            self.level.zero_()
+        return None if curriculum.driver is Driver.NONE else {"level": self.level}
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return the task's own state that a checkpoint must keep: name -> (...); by default `state_buffers`."""
+        return {name: getattr(self, attribute) for name, attribute in self.state_buffers.items()}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Load what :meth:`extra_state` returned, name -> (...); write into existing buffers."""
+        for name, attribute in self.state_buffers.items():
+            getattr(self, attribute).copy_(state[name])
+
     def step_limit(self) -> torch.Tensor:
         """Return (W,) int64: control steps after which the running episodes are over at the latest.
 
         A task whose :meth:`truncations` come sooner says so here: training spreads the first time-outs over them.
         """
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
+
+    def contacts(self, *names: str, threshold: float = 1.0) -> NamedContacts:
+        """Return the contacts of shapes or bodies, kept up to date from now on: for ``setup``.
+
+        Args:
+            names: of shapes, or of bodies.
+            threshold: of the force from which on a part touches [N].
+
+        Raises:
+            InputError: a name is unknown, or the task has no physics.
+        """
+        return self._contacts.add(self, names, threshold)
 
     # ---- what runners and adapters call ------------------------------------------------------------------------
 
@@ -281,8 +372,8 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
                     self.guard.notice()
                 self.random.reseed(seed)
                 self.episode_index.fill_(-1)
-            self._judge.ended.fill_(True)
-            self._reset_worlds(self._judge.ended, every=True)
+            self._outcome.ended.fill_(True)
+            self._reset_worlds(self._outcome.ended, every=True)
             self._statistics.running.zero_()
             return self._observe_begun(self._every_world)
 
@@ -318,6 +409,12 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1]; (W, N, A) of agents.
 
+        1. ``_delay_action``: agents that are done rest, and what is asked for passes its delay.
+        2. ``_advance_physics``: ``begin_step``, then the physics steps, each with ``apply`` or kernels in its place.
+        3. ``_judge_step``: ``rewards``, ``terminations``, ``truncations``, ``metrics``; observations before the reset.
+        4. ``_reset_ended``: ``reset`` of the worlds whose episode is over.
+        5. ``_observe_begun``: ``observations`` of the state after that.
+
         Raises:
             TaskError: the action has the wrong shape or dtype.
         """
@@ -327,8 +424,10 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
             self._path.asked.copy_(action.view_as(self._path.asked))
             if self.guard is not None:
                 self.guard.before_step()
-            metrics, final, groups = self._control_step()
-            verdict = self._judge.hand_out()
+            metrics, final, groups = self._run_phases(
+                self._delay_action, self._advance_physics, self._judge_step, self._reset_ended, self._observe_begun
+            )
+            verdict = self._outcome.hand_out()
             acting = self._agents.acting.clone() if self._agents.several else None
         return StepResult(
             **vars(verdict), observations=groups, metrics=metrics, final_observations=final, acting=acting
@@ -341,7 +440,39 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         """
         with self._acting():
             self._path.request.copy_(request.view_as(self._path.request))
-            self._advance()
+            self._advance_physics()
+
+    def set_level(self, level: float | torch.Tensor) -> None:
+        """Hold the curriculum's level from here on: episodes that begin draw by it, and no success moves it.
+
+        Args:
+            level: dimensionless, in [0, 1], of all worlds; or (W,) of each.
+
+        Raises:
+            InputError: it is none.
+        """
+        values = checked_level("level", level, self.num_worlds)
+        self._climb(False)
+        self.level.copy_(values)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that a later :meth:`load_state_dict` needs to go on exactly from here."""
+        return task_state(self)
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Load what :meth:`state_dict` returned, for the same configuration and number of worlds.
+
+        Raises:
+            InputError: it is of another number of worlds, another simulation, or an older version of simwarp.
+        """
+        load_task_state(self, state)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            f"task '{self.name}' cannot be pickled or copied: it refers to memory of a device; make it again with "
+            f"make('{self.name}', {self.num_worlds}, config=task.config) and bring its state over with state_dict() "
+            "and load_state_dict()"
+        )
 
     def drain_statistics(self) -> EpisodeSummary:
         """Read and clear the statistics of the episodes that ended. This waits for the device.
@@ -359,6 +490,16 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         """Raise what :meth:`drain_statistics` raises, if there is a reason; this reads one number of the device."""
         if self._statistics.any_bad():
             self.drain_statistics()
+
+    @property
+    def reward_terms(self) -> list[str]:
+        """Names of the reward terms."""
+        return self._statistics.terms
+
+    @property
+    def end_reasons(self) -> list[str]:
+        """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
+        return self._statistics.reasons
 
     @property
     def iteration(self) -> int:
@@ -385,6 +526,25 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         if self._views is None:
             raise TaskError(f"task '{self.name}' has no physics")
         return self._views
+
+    def _readable_title(self) -> str:
+        return f" '{self.name}': {plural(self.num_worlds, 'world')} on {self.device}"
+
+    def _readable_rows(self) -> dict[str, Row]:
+        config = self.config
+        groups = [
+            f"{name} {(*lead_of(self), *shape)} {str(self.observation_dtypes[name]).rpartition('.')[2]}"
+            for name, shape in self.observation_shapes.items()
+        ]
+        steps = config.decimation if self.simulation is not None else 1
+        return {
+            "action": f"{array_text(self.action)} in -1..1",
+            "observations": ", ".join(groups),
+            "rewards": Names(len(self.reward_terms), self.reward_terms),
+            "ends": Names(len(self.end_reasons), self.end_reasons),
+            "time": f"{config.dt * steps:g} s a step ({plural(steps, 'physics step')} of {config.dt:g} s), "
+            f"at most {plural(config.max_episode_steps, 'step')} an episode",
+        }
 
     # ---- the loop ----------------------------------------------------------------------------------------------
 
@@ -422,7 +582,6 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
         self.drawn_level = torch.ones(worlds, device=device)
         """(W,) float32: the level as the running episodes began, by which they draw; `level` may have moved since."""
-        self._climbing = False
         self._path = ActionPath(self._actions, self.config, self.name, in_physics=self.physics, agents=self.agents)
         self._agents.bind(self._path.asked)
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
@@ -433,14 +592,11 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
 
     def _climb(self, climbing: bool) -> None:
         self._climbing = climbing
-        self._judge.climb(climbing)
+        self._outcome.climb(climbing)
 
     def _record_physics(self) -> None:
         """Record what is launched before each physics step; again, where the memory of it is another one."""
-        names = {"_physics_launches", "apply", "after_physics"}
-        nearest = next(vars(kind) for kind in type(self).__mro__ if names & vars(kind).keys())
-        launches = self._physics_launches() if "_physics_launches" in nearest else None
-        self._physics = None if launches is None else self.simulation.program(launches)
+        self._physics = self.simulation.program(self.physics_launches()) if self.fused_physics else None
 
     def _record(self) -> None:
         """Record the launches that bracket the author's methods, but for the verdict, which hangs on their names."""
@@ -463,7 +619,7 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         self._sensors = Sensors(self.config.uncertainty.sensing, groups, self.random, self.agents)
         self.observation_shapes = {name: tuple(group.shape[len(lead_of(self)) :]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
-        check_described(self)
+        check_names(self)
         terms, terminations, truncations = list(contract.rewards()), contract.terminations(), contract.truncations()
         metrics, reasons = contract.metrics(), [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
         check_reasons(self, metrics, reasons)
@@ -474,33 +630,39 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
             self.config.curriculum,
         )  # fmt: skip
         kept = (self._statistics, self._agents, self._recording)
-        self._judge = Judge(judged, self._status, self._clocks, self.level, *kept)
+        self._outcome = RewardsAndEnds(judged, self._status, self._clocks, self.level, *kept)
         self._finite = FiniteObservations(groups, self._statistics, self._clocks, self._recording)
         if self.guard is not None:
             self.guard.values = self._statistics.values
 
-    def _control_step(self) -> tuple[Groups, Groups | None, Groups]:
-        """A control step from the action that is asked for to the observations after the reset.
+    def _run_phases(self, *phases: Callable[[], Any]) -> tuple[Groups, Groups | None, Groups]:
+        """Run the phases of a control step, as one captured graph where there are graphs; two around `before_reset`.
 
         Returns:
             Metrics, observations before the reset where they are kept, observations after it.
         """
         if self.simulation is not None:
             self._sensors_in_step = self.simulation.rounds.in_step
+        run = self._captured.run
         if self.before_reset is None:
-            (metrics, final, groups), written_again = self._captured.run("step", self._whole_step)
+            results, rewritten = run("step", lambda: [phase() for phase in phases])
         else:
-            (metrics, final), written_again = self._captured.run("until the reset", self._until_reset)
+            judged, rewritten = run("until the reset", lambda: [phase() for phase in phases[:3]])
             self.before_reset()
-            groups, _ = self._captured.run("from the reset on", self._from_reset)
-        if written_again:
+            begun, _ = run("from the reset on", lambda: [phase() for phase in phases[3:]])
+            results = judged + begun
+        _, _, (metrics, final), _, groups = results
+        if rewritten:
             metrics = {name: value.clone() for name, value in metrics.items()}
         return metrics, final, groups
 
-    def _whole_step(self) -> tuple[Groups, Groups | None, Groups]:
-        return (*self._until_reset(), self._from_reset())
+    def _delay_action(self) -> None:
+        """Write what agents that are done do into the actions asked for, and delay these."""
+        self._agents.rest()
+        self._path.delay()
 
-    def _advance(self) -> None:
+    def _advance_physics(self) -> None:
+        """Advance the physics by a control step towards the requested action, and count the step."""
         if self._randomiser is not None:
             self._randomiser.begin_step(self.random, self._every_world, self.level)
         self.begin_step()
@@ -509,19 +671,9 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
             self._physics.run(decimation)
         else:
             self._step_by_methods(decimation)
-        self._finish_physics()
-        self._follow_contacts()
+        self.finish_physics()
+        self._contacts.update()
         self._count.launch()
-
-    def _physics_launches(self) -> Sequence[WorldLaunch] | None:
-        """Return launches before each physics step that stand for ``apply``, ``after_physics`` and the action's way.
-
-        None: those are called. They are also called where a subclass overrides one of them.
-        """
-        return None
-
-    def _finish_physics(self) -> None:
-        """Called after the last physics step of a control step. Optional."""
 
     def _step_by_methods(self, decimation: int) -> None:
         """Take the physics through its steps, between which an author's methods act."""
@@ -529,7 +681,7 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         if not gradual:
             self._path.move()
             self.apply(self.action)
-        if not gradual and type(self).after_physics is Task.after_physics:
+        if not gradual and not self.watches_physics:
             if decimation > 0:
                 self.simulation.advance(decimation)
             return
@@ -540,31 +692,27 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
             self.simulation.step()
             self.after_physics()
 
-    def _until_reset(self) -> tuple[Groups, Groups | None]:
-        """Take the physics through a control step, and judge the state reached."""
-        self._agents.rest()
-        self._path.delay()
-        self._advance()
+    def _judge_step(self) -> tuple[Groups, Groups | None]:
+        """Judge the state reached; return metrics, and observations before the reset where they are kept."""
         contract = self.contract
         rewards, flags = contract.rewards(), [*contract.terminations().values(), *contract.truncations().values()]
         metrics = {name: value.clone() for name, value in contract.metrics().items()}
-        self._judge.judge(rewards.values(), flags, metrics.get("success"))
+        self._outcome.judge(rewards.values(), flags, metrics.get("success"))
         if self._sensors.late:
             self._sensors.push(contract.observations())
         if not self.keep_final_observations:
             return metrics, None
-        return metrics, self._finite.kept(self.observe(), self._judge.broken)
+        return metrics, self._finite.kept(self.observe(), self._outcome.broken)
 
-    def _from_reset(self) -> Groups:
-        """Reset the worlds that ended, and observe."""
-        self._reset_worlds(self._judge.ended)
-        return self._observe_begun(self._judge.ended)
+    def _reset_ended(self) -> None:
+        """Begin an episode in the worlds whose episode is over."""
+        self._reset_worlds(self._outcome.ended)
 
-    def _observe_begun(self, mask: torch.Tensor) -> Groups:
-        """Observe, where the worlds of a mask (W,) bool have just begun an episode."""
+    def _observe_begun(self, mask: torch.Tensor | None = None) -> Groups:
+        """Observe, where the worlds of a mask (W,) bool have just begun an episode; None: those that ended."""
         groups = self.contract.observations()
         self._finite.count(groups)
-        self._sensors.begin(mask, groups)
+        self._sensors.begin(self._outcome.ended if mask is None else mask, groups)
         return self._sensors.sense(groups)
 
     def _reset_worlds(self, mask: torch.Tensor, every: bool = False) -> None:
@@ -572,7 +720,7 @@ class Task(SavedTask, Levelled, ReadableTask, Described, ABC, Generic[ConfigT]):
         self._begin.on(mask)
         self._agents.begin(mask)
         self._path.begin(mask, self.random)
-        self._begin_contacts(mask)
+        self._contacts.begin(mask)
         if self.simulation is not None:
             self.simulation.reset(mask, sensors=False)
         if self._randomiser is not None:

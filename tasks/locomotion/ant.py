@@ -16,7 +16,7 @@ import torch
 import warp as wp
 
 from ..framework.config import TaskConfig
-from ..framework.launching import filled, launch_over
+from ..framework.recorded_launches import filled, launch_over
 from ..framework.registry import register
 from . import ant_kernels as kernels
 from .walking import BASE, Orientation, Touching, WalkingConfig, WalkingTask

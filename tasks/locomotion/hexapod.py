@@ -18,7 +18,7 @@ import warp as wp
 from simwarp.tasks import Positive
 
 from ..framework.config import TaskConfig
-from ..framework.launching import filled, launch_over
+from ..framework.recorded_launches import filled, launch_over
 from ..framework.registry import register
 from . import hexapod_kernels as kernels
 from .walking import BASE, Touching, WalkingConfig, WalkingTask

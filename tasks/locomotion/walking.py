@@ -15,7 +15,7 @@ from simwarp import to_torch
 from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
-from ..framework.launching import filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 from .walking_kernels import (
     FORCE_CLIP,
@@ -34,7 +34,7 @@ from .walking_kernels import (
 if TYPE_CHECKING:
     from simwarp import SolverOptions
 
-    from ..framework.launching import WorldLaunch
+    from ..framework.recorded_launches import WorldLaunch
 
 BASE = 0
 """Body that carries the legs."""
@@ -102,6 +102,7 @@ class WalkingTask(Task[WalkingT]):
     5 N; SI units and axes of the base unless scaled.
     """
 
+    fused_physics: ClassVar[bool] = True
     legs: ClassVar[int]
     """The first joints are those of the legs at the body, one each; the others may only start bent one way."""
     usual_sizes: ClassVar[tuple[float, float, float, float]]
@@ -212,14 +213,14 @@ class WalkingTask(Task[WalkingT]):
         )
         return walker, len(sizes)
 
-    def _physics_launches(self) -> Sequence[WorldLaunch]:
+    def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, torques and touches."""
         path, simulation = self._path, self.simulation
         moved = [path.reach, path.request, self.action]
         parts = [self.walker, simulation.state.arrays, self.walk, simulation.control.joint_force]
         return [share_over(self.simulation, walk_on, *moved, *parts)]
 
-    def _finish_physics(self) -> None:
+    def finish_physics(self) -> None:
         """Notice the last touch."""
         self._finish.launch()
 

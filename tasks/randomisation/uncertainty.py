@@ -14,8 +14,8 @@ from typing import Annotated, ClassVar, Final, TypeAlias
 from simwarp.core.constraints import As, Fraction, Ge, Le, MinLen, NotNegative, OneOrMany, Rule, RuleError, Whole
 from simwarp.core.types import shown
 
+from ..framework.config_values import Settings
 from ..framework.errors import InputError
-from ..framework.plain import Settings
 
 LONGEST_DELAY: Final = 2**31 - 1
 """Control steps of the longest delay: draws of whole numbers have 31 bits."""

@@ -16,7 +16,7 @@ from simwarp.core.constraints import Count, Ge, Lt, Positive, Whole
 from simwarp.core.stopping import StopRequest
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
-from simwarp.tasks.framework.plain import Settings
+from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import origin_of
 
 from ..config import NetworkKind, TrainConfig, rsl_rl_config

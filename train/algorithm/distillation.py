@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from simwarp.core.constraints import Count, Positive, Whole
-from simwarp.tasks.framework.plain import Settings
+from simwarp.tasks.framework.config_values import Settings
 
 from ..config import AugmentationConfig
 from ..networks.augmentation import augment_groups

@@ -14,7 +14,7 @@ from tensordict import TensorDict
 
 from simwarp.core.readable import Readable
 from simwarp.tasks import InputError, Task, config_to_plain
-from simwarp.tasks.framework.rows import refuse_agents
+from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.tasks.framework.saved_state import check_like
 
 from ..config import NetworkKind, TrainConfig, rsl_rl_config, train_config_from_plain

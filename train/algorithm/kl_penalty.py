@@ -19,7 +19,7 @@ from torch import nn
 
 from simwarp.core.constraints import Positive
 from simwarp.tasks import config_from_plain
-from simwarp.tasks.framework.plain import Settings
+from simwarp.tasks.framework.config_values import Settings
 
 from .mini_batch_shares import Share
 from .shared_ppo import DIVERGENCE, ENTROPY, SURROGATE, VALUE, SharedPPO, sum_in_order

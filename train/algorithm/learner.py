@@ -22,7 +22,7 @@ from simwarp.core.files import OutputError
 from simwarp.core.memory import check_fits
 from simwarp.core.threads import thread_count
 from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, TaskError, config_to_plain
-from simwarp.tasks.framework.plain import typed
+from simwarp.tasks.framework.config_values import typed
 from simwarp.tasks.framework.registry import origin_of
 from simwarp.tasks.framework.saved_state import check_like
 from simwarp.tasks.framework.saved_task import NEW_STATE

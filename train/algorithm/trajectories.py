@@ -22,8 +22,8 @@ from simwarp.core.readable import ReadableFields
 from simwarp.core.stopping import StopRequest
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
+from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
-from simwarp.tasks.framework.rows import refuse_agents
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 

@@ -9,7 +9,7 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
 from simwarp.tasks import InputError, Task
-from simwarp.tasks.framework.rows import Rows
+from simwarp.tasks.framework.agent_rows import Rows
 
 from ..config import CRITIC
 

@@ -14,9 +14,9 @@ import warp as wp
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import ReadableFields
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
+from simwarp.tasks.framework.agent_rows import Rows
 from simwarp.tasks.framework.errors import TaskStepError
 from simwarp.tasks.framework.registry import agents_in_world
-from simwarp.tasks.framework.rows import Rows
 
 from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
 

@@ -15,7 +15,7 @@ from PIL import Image
 
 from simwarp.core.files import check_output, write_file
 from simwarp.tasks import InputError, Task
-from simwarp.tasks.framework.rows import Rows
+from simwarp.tasks.framework.agent_rows import Rows
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 from .filming import film_still, film_strip

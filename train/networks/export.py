@@ -27,8 +27,8 @@ from torch import nn
 
 from simwarp.core.files import check_output, output_error, replacing
 from simwarp.tasks import InputError, Task, make
+from simwarp.tasks.framework.agent_rows import Rows
 from simwarp.tasks.framework.registry import task_class_of
-from simwarp.tasks.framework.rows import Rows
 
 from ..algorithm.learner import TrainingError
 from ..config import task_config_from_plain

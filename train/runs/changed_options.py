@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, TaskConfig, config_from_plain
-from simwarp.tasks.framework.plain import plain_value
+from simwarp.tasks.framework.config_values import plain_value
 
 from ..algorithm.learner import OtherNetworksError
 from ..config import TrainConfig, train_config_from_plain

@@ -21,7 +21,7 @@ import torch
 
 from simwarp.core.files import FileError, check_input, write_file
 from simwarp.tasks import InputError
-from simwarp.tasks.framework.plain import typed
+from simwarp.tasks.framework.config_values import typed
 
 FORMAT: Final = 1
 SUFFIX: Final = ".pt"

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from simwarp.core.files import LONGEST_NAME
 from simwarp.tasks import InputError, TaskConfig, config_to_plain
-from simwarp.tasks.framework.plain import plain_value
+from simwarp.tasks.framework.config_values import plain_value
 
 from ..config import TrainConfig
 from ..runs.run_folder import CONFIG, WARM_START, RunFolder, prepare_run

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from simwarp.cli import UsageError, shortened
 from simwarp.tasks import Range, Sensing, TaskConfig
-from simwarp.tasks.framework.plain import plain_value
+from simwarp.tasks.framework.config_values import plain_value
 
 if TYPE_CHECKING:
     from simwarp.train.evaluation.grid import GridPoint
@@ -113,7 +113,7 @@ def level_of(told: str, word: str | float) -> float:
         UsageError: it is no number.
         InputError: it is not in [0, 1].
     """
-    from simwarp.tasks.framework.levels import checked_level
+    from simwarp.tasks.framework.argument_checks import checked_level
 
     try:
         level = float(word)

@@ -10,7 +10,7 @@ import torch
 
 from simwarp.simulation.simulation import Simulation
 from simwarp.tasks import StepResult, Task
-from simwarp.tasks.framework.rows import refuse_agents
+from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject

@@ -29,8 +29,8 @@ from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground
 from simwarp.tasks import Ge, Le, NotNegative
 
 from ...framework.config import require
-from ...framework.launching import TensorFunction, TensorLaunch, fill, filled
-from ...framework.plain import Settings
+from ...framework.config_values import Settings
+from ...framework.recorded_launches import TensorFunction, TensorLaunch, fill, filled
 from ..walking_ground_kernels import (
     Climb,
     Heights,

@@ -12,8 +12,8 @@ import warp as wp
 
 from simwarp.tasks import Ge, Le, Positive
 
-from ...framework.launching import TensorLaunch
-from ...framework.plain import Settings
+from ...framework.config_values import Settings
+from ...framework.recorded_launches import TensorLaunch
 from ..walking_ground_kernels import scan_rays
 
 if TYPE_CHECKING:

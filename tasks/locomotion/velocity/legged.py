@@ -14,7 +14,7 @@ from simwarp import to_torch
 from ...framework.mirror import Mirror
 from ...framework.rotations import heading_of
 from ...framework.task import Task
-from . import pieces
+from . import mdp
 from .config import Seen, VelocityConfig
 from .ground import RoughGround, ground_of
 from .mirroring import mirror_of
@@ -140,7 +140,7 @@ class LeggedTask(Task[LeggedT]):
         self.before.copy_(self.action)
         self.rates_before.copy_(self.rates)
         if config.push_speed > 0.0:
-            self.views.body_force[:, self.body] = pieces.push_force(
+            self.views.body_force[:, self.body] = mdp.push_force(
                 self.random, self.episode_steps, every=config.steps_in(config.push_time), speed=config.push_speed,
                 mass=self._mass, period=config.control_dt,
             )  # fmt: skip
@@ -157,7 +157,7 @@ class LeggedTask(Task[LeggedT]):
         """Start near the stance in the middle of the ground, with any heading."""
         self.ground.choose(world_mask)
         self._start[:, self._place + 5] = self.random.uniform("heading", -math.pi, math.pi)[:, 0]
-        angles = pieces.start_around(self.random, "angles", self._stance, self.config.start_angle)
+        angles = mdp.start_around(self.random, "angles", self._stance, self.config.start_angle)
         self._start[:, self._columns] = angles
         self.simulation.set_joint_state(world_mask, self._start, self._at_rest)
         for buffer in (self.before, self.rates_before):

@@ -12,7 +12,7 @@ from simwarp.scenes import QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HE
 from ...framework.command import Command
 from ...framework.config import TaskConfig
 from ...framework.registry import register
-from . import pieces
+from . import mdp
 from .config import Seen, VelocityConfig
 from .legged import LeggedTask
 
@@ -54,11 +54,11 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """What the class says, component by component."""
         joints, steps = self.action_joints, self.config.history
         sent = {"command": ("ahead", "left", "turn"), "angle": joints, "rate": joints, "action": joints}
-        proprioception = pieces.names_of(turning=3, down=3, **sent)
+        proprioception = mdp.names_of(turning=3, down=3, **sent)
         if self.config.obs is Seen.HISTORY:
             return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in proprioception]}
         around = self.config.scan.names() if self.config.obs is Seen.SCAN else []
-        return {"policy": [*pieces.names_of(velocity=3), *proprioception, *around]}
+        return {"policy": [*mdp.names_of(velocity=3), *proprioception, *around]}
 
     def setup(self) -> None:
         """Allocate commands, errors, and earlier observations, the newest first."""
@@ -78,7 +78,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
 
     def proprioception(self) -> torch.Tensor:
         """Return (W, 9 + 3 J) what the robot feels."""
-        turning, down = (tell(self.views, self.body) for tell in (pieces.turning_in_body, pieces.projected_gravity))
+        turning, down = (tell(self.views, self.body) for tell in (mdp.turning_in_body, mdp.projected_gravity))
         return torch.cat([turning, down, self.command, self.angles, self.rates, self.action], dim=1)
 
     def observations(self) -> dict[str, torch.Tensor]:
@@ -89,34 +89,34 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """Return ``policy`` of other observations: for teachers."""
         if obs == Seen.HISTORY.value:
             return {"policy": torch.cat([self.proprioception(), self.past.flatten(1)], dim=1)}
-        exact = [pieces.velocity_in_body(self.views, self.body), self.proprioception()]
+        exact = [mdp.velocity_in_body(self.views, self.body), self.proprioception()]
         return {"policy": torch.cat([*exact, self.heights()] if obs == Seen.SCAN.value else exact, dim=1)}
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms; weights are per second, but for that of a fall."""
-        tellers = (pieces.velocity_in_body, pieces.turning_in_body)
+        tellers = (mdp.velocity_in_body, mdp.turning_in_body)
         velocity, turning = (tell(self.views, self.body) for tell in tellers)
-        speed_error, turn_error = pieces.speed_error(velocity, self.command), pieces.turn_error(turning, self.command)
+        speed_error, turn_error = mdp.speed_error(velocity, self.command), mdp.turn_error(turning, self.command)
         self.errors.copy_(torch.stack((speed_error, turn_error), dim=1))
         self.ground.record(velocity[:, :2], self.command[:, :2])
-        period, moving = self.config.control_dt, pieces.is_moving(self.command)
+        period, moving = self.config.control_dt, mdp.is_moving(self.command)
         terms = {
-            "speed": 2.0 * pieces.tracking(speed_error, 0.5 * self.config.max_speed),
-            "turn": 1.0 * pieces.tracking(turn_error, 0.5 * self.config.max_turn),
-            "bounce": -2.0 * pieces.bouncing(velocity),
-            "rock": -0.03 * pieces.rocking(turning),
-            "tilt": -2.5 * pieces.tilt(pieces.projected_gravity(self.views, self.body)),
-            "posture": -0.1 * pieces.squares(self.angles),
-            "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
-            "smooth": -0.01 * pieces.squares(self.action - self.before),
-            "steps": 0.25 * pieces.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
-            "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
+            "speed": 2.0 * mdp.tracking(speed_error, 0.5 * self.config.max_speed),
+            "turn": 1.0 * mdp.tracking(turn_error, 0.5 * self.config.max_turn),
+            "bounce": -2.0 * mdp.bouncing(velocity),
+            "rock": -0.03 * mdp.rocking(turning),
+            "tilt": -2.5 * mdp.tilt(mdp.projected_gravity(self.views, self.body)),
+            "posture": -0.1 * mdp.squares(self.angles),
+            "acceleration": -1e-7 * mdp.squares((self.rates - self.rates_before) / period),
+            "smooth": -0.01 * mdp.squares(self.action - self.before),
+            "steps": 0.25 * mdp.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
+            "slip": -0.05 * mdp.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
         return {**{name: period * term for name, term in terms.items()}, "fall": -5.0 * self.terminations()["fell"]}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell``: the trunk touches something, or is tilted by more than 60 degrees."""
-        tilted = pieces.projected_gravity(self.views, self.body)[:, 2] > -0.5
+        tilted = mdp.projected_gravity(self.views, self.body)[:, 2] > -0.5
         return {"fell": tilted | self.on_trunk.touching[:, 0]}
 
     def metrics(self) -> dict[str, torch.Tensor]:
@@ -130,11 +130,11 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         super().reset(world_mask)
         config, draws = self.config, (self.random, self.episode_steps)
         every = config.steps_in(config.command_time)
-        due = pieces.draw_command(self.command, *draws, every=every, most=self.most, standing=config.standing)
+        due = mdp.draw_command(self.command, *draws, every=every, most=self.most, standing=config.standing)
         if config.heading:
-            pieces.draw_heading(self.heading, self.random, due)
+            mdp.draw_heading(self.heading, self.random, due)
             rotation = self.views.body_q[:, self.body, 3:]
-            self.command[:, 2] = pieces.turn_towards(rotation, self.heading, gain=1.0, most=config.max_turn)
+            self.command[:, 2] = mdp.turn_towards(rotation, self.heading, gain=1.0, most=config.max_turn)
         for buffer in (self.errors, self.error_sums):
             buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
         self.past.copy_(torch.where(world_mask.view(-1, 1, 1), self.proprioception().unsqueeze(1), self.past))

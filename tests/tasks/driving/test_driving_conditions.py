@@ -270,15 +270,15 @@ def test_noise_has_its_deviation_and_is_another_one_in_every_step_world_and_chan
     parts = stack.transpose(0, 1, 4, 2, 3).reshape(2 * 4 * 3, -1)
     apart = np.corrcoef(parts) - np.eye(len(parts))
     assert np.abs(apart).max() < 5.0 / math.sqrt(parts.shape[1])
-    assert plain.conditions.look().data_ptr() == to_torch(plain.camera.data).data_ptr()
+    assert plain.images.read().data_ptr() == to_torch(plain.camera.data).data_ptr()
 
 
 def test_an_image_is_made_once_in_a_step_but_where_an_episode_begins():
     task = road(3, image_noise=0.05)
     task.step(held(task, 0.0, 0.5))
-    task.conditions.look().fill_(7)
+    task.images.read().fill_(7)
     task.conditions.draw(torch.tensor([False, True, False]))
-    seen = task.conditions.look()
+    seen = task.images.read()
     assert (seen[[0, 2]] == 7).all()
     assert not (seen[1] == 7).all()
 

@@ -392,6 +392,8 @@ def test_a_truck_beside_the_road_or_on_its_side_does_not_arrive():
 class ByMethods(OffRoadTask):
     """Overrides a method that is called between physics steps."""
 
+    fused_physics = False
+
     def after_physics(self):
         super().after_physics()
 

@@ -10,8 +10,8 @@ import torch
 
 from simwarp.tasks import InputError, Task, TaskConfig, TaskError, make, replace_fields
 from simwarp.tasks.framework import registry
+from simwarp.tasks.framework.agent_rows import Rows
 from simwarp.tasks.framework.replay import replay
-from simwarp.tasks.framework.rows import Rows
 from simwarp.tasks.framework.step_check import check_step
 from simwarp.train import TrainConfig
 from simwarp.train.algorithm.acting_rows import ActingRows

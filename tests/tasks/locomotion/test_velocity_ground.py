@@ -14,7 +14,7 @@ from simwarp.core.types import ShapeType
 from simwarp.scenery import LEVELS, GroundKind, GroundPatch, ground_patch, height_at, level_colors
 from simwarp.sensors import Visuals
 from simwarp.tasks import InputError
-from simwarp.tasks.framework.plain import config_from_plain, config_to_plain
+from simwarp.tasks.framework.config_values import config_from_plain, config_to_plain
 from simwarp.tasks.locomotion.velocity.ground import Climbing, Ground, RoughConfig, RoughGround, ground_of
 from simwarp.tasks.locomotion.velocity.height_scan import RayScan, ScanConfig
 from simwarp.viewer.live.batches import Batches

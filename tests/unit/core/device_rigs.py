@@ -413,7 +413,7 @@ CALLS: Final[dict[str, Call]] = {
     "Soil.keep_forces": Call("ground", lambda s, g: _pressed(s, lambda each: each.keep_forces(g(SOME)))),
     "Soil.resting_shifts": Call("ground", lambda s, g: _pressed(s, lambda each: each.resting_shifts(g(SOME)).numpy())),
     "Task.begin_episodes": Call("task", lambda t, g: _begun(t, g(SOME)), kinds=TENSORS),
-    "SavedTask.load_state_dict": Call("task", _loaded_state, kinds=TENSORS),
+    "Task.load_state_dict": Call("task", _loaded_state, kinds=TENSORS),
     "TaskVectorEnv.step": Call(
         "task", lambda t, g: _over_gymnasium(t, g(Q[:, :1].copy(), wp.float32))
     ),
@@ -475,7 +475,7 @@ REAL_ONLY: Final = {
     "WritableArray.__setitem__", "WritableArray.__setitem__ column", "WritableArray.assign", "to_torch", "from_torch",
     "array_over", "augment",
     "Task.begin_episodes", "Task.step", "Task.advance", "TaskVecEnv.step",
-    "SavedTask.load_state_dict", "TaskVectorEnv.step", "TaskEnv.step", "solve_cone_problems",
+    "Task.load_state_dict", "TaskVectorEnv.step", "TaskEnv.step", "solve_cone_problems",
     "solve_cone_problems mechanics",
 }  # fmt: skip
 """Calls that leave the moving to Warp's or torch's own copies, which an array that only says so would not take."""
@@ -542,9 +542,9 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
 BY_SUBCLASSES: Final = "a task overrides it, and is called with its own tensors"
 APART: Final[dict[str, str]] = {
     "Task.apply": BY_SUBCLASSES,
-    "Levelled.set_level": "numbers, one for each world, which torch brings to the task's device",
+    "Task.set_level": "numbers, one for each world, which torch brings to the task's device",
     "Task.reset": BY_SUBCLASSES,
-    "SavedTask.load_extra_state": BY_SUBCLASSES,
+    "Task.load_extra_state": BY_SUBCLASSES,
     "ActuatorNetwork.begin": "a task calls it with its own tensors",
     "ActuatorNetwork.follow": "a task calls it with its own tensors",
     "ActuatorNetwork.load_state": "a task calls it with its own tensors",

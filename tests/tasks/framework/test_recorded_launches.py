@@ -6,7 +6,7 @@ import torch
 import warp as wp
 
 from simwarp.core.interop import to_torch
-from simwarp.tasks.framework.launching import TensorFunction, filled, launch_over, zeros_of
+from simwarp.tasks.framework.recorded_launches import TensorFunction, filled, launch_over, zeros_of
 from tests.tasks.framework.samples import counter
 
 CPU = torch.device("cpu")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from simwarp.tasks import make
 from simwarp.tasks.framework.rotations import heading_of, in_body_axes, in_world_axes
-from simwarp.tasks.locomotion.velocity import pieces
+from simwarp.tasks.locomotion.velocity import mdp
 from simwarp.tasks.randomisation.randomness import WorldRandom
 from simwarp.tasks.randomisation.uncertainty import Mode
 
@@ -53,13 +53,13 @@ def test_axes_of_world_and_body_are_those_of_the_rotation():
 def test_observations_of_a_body_are_in_its_axes():
     views = some_views()
     turn = Rotation.from_quat(views.body_q[:, 2, 3:].double().numpy())
-    near(pieces.velocity_in_body(views, 2), turn.inv().apply(views.body_v[:, 2].numpy()))
-    near(pieces.turning_in_body(views, 2), turn.inv().apply(views.body_omega[:, 2].numpy()))
-    near(pieces.projected_gravity(views, 2), turn.inv().apply(np.tile([0.0, 0.0, -1.0], (WORLDS, 1))))
+    near(mdp.velocity_in_body(views, 2), turn.inv().apply(views.body_v[:, 2].numpy()))
+    near(mdp.turning_in_body(views, 2), turn.inv().apply(views.body_omega[:, 2].numpy()))
+    near(mdp.projected_gravity(views, 2), turn.inv().apply(np.tile([0.0, 0.0, -1.0], (WORLDS, 1))))
 
 
 def test_names_of_a_row():
-    assert pieces.names_of(speed=3, flag=2, joint=["hip", "knee"]) == [
+    assert mdp.names_of(speed=3, flag=2, joint=["hip", "knee"]) == [
         "speed x", "speed y", "speed z", "flag 0", "flag 1", "joint hip", "joint knee",
     ]  # fmt: skip
 
@@ -71,20 +71,20 @@ def test_rewards_of_tracking():
     velocity, turning, command = drawn(WORLDS, 3), drawn(WORLDS, 3, seed=1), drawn(WORLDS, 3, seed=2)
     v, w, c = (each.double().numpy() for each in (velocity, turning, command))
     error = np.sqrt((v[:, 0] - c[:, 0]) ** 2 + (v[:, 1] - c[:, 1]) ** 2)
-    near(pieces.speed_error(velocity, command), error)
-    near(pieces.turn_error(turning, command), np.abs(w[:, 2] - c[:, 2]))
-    near(pieces.tracking(pieces.speed_error(velocity, command), 0.5), np.exp(-(error**2) / 0.25))
-    assert pieces.tracking(torch.zeros(1), 0.3).item() == 1.0
+    near(mdp.speed_error(velocity, command), error)
+    near(mdp.turn_error(turning, command), np.abs(w[:, 2] - c[:, 2]))
+    near(mdp.tracking(mdp.speed_error(velocity, command), 0.5), np.exp(-(error**2) / 0.25))
+    assert mdp.tracking(torch.zeros(1), 0.3).item() == 1.0
 
 
 def test_rewards_of_the_body():
     velocity, turning, gravity = drawn(WORLDS, 3), drawn(WORLDS, 3, seed=1), drawn(WORLDS, 3, seed=2)
-    near(pieces.bouncing(velocity), velocity.numpy()[:, 2] ** 2)
-    near(pieces.rocking(turning), (turning.numpy()[:, :2] ** 2).sum(axis=1))
-    near(pieces.tilt(gravity), (gravity.numpy()[:, :2] ** 2).sum(axis=1))
-    near(pieces.height_error(velocity[:, 0], 0.3), (velocity.numpy()[:, 0] - 0.3) ** 2)
+    near(mdp.bouncing(velocity), velocity.numpy()[:, 2] ** 2)
+    near(mdp.rocking(turning), (turning.numpy()[:, :2] ** 2).sum(axis=1))
+    near(mdp.tilt(gravity), (gravity.numpy()[:, :2] ** 2).sum(axis=1))
+    near(mdp.height_error(velocity[:, 0], 0.3), (velocity.numpy()[:, 0] - 0.3) ** 2)
     tilted = torch.tensor([[math.sin(0.3), 0.0, -math.cos(0.3)]])
-    assert pieces.tilt(tilted).item() == pytest.approx(math.sin(0.3) ** 2, rel=1e-6)
+    assert mdp.tilt(tilted).item() == pytest.approx(math.sin(0.3) ** 2, rel=1e-6)
 
 
 def test_rewards_of_joints():
@@ -96,16 +96,16 @@ def test_rewards_of_joints():
             effort = float(stiffness[joint]) * float(target[world, joint] - q[world, joint])
             effort -= float(damping[joint]) * float(qd[world, joint])
             expected[world, joint] = max(-20.0, min(20.0, effort))
-    torque = pieces.drive_torque(q, qd, target, stiffness, damping, limit)
+    torque = mdp.drive_torque(q, qd, target, stiffness, damping, limit)
     near(torque, expected)
     assert (np.abs(expected) == 20.0).any()
-    near(pieces.squares(q), (q.numpy() ** 2).sum(axis=1))
-    near(pieces.power(torque, qd), np.abs(expected * qd.numpy()).sum(axis=1))
+    near(mdp.squares(q), (q.numpy() ** 2).sum(axis=1))
+    near(mdp.power(torque, qd), np.abs(expected * qd.numpy()).sum(axis=1))
     low, high = torch.full((5,), -0.5), torch.full((5,), 0.8)
     outside = [sum(max(0.0, -0.5 - x) + max(0.0, x - 0.8) for x in row) for row in q.tolist()]
-    near(pieces.beyond(q, low, high), outside)
+    near(mdp.beyond(q, low, high), outside)
     moving = torch.tensor([1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0])
-    near(pieces.standing_still(q, moving), np.abs(q.numpy()).sum(axis=1) * (1.0 - moving.numpy()))
+    near(mdp.standing_still(q, moving), np.abs(q.numpy()).sum(axis=1) * (1.0 - moving.numpy()))
 
 
 def test_rewards_of_feet():
@@ -120,22 +120,22 @@ def test_rewards_of_feet():
             slid[world] += fast**2 if touching[world, foot] else 0.0
             raised[world] += abs(float(height[world, foot]) - 0.08) * fast
             hit[world] += math.hypot(*f[world, foot, :2]) > 4.0 * abs(f[world, foot, 2])
-    near(pieces.slip(velocity, touching), slid)
-    near(pieces.clearance(height, velocity, 0.08), raised)
-    near(pieces.stumbling(force), hit)
+    near(mdp.slip(velocity, touching), slid)
+    near(mdp.clearance(height, velocity, 0.08), raised)
+    near(mdp.stumbling(force), hit)
     assert 0 < hit.sum() < 4 * WORLDS
-    near(pieces.touches(touching), touching.numpy().sum(axis=1))
-    assert pieces.stumbling(torch.zeros(1, 4, 3)).item() == 0.0
+    near(mdp.touches(touching), touching.numpy().sum(axis=1))
+    assert mdp.stumbling(torch.zeros(1, 4, 3)).item() == 0.0
 
 
 def test_feet_are_paid_for_swings_and_stances_of_the_right_length():
     in_air = torch.tensor([[0.0, 0.05, 0.2, 0.9], [0.3, 0.3, 0.0, 0.0]])
     standing = torch.tensor([[0.15, 0.0, 0.0, 0.0], [0.0, 0.0, 0.2, 0.2]])
     moving = torch.tensor([1.0, 0.0])
-    assert pieces.stepping(in_air, standing, moving, least=0.1, longest=0.4).tolist() == [2.0, 0.0]
+    assert mdp.stepping(in_air, standing, moving, least=0.1, longest=0.4).tolist() == [2.0, 0.0]
     for swing in (0.06, 0.24, 0.5):
         times = torch.arange(0.0, swing, 1e-4).view(-1, 1)
-        paid = 1e-4 * pieces.stepping(times, 0.0 * times, torch.ones(len(times)), least=0.1, longest=0.4).sum()
+        paid = 1e-4 * mdp.stepping(times, 0.0 * times, torch.ones(len(times)), least=0.1, longest=0.4).sum()
         assert float(paid) == pytest.approx(min(max(swing, 0.1), 0.4) - 0.1, abs=2e-4)  # two steps of the sum
 
 
@@ -147,14 +147,14 @@ def test_rewards_are_those_of_the_mirror_image():
     feet, force, swap = drawn(WORLDS, 4, 3, seed=4), drawn(WORLDS, 4, 3, seed=5), [1, 0, 3, 2]
     touching = drawn(WORLDS, 4, seed=6) > 0.0
     for one, other in (
-        (pieces.speed_error(velocity, command), pieces.speed_error(velocity * flip, command * mirror)),
-        (pieces.turn_error(turning, command), pieces.turn_error(turning * turn, command * mirror)),
-        (pieces.bouncing(velocity), pieces.bouncing(velocity * flip)),
-        (pieces.rocking(turning), pieces.rocking(turning * turn)),
-        (pieces.tilt(gravity), pieces.tilt(gravity * flip)),
-        (pieces.is_moving(command), pieces.is_moving(command * mirror)),
-        (pieces.slip(feet, touching), pieces.slip((feet * flip)[:, swap], touching[:, swap])),
-        (pieces.stumbling(force), pieces.stumbling((force * flip)[:, swap])),
+        (mdp.speed_error(velocity, command), mdp.speed_error(velocity * flip, command * mirror)),
+        (mdp.turn_error(turning, command), mdp.turn_error(turning * turn, command * mirror)),
+        (mdp.bouncing(velocity), mdp.bouncing(velocity * flip)),
+        (mdp.rocking(turning), mdp.rocking(turning * turn)),
+        (mdp.tilt(gravity), mdp.tilt(gravity * flip)),
+        (mdp.is_moving(command), mdp.is_moving(command * mirror)),
+        (mdp.slip(feet, touching), mdp.slip((feet * flip)[:, swap], touching[:, swap])),
+        (mdp.stumbling(force), mdp.stumbling((force * flip)[:, swap])),
     ):
         near(one, other.numpy())
 
@@ -174,10 +174,10 @@ def test_commands_are_uniform_and_change_when_their_time_has_come():
     seen = []
     for step in range(21):
         steps.fill_(step)
-        due = pieces.draw_command(command, random, steps, every=10, most=most)
+        due = mdp.draw_command(command, random, steps, every=10, most=most)
         assert bool(due.all()) == bool(due.any()) == (step % 10 == 0)
         seen.append(command.clone())
-        pieces.draw_command(command, random, steps, every=10, most=most)
+        mdp.draw_command(command, random, steps, every=10, most=most)
         assert torch.equal(command, seen[-1])
     for step in range(1, 21):
         assert torch.equal(seen[step], seen[step - 1]) == (step % 10 != 0)
@@ -194,12 +194,11 @@ def test_commands_are_uniform_and_change_when_their_time_has_come():
 def test_worlds_begin_with_a_new_command_and_others_keep_theirs():
     random, steps = random_of(6)
     command, most = torch.zeros(6, 3), torch.ones(3)
-    pieces.draw_command(command, random, steps, every=10, most=most)
+    mdp.draw_command(command, random, steps, every=10, most=most)
     before = command.clone()
     steps.copy_(torch.tensor([3, 3, 0, 10, 3, 3]))
     assert (
-        pieces.draw_command(command, random, steps, every=10, most=most).tolist()
-        == [False] * 2 + [True] * 2 + [False] * 2
+        mdp.draw_command(command, random, steps, every=10, most=most).tolist() == [False] * 2 + [True] * 2 + [False] * 2
     )
     # World 2 is at the same step of the same episode: the same draw
     assert torch.equal(command[[0, 1, 2, 4, 5]], before[[0, 1, 2, 4, 5]])
@@ -209,8 +208,8 @@ def test_worlds_begin_with_a_new_command_and_others_keep_theirs():
 def test_a_share_of_commands_is_to_stand():
     random, steps = random_of(4000)
     command = torch.ones(4000, 3)
-    pieces.draw_command(command, random, steps, every=10, most=torch.ones(3), standing=0.25)
-    still = 1.0 - pieces.is_moving(command, 1e-6)
+    mdp.draw_command(command, random, steps, every=10, most=torch.ones(3), standing=0.25)
+    still = 1.0 - mdp.is_moving(command, 1e-6)
     assert float(still.mean()) == pytest.approx(0.25, abs=0.03)  # four deviations of 0.0068
     assert (command[still > 0.0] == 0.0).all()
 
@@ -218,11 +217,11 @@ def test_a_share_of_commands_is_to_stand():
 def test_a_heading_is_reached_by_the_shorter_way():
     quarter = torch.tensor([[0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]]).repeat(4, 1)
     wanted = torch.tensor([0.0, math.pi / 2 + 0.2, math.pi / 2 - 0.2, -math.pi / 2 - 0.1])
-    turn = pieces.turn_towards(quarter, wanted, gain=1.0, most=1.0)
+    turn = mdp.turn_towards(quarter, wanted, gain=1.0, most=1.0)
     near(turn, [-1.0, 0.2, -0.2, 1.0])
     random, _ = random_of(2000)
     heading, due = torch.full((2000,), 9.0), torch.arange(2000) % 2 == 0
-    pieces.draw_heading(heading, random, due)
+    mdp.draw_heading(heading, random, due)
     assert (heading[~due] == 9.0).all()
     assert 3.1 < heading[due].abs().max() <= math.pi
 
@@ -233,7 +232,7 @@ def test_pushes_change_the_momentum_at_one_step_of_many():
     pushes = torch.zeros(500)
     for step in range(41):
         steps.fill_(step)
-        force = pieces.push_force(random, steps, every=20, speed=0.8, mass=12.0, period=0.02)
+        force = mdp.push_force(random, steps, every=20, speed=0.8, mass=12.0, period=0.02)
         kicked += force * 0.02 / 12.0
         pushes += force.norm(dim=1) > 0.0
         largest = force.norm(dim=1).max() * 0.02 / 12.0
@@ -244,11 +243,11 @@ def test_pushes_change_the_momentum_at_one_step_of_many():
 
 
 def test_ranges_of_a_robot_are_those_of_randomise():
-    ranges = pieces.robot_ranges("trunk", ["a", "b"], friction=(0.4, 0.9), payload=2.0, gains=0.2)
+    ranges = mdp.robot_ranges("trunk", ["a", "b"], friction=(0.4, 0.9), payload=2.0, gains=0.2)
     assert ranges["shape_friction"].only == ("a", "b")
     assert ranges["shape_friction"].mode is Mode.SET
     assert (ranges["body_mass"].low, ranges["body_mass"].high) == (-2.0, 2.0)
     assert ranges["drive_damping"].high == pytest.approx(1.2)
     assert {name for name in ranges if name.startswith("body_com")} == {"body_com_x", "body_com_y", "body_com_z"}
     assert (ranges["body_com_y"].low, ranges["body_com_y"].high) == (-0.02, 0.02)
-    make("quadruped-velocity", 2, randomise=pieces.robot_ranges("trunk", ["FL_foot", "FR_foot"]))
+    make("quadruped-velocity", 2, randomise=mdp.robot_ranges("trunk", ["FL_foot", "FR_foot"]))

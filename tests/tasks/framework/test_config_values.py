@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from simwarp.tasks import Range, config_from_plain, config_to_plain, task_class, task_names
+from simwarp.tasks.framework.config_values import typed
 from simwarp.tasks.framework.errors import InputError
-from simwarp.tasks.framework.plain import typed
 from simwarp.tasks.framework.registry import _BUILT_IN
 from simwarp.tasks.framework.saved_state import check_like
 from simwarp.train.config import TrainConfig, default_config

@@ -1,4 +1,4 @@
-"""Verdict on a control step: whether an episode is over and why, what it paid, and the statistics of it."""
+"""Verdict on a control step: the rewards, whether an episode is over and why, and the statistics of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from simwarp.core.interop import TensorLaunch
 from ..randomisation.uncertainty import Curriculum
 from .agents import Agents
 from .control_step_kernels import Clocks, Recording, Rules, Verdict, judge, judge_agents
-from .launching import filled
+from .recorded_launches import filled
 from .statistics import EpisodeStatistics
 from .step_result import VerdictViews, block_size
 
@@ -38,7 +38,7 @@ class Terms:
     curriculum: Curriculum
 
 
-class Judge:
+class RewardsAndEnds:
     """Device memory of the verdicts, and the launch that writes them.
 
     Args:
