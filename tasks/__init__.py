@@ -13,7 +13,7 @@ from .actuation.actuator_network import ActuatorNetwork
 from .actuation.attached_actuators import actuators_of
 from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
 from .framework.command import Command
-from .framework.config import TaskConfig, replace_fields, require
+from .framework.config import RewardWeights, TaskConfig, replace_fields, require
 from .framework.config_values import config_from_plain, config_to_plain
 from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
@@ -55,6 +55,7 @@ __all__ = [
     "Range",
     "Reflection",
     "ReplayReport",
+    "RewardWeights",
     "Sensing",
     "StepReport",
     "StepResult",

@@ -19,6 +19,7 @@ from simwarp.tasks import (
     Line,
     NotNegative,
     Positive,
+    RewardWeights,
     Task,
     TaskConfig,
     require,
@@ -31,9 +32,19 @@ POLE_INERTIA = (0.262290, 0.262290, 0.000981748)
 
 
 @dataclasses.dataclass(frozen=True)
+class CartPoleRewards(RewardWeights):
+    """Weights of the reward."""
+
+    alive: float = 1.0
+    """Every step, the last one included."""
+
+
+@dataclasses.dataclass(frozen=True)
 class CartPoleConfig(TaskConfig):
     """Configuration of the cart-pole."""
 
+    rewards: CartPoleRewards = CartPoleRewards()
+    """Weights of the reward."""
     gravity: float = 9.81
     """Gravitational acceleration, downwards [m/s2]."""
     force_gain: Positive = 1.0
@@ -69,6 +80,7 @@ class CartPole(Task[CartPoleConfig]):
 
     summary: ClassVar[str] = "cart-pole: keep a 2 m pole upright on a light cart, 4 observations, 1 force"
     config_type: ClassVar[type[TaskConfig]] = CartPoleConfig
+    state_buffers: ClassVar[Mapping[str, str]] = {"late_speed": "late_speed"}
     # The cart takes seconds to drift off the rail: a horizon of 1 / (1 - gamma) = 500 steps sees that coming. With a
     # larger desired_kl a solved policy was lost again in some seeds
     training: ClassVar[Mapping[str, Any]] = {
@@ -130,11 +142,3 @@ class CartPole(Task[CartPoleConfig]):
         reach = self.config.max_position
         ends = torch.tensor([[[x, 0.0, -0.3], [x, 0.0, 0.3]] for x in (-reach, reach)], device=self.device)
         return Drawing(tuple(Line(end.expand(self.num_worlds, 2, 3), "tab:red", 2.0) for end in ends))
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """The late angular speed; the simulation keeps the rest."""
-        return {"late_speed": self.late_speed}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take the late angular speed back."""
-        self.late_speed.copy_(state["late_speed"])

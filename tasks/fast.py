@@ -11,7 +11,7 @@ import torch
 
 from simwarp.tasks import NotNegative, Positive
 
-from .framework.config import TaskConfig, require
+from .framework.config import RewardWeights, TaskConfig, require
 from .framework.drawing import Drawing, Line
 from .framework.mirror import Mirror, Reflection
 from .framework.registry import register
@@ -19,9 +19,19 @@ from .framework.task import Task
 
 
 @dataclasses.dataclass(frozen=True)
+class FastRewards(RewardWeights):
+    """Weights of the reward."""
+
+    near: float = 1.0
+    """One minus the distance from the origin [m]."""
+
+
+@dataclasses.dataclass(frozen=True)
 class FastConfig(TaskConfig):
     """Configuration of :class:`FastTask`."""
 
+    rewards: FastRewards = FastRewards()
+    """Weights of the reward."""
     max_episode_steps: int = 64
     """Control steps after which an episode is truncated."""
     gain: Positive = 0.1
@@ -47,6 +57,7 @@ class FastTask(Task[FastConfig]):
     config_type: ClassVar[type[TaskConfig]] = FastConfig
     action_size: int = 2
     physics: ClassVar[bool] = False
+    state_buffers: ClassVar[Mapping[str, str]] = {"position": "position"}
     training: ClassVar[Mapping[str, Any]] = {"iterations": 30, "num_envs": 128, "steps_per_iteration": 16}
 
     def setup(self) -> None:
@@ -68,7 +79,7 @@ class FastTask(Task[FastConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``near``: one minus the distance from the origin."""
-        return {"near": 1.0 - self.position.norm(dim=1)}
+        return {"near": self.config.rewards.near * (1.0 - self.position.norm(dim=1))}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``out_of_bounds``."""
@@ -97,11 +108,3 @@ class FastTask(Task[FastConfig]):
     def map_position(self) -> torch.Tensor:
         """Position of the point, (W, 3) [m]."""
         return torch.nn.functional.pad(self.position, (0, 1))
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """The position: there is no simulation that would keep it."""
-        return {"position": self.position}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take the position back."""
-        self.position.copy_(state["position"])

@@ -15,7 +15,7 @@ from .cart_pole_base import POLE_INERTIA, POLE_LENGTH, POLE_MASS, CartPole
 
 @register("pendulum")
 class PendulumTask(CartPole):
-    """Observation ``policy`` (W, 4): cart position [m] and velocity, pole angle [rad] and rate; reward 1 per step."""
+    """Observation ``policy`` (W, 4): cart position [m] and velocity, pole angle [rad] and rate; reward 1 a step."""
 
     action_size: int = 1
 
@@ -37,8 +37,8 @@ class PendulumTask(CartPole):
         return {"policy": self.as_original() if self.config.legacy_compat else state}
 
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return ``alive``: 1 in every step, the last one included."""
-        return {"alive": torch.ones(self.num_worlds, device=self.device)}
+        """Return ``alive``, in every step, the last one included."""
+        return {"alive": torch.full((self.num_worlds,), self.config.rewards.alive, device=self.device)}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell`` and ``off_track``."""

@@ -15,6 +15,19 @@ OLD_KEYS: Final[Mapping[str, Mapping[str, str]]] = {
 }
 """Keys that files have for fields of a configuration, by the name of its class or a base: old and new name."""
 
+REWARD_WEIGHTS: Final[Mapping[str, tuple[str, float]]] = {
+    "aside_weight": ("aside", -1.0),
+    "bonus": ("goal", 1.0),
+    "change_weight": ("change", -1.0),
+    "failure_weight": ("failure", -1.0),
+    "following_weight": ("following", 1.0),
+    "goal_weight": ("goal", 1.0),
+    "lap_weight": ("lap", 1.0),
+    "progress_weight": ("progress", 1.0),
+    "speed_weight": ("speed", -1.0),
+}
+"""Keys that files have for weights of rewards: term among the `rewards` of a task, and the sign that it has there."""
+
 ARRAYS: Final[Mapping[str, str]] = {"box_impulse": "bounded_impulse"}
 """Arrays in snapshots and dumps: name in Python and in the file."""
 
@@ -46,3 +59,13 @@ def with_current_threads(plain: Mapping[str, Any]) -> Mapping[str, Any]:
     if "threads" not in plain or "torch_threads" in plain:
         return plain
     return {**plain, "threads": 1, "torch_threads": plain["threads"]}
+
+
+def with_reward_weights(plain: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration of a task with its weights of rewards among its `rewards`."""
+    found: dict[str, Any] = {}
+    for key in REWARD_WEIGHTS.keys() & plain.keys():
+        term, sign = REWARD_WEIGHTS[key]
+        found[term] = sign * plain[key] if isinstance(plain[key], int | float) else plain[key]
+    kept = {key: value for key, value in plain.items() if key not in REWARD_WEIGHTS}
+    return {**kept, "rewards": found} if found else kept

@@ -193,9 +193,22 @@ def observe_reach(arm: ReachingArm, state: StateArrays, reach: ReachState, polic
         policy[world, 2 * joints + 3 + i] = float(grip[i])
 
 
+@wp.struct
+class ReachRewardWeights:
+    """Weights of the reward's terms, and its variant."""
+
+    variant: int
+    near: float
+    contact: float
+    fingers: float
+    energy: float
+    joint_pos_limits: float
+    action_rate_l2: float
+
+
 @wp.kernel
 def compute_reach_rewards(
-    variant: int, decimation: float, action: wp.array2d[float], arm: ReachingArm, state: StateArrays,
+    weights: ReachRewardWeights, decimation: float, action: wp.array2d[float], arm: ReachingArm, state: StateArrays,
     reach: ReachState, terms: wp.array2d[float],
 ):  # fmt: skip
     """Terms of the reward, (T, W)."""
@@ -219,19 +232,18 @@ def compute_reach_rewards(
     for i in range(action.shape[1]):
         difference = action[world, i] - reach.last_action[world, i]
         change += 0.25 * difference * difference / float(action.shape[1])
-    if variant == THESIS:
-        terms[0, world] = 1.0 / (d + 1.0e-4)
-        terms[1, world] = -1000.0 * touched
-        terms[2, world] = -pinch
-        terms[3, world] = -0.001 * power
-        terms[4, world] = -2.0 * limits
+    terms[1, world] = weights.contact * touched
+    if weights.variant == THESIS:
+        terms[0, world] = weights.near / (d + 1.0e-4)
+        terms[2, world] = weights.fingers * pinch
+        terms[3, world] = weights.energy * power
+        terms[4, world] = weights.joint_pos_limits * limits
         return
-    terms[0, world] = 1.0 - wp.tanh(d / FAR) + 1.0 / (1.0 + (d / CLOSE) * (d / CLOSE))
-    terms[1, world] = -touched
-    terms[2, world] = -0.1 * wp.min(pinch / FIRM, 1.0)
-    terms[3, world] = -0.1 * share
-    terms[4, world] = -0.1 * limits / joints
-    terms[5, world] = -0.1 * change
+    terms[0, world] = weights.near * (1.0 - wp.tanh(d / FAR) + 1.0 / (1.0 + (d / CLOSE) * (d / CLOSE)))
+    terms[2, world] = weights.fingers * wp.min(pinch / FIRM, 1.0)
+    terms[3, world] = weights.energy * share
+    terms[4, world] = weights.joint_pos_limits * limits / joints
+    terms[5, world] = weights.action_rate_l2 * change
 
 
 @wp.kernel

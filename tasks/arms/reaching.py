@@ -19,6 +19,7 @@ from simwarp import to_torch
 from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
 from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
 
+from ..framework.config import RewardWeights
 from ..framework.recorded_launches import filled, launch_over, share_over, zeros_of
 from . import reach_kernels as kernels
 from .reach_kernels import ReachingArm, ReachState
@@ -36,8 +37,6 @@ _DRIVE_ERROR = 0.02
 """Error of a drive at which it gives its whole torque [rad]."""
 _DRIVE_TIME = 0.02
 """Time in which it takes an error back [s]."""
-_TERMS = ("near", "contact", "fingers", "effort", "limits")
-_SHAPED_TERMS = (*_TERMS, "smooth")
 
 
 class ReachReward(enum.Enum):
@@ -51,6 +50,34 @@ class ReachReward(enum.Enum):
 
     SHAPED = "shaped"
     THESIS = "thesis"
+
+
+_WEIGHTS: Mapping[ReachReward, Mapping[str, float]] = {
+    ReachReward.SHAPED: {
+        "near": 1.0, "contact": -1.0, "fingers": -0.1, "energy": -0.1, "joint_pos_limits": -0.1, "action_rate_l2": -0.1,
+    },
+    ReachReward.THESIS: {
+        "near": 1.0, "contact": -1000.0, "fingers": -1.0, "energy": -0.001, "joint_pos_limits": -2.0,
+    },
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class ReachRewards(RewardWeights):
+    """Weights of the reward; None is that of its variant, of which ``thesis`` has the first five."""
+
+    near: float | None = None
+    """Nearness of the grip to the target: with ``shaped`` on two scales, at most 2; with ``thesis`` 1 / distance."""
+    contact: float | None = None
+    """Base, upper arm or forearm touch something."""
+    fingers: float | None = None
+    """Mean force on the fingers [N]; with ``shaped`` as a share of 20 N, at most 1."""
+    energy: float | None = None
+    """Sum of sizes of action times joint rate [rad/s]; with ``shaped`` the mean, as a share of the largest."""
+    joint_pos_limits: float | None = None
+    """Joints at an end of their range; with ``shaped`` their share."""
+    action_rate_l2: float | None = None
+    """Mean square of the change of the action, as a share of the largest."""
 
 
 class ReachActions(enum.Enum):
@@ -80,6 +107,8 @@ class ReachConfig(TaskConfig):
     """Way of the grip of a full action in one control step, where actions are displacements [m]."""
     reward: ReachReward = ReachReward.SHAPED
     """Variant of the reward."""
+    rewards: ReachRewards = ReachRewards()
+    """Weights of the reward."""
     fixed_target: bool = False
     """Leave the target in the middle of its range."""
     target_x: Annotated[float, Ge(-1.0), Le(1.0)] = -0.52
@@ -100,6 +129,10 @@ class ReachConfig(TaskConfig):
         super().validate()
         if self.actions is ReachActions.DISPLACEMENT:
             require(self.action_rise_time == 0.0, self, "action_rise_time", "0 where actions are displacements")
+
+    def usual_weights(self) -> Mapping[str, float]:
+        """Weights of the variant."""
+        return _WEIGHTS[self.reward]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,9 +249,11 @@ class ReachTask(Task[ReachConfig]):
         self._success = torch.zeros(self.num_worlds, dtype=torch.bool, device=device)
         self._distance = torch.zeros(self.num_worlds, device=device)
         self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
-        self._names = _SHAPED_TERMS if config.reward is ReachReward.SHAPED else _TERMS
-        self._terms = torch.zeros(len(self._names), self.num_worlds, device=device)
+        named = config.reward_weights()
+        self._terms = torch.zeros(len(named), self.num_worlds, device=device)
+        self._reward_terms = dict(zip(named, self._terms, strict=True))
         variant = kernels.SHAPED if config.reward is ReachReward.SHAPED else kernels.THESIS
+        weights = filled(kernels.ReachRewardWeights, variant=variant, **named)
         hold_steps = round(config.hold_time / config.dt)
         spread = 0.0 if config.fixed_target else config.target_spread
         place = [wp.vec3d(config.target_x, 0.0, _HALF_CUBE), wp.vec3d(spread, spread, 0.0)]
@@ -229,8 +264,8 @@ class ReachTask(Task[ReachConfig]):
         self._drive = launch_over(self, kernels.turn_joints, self.action, self.reaching, state, torque)
         self._finish = launch_over(self, kernels.finish_reach, self.action, *moved, torque)
         self._observe = launch_over(self, kernels.observe_reach, *moved, self._policy)
-        self._pay = launch_over(
-            self, kernels.compute_reach_rewards, variant, float(config.decimation), self.action, *moved, self._terms
+        self._compute_rewards = launch_over(
+            self, kernels.compute_reach_rewards, weights, float(config.decimation), self.action, *moved, self._terms
         )
         self._measure = launch_over(self, kernels.measure_reach, hold_steps, *moved, self._success, self._distance)
         self._start = launch_over(
@@ -325,8 +360,8 @@ class ReachTask(Task[ReachConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        self._pay.launch()
-        return dict(zip(self._names, self._terms, strict=True))
+        self._compute_rewards.launch()
+        return dict(self._reward_terms)
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``contact``: base, upper arm or forearm touch anything, in any physics step."""

@@ -16,7 +16,7 @@ from ..framework.recorded_launches import TensorFunction, launch_over
 from ..framework.registry import register
 from .barrier_track_kernels import find_corners_outside, reward_lane_offset
 from .base import PEDALS_BY_CAMERA, DrivingConfig
-from .lapping import LappingConfig, LappingTask, Start
+from .lapping import LappingConfig, LappingRewards, LappingTask, Start
 from .outlines import corners
 
 if TYPE_CHECKING:
@@ -25,6 +25,18 @@ if TYPE_CHECKING:
 
 WIDTH = 12.5
 """Between the feet of the barriers [m]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BarrierTrackRewards(LappingRewards):
+    """Weights of the reward."""
+
+    progress: float = 0.05
+    """Per metre along the lane."""
+    failure: float = -0.5
+    """Touching a barrier: little, or a car that cannot see yet learns to stand still."""
+    aside: float = -0.005
+    """Per metre from the middle of the lane, in each step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,12 +57,8 @@ class BarrierTrackConfig(LappingConfig):
     """Start position of an episode."""
     speed: float = 8.0
     """At which a lap is to be driven [m/s]."""
-    progress_weight: float = 0.05
-    """Reward per metre along the lane."""
-    aside_weight: float = 0.005
-    """Taken per metre from the middle of the lane and step."""
-    failure_weight: float = 0.5
-    """Taken for touching a barrier: little, or a car that cannot see yet learns to stand still."""
+    rewards: BarrierTrackRewards = BarrierTrackRewards()
+    """Weights of the reward."""
 
 
 @register("barrier-track")
@@ -124,7 +132,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         fixed = [0.5 * WIDTH, corners(self.chassis_half, self.device), *where]
         self._tell_outside = TensorFunction(find_corners_outside, fixed, [(torch.bool, ())], self.device)
         self._aside_term = torch.zeros(self.num_worlds, device=self.device)
-        self._pay_aside = launch_over(self, reward_lane_offset, self.config.aside_weight, *where, self._aside_term)
+        self._pay_aside = launch_over(self, reward_lane_offset, self.config.rewards.aside, *where, self._aside_term)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap``, ``failure`` and how far ``aside`` of the middle the car drives."""

@@ -38,4 +38,4 @@ def reward_lane_offset(
     """Term of the reward for the distance from the middle of the lane."""
     world = wp.tid()
     aside = locate(int(lap.route[world]), plane(point_of(world, car, state)), routes)[1]
-    term[world] = -weight * wp.abs(aside)
+    term[world] = weight * wp.abs(aside)

@@ -147,6 +147,8 @@ class DrivingTask(Task[DrivingT]):
     """2: steering and pedals; 1: steering alone, and the task works the pedals (`vehicle.input`)."""
     per_world: ClassVar[tuple[str, ...]] = VEHICLE_ARRAYS
     """Model parameters that differ by world. A subclass that adds its own keeps these two, which vehicles write."""
+    state_buffers: ClassVar[Mapping[str, str]] = {"difficulty": "difficulty"}
+    """A subclass that adds its own keeps this one, by which worlds are drawn."""
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
         "camera": PEDALS_BY_CAMERA,
@@ -468,7 +470,11 @@ class DrivingTask(Task[DrivingT]):
         self._notice = launch_over(self, finish_physics, car, drive)
 
     def physics_launches(self) -> Sequence[WorldLaunch]:
-        """Return what stands for `apply` and `after_physics`: the action's way, steering and pedals, and touches."""
+        """Return what stands for `apply` and `after_physics`: the action's way, steering and pedals, and touches.
+
+        Raises:
+            TaskError: a subclass's setup() did not call this one's.
+        """
         if not hasattr(self, "_car"):
             raise TaskError(f"task '{self.name}': its setup() must call super().setup() first; add that line")
         path = self._path
@@ -547,14 +553,14 @@ class DrivingTask(Task[DrivingT]):
         is a `navigation`, its ``heading`` (W,) [rad]. A subclass adds its own to what ``super()`` returns.
         """
         measured = {} if self.navigation is None else {"heading": self.navigation.heading}
-        return {"difficulty": self.difficulty} | measured
+        return super().extra_state() | measured
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take back what `extra_state` returned, name -> (W,), and draw the worlds of the running episodes again.
 
         A subclass calls ``super()`` first.
         """
-        self.difficulty.copy_(state["difficulty"])
+        super().load_extra_state(state)
         if self.navigation is not None:
             self.navigation.heading.copy_(state["heading"])
         self.conditions.draw(self._every_world)

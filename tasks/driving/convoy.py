@@ -21,7 +21,7 @@ from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, Positive
 
 from ..framework.agents import lead_of
-from ..framework.config import require
+from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
 from ..framework.registry import register
@@ -71,6 +71,19 @@ class Leaders(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True)
+class ConvoyRewards(RewardWeights):
+    """Weights of the reward."""
+
+    following: float = 0.1
+    """A step in the cone behind the leader and near it. The original has 100."""
+    failure: float = -2.0
+    """Touching an obstacle or a leader, losing the leader, or turning over."""
+    speed: float = 0.0
+    """Relative difference of speed; 0: there is no such term, as in the thesis. The original's code has -5 % of
+    ``following``."""
+
+
+@dataclasses.dataclass(frozen=True)
 class ConvoyConfig(DrivingConfig):
     """Configuration of :class:`ConvoyTask`."""
 
@@ -95,19 +108,15 @@ class ConvoyConfig(DrivingConfig):
     place_frame: Frame = Frame.VEHICLE
     """Axes in which the leader's place is observed with a camera."""
     cone: Annotated[float, Gt(0.0), Le(math.pi)] = math.pi / 4.0
-    """Half angle of the cone behind the leader in which following is paid for [rad]."""
+    """Half angle of the cone behind the leader in which following is rewarded [rad]."""
     near: float = 16.0
-    """Distance up to which following is paid in full [m]."""
+    """Distance up to which following is rewarded in full [m]."""
     softness: Positive = 4.0
-    """Distance beyond ``near`` at which the pay is halved [m]. The original has 0.2."""
-    following_weight: float = 0.1
-    """Reward of a step in the cone and near. The original pays 100."""
-    speed_weight: float = 0.0
-    """Taken per relative difference of speed; the thesis has none, the original's code 5 % of ``following_weight``."""
+    """Distance beyond ``near`` at which that reward is halved [m]. The original has 0.2."""
+    rewards: ConvoyRewards = ConvoyRewards()
+    """Weights of the reward."""
     lost_distance: float = 30.0
     """An episode ends where the leader is farther away [m]."""
-    failure_weight: float = 2.0
-    """Taken for touching an obstacle or a leader, for losing the leader, or turning over."""
 
     def validate(self) -> None:
         """Check sizes."""
@@ -213,7 +222,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         super().setup()
         if self.camera is not None:
             self.column.frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
-        self._names = ("following", "failure", "speed")[: 3 if self.config.speed_weight > 0.0 else 2]
+        self._names = ("following", "failure", "speed")[: 3 if self.config.rewards.speed != 0.0 else 2]
         lead, device = lead_of(self), self.device
         self._policy, self._measured = (torch.zeros(*lead, size, device=device) for size in (17 + _RAYS, 6))
         self._terms = torch.zeros(len(self._names), *lead, device=device)
@@ -234,8 +243,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Return the numbers of the task, for kernels; ``large`` are the obstacles of generated paths (K, L, 3)."""
         config = self.config
         named = (
-            "control_dt", "dt", "latest_start", "cone", "near", "softness", "following_weight", "failure_weight",
-            "speed_weight", "lost_distance",
+            "control_dt", "dt", "latest_start", "cone", "near", "softness", "lost_distance",
         )  # fmt: skip
         purposes = {
             "path": "path", "begin": "begin", "sides": "sides", "gaps": "gaps", "headings": "obstacle headings",
@@ -249,6 +257,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
             large=wp.array(large, dtype=wp.vec3, device=str(self.device)),
             **{name: getattr(config, name) for name in named},
+            **{f"{name}_weight": weight for name, weight in config.reward_weights().items()},
             **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
         )
 

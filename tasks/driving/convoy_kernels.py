@@ -380,12 +380,12 @@ def write_follower_rewards(
     """
     distance = wp.length(away)
     inside = wp.abs(wp.atan2(away[1], away[0])) < column.cone
-    pay = column.softness / (wp.max(distance - column.near, 0.0) + column.softness)
-    terms[0, row] = column.following_weight * pay * float(inside)
-    terms[1, row] = -column.failure_weight * float(failed)
+    nearness = column.softness / (wp.max(distance - column.near, 0.0) + column.softness)
+    terms[0, row] = column.following_weight * nearness * float(inside)
+    terms[1, row] = column.failure_weight * float(failed)
     if terms.shape[0] > 2:
         difference = ahead_speed - speed
-        terms[2, row] = -column.speed_weight * wp.abs(difference / (wp.abs(speed) + 0.05))
+        terms[2, row] = column.speed_weight * wp.abs(difference / (wp.abs(speed) + 0.05))
 
 
 @wp.kernel

@@ -20,7 +20,7 @@ from ..framework.recorded_launches import filled, launch_over, share_over
 from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig
 from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
-from .lapping import LappingConfig, LappingTask
+from .lapping import LappingConfig, LappingRewards, LappingTask
 
 if TYPE_CHECKING:
     from simwarp.scenery import Track, VisualMesh
@@ -34,6 +34,18 @@ WIDTH = 1.1
 CORRIDOR = 2.2
 """Width of the corridor [m]."""
 _CONE_APART = 0.8
+
+
+@dataclasses.dataclass(frozen=True)
+class HallwayRewards(LappingRewards):
+    """Weights of the reward. The original has 10 per metre, and -200 for leaving."""
+
+    progress: float = 0.2
+    """Per metre along the lane."""
+    lap: float = 2.0
+    """A full lap, which ends the episode."""
+    failure: float = -4.0
+    """Leaving the lane, or turning over."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,12 +66,8 @@ class HallwayConfig(LappingConfig):
     """The policy works the pedals too; otherwise a controller holds the speed."""
     speed: float = 0.75
     """At which a lap is driven [m/s]."""
-    progress_weight: float = 0.2
-    """Reward per metre along the lane. The original pays 10, and takes 200 for leaving."""
-    failure_weight: float = 4.0
-    """Taken for leaving the lane."""
-    lap_weight: float = 2.0
-    """Reward for a full lap, which ends the episode."""
+    rewards: HallwayRewards = HallwayRewards()
+    """Weights of the reward."""
 
 
 @register("hallway")
@@ -93,6 +101,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
     chassis_half: ClassVar[tuple[float, float, float]] = (0.28, 0.16, 0.05)
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
     camera_place: ClassVar[tuple[float, float, float]] = (-0.075, 0.0, 0.15)
+    state_buffers: ClassVar[Mapping[str, str]] = {**LappingTask.state_buffers, "integral": "_integral"}
     course_label: ClassVar[int] = 10
     preview: ClassVar[float] = 0.5
 
@@ -152,15 +161,6 @@ class HallwayTask(LappingTask[HallwayConfig]):
         """In the lane, at rest."""
         super().start(world_mask)
         self._begin_control.on(world_mask)
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the speed controller's memory too."""
-        return super().extra_state() | {"integral": self._integral}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
-        super().load_extra_state(state)
-        self._integral.copy_(state["integral"])
 
     def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, steering, and the pedals by policy or controller."""

@@ -15,6 +15,7 @@ import warp as wp
 from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
+from ..framework.config import RewardWeights
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import TensorFunction, fill, filled, launch_over, zeros_of
 from .base import DrivingConfig, DrivingTask
@@ -51,6 +52,18 @@ class Start(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True)
+class LappingRewards(RewardWeights):
+    """Weights of the reward."""
+
+    progress: float = 0.1
+    """Per metre along the lane."""
+    lap: float = 5.0
+    """A full lap, which ends the episode."""
+    failure: float = -5.0
+    """Leaving the lane, or turning over."""
+
+
+@dataclasses.dataclass(frozen=True)
 class LappingConfig(DrivingConfig):
     """Fields of tasks on closed tracks."""
 
@@ -64,12 +77,8 @@ class LappingConfig(DrivingConfig):
     """At which a lap is driven: held by a controller, or aimed at [m/s]."""
     patience: Annotated[float, Gt(1.0)] = 1.5
     """An episode is cut off after this many times the time of a lap at ``speed``."""
-    progress_weight: float = 0.1
-    """Reward per metre along the lane."""
-    failure_weight: float = 5.0
-    """Taken for leaving the lane."""
-    lap_weight: float = 5.0
-    """Reward for a full lap, which ends the episode."""
+    rewards: LappingRewards = LappingRewards()
+    """Weights of the reward."""
 
 
 LappingT = TypeVar("LappingT", bound=LappingConfig)
@@ -79,6 +88,7 @@ class LappingTask(DrivingTask[LappingT]):
     """A task on closed tracks; a subclass says what the tracks are, and how wide a lane is."""
 
     success_reasons: ClassVar[frozenset[str]] = frozenset({"lap"})
+    state_buffers: ClassVar[Mapping[str, str]] = {"difficulty": "difficulty", "progress": "progress", "arc": "_arc"}
     course_label: ClassVar[int] = 0
     """Semantic class of what is beside the lane."""
     preview: ClassVar[float] = 1.0
@@ -157,9 +167,9 @@ class LappingTask(DrivingTask[LappingT]):
             lane_half=self.lane_half,
             preview=self.preview,
             speed=config.speed,
-            progress_weight=config.progress_weight,
-            lap_weight=config.lap_weight,
-            failure_weight=config.failure_weight,
+            progress_weight=config.rewards.progress,
+            lap_weight=config.rewards.lap,
+            failure_weight=config.rewards.failure,
             starts=wp.array(table, dtype=float, device=device),
             start_counts=wp.array([len(arcs) for arcs in starts], dtype=int, device=device),
             limits=wp.array(self._lap_limits().numpy(), dtype=wp.int64, device=device),
@@ -194,16 +204,6 @@ class LappingTask(DrivingTask[LappingT]):
     def end_step(self) -> None:
         """Measure how far the vehicle has come."""
         self._advance_lap.launch()
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return ``progress`` (W,) [m] and ``arc`` (W,) [m] beside what ``super()`` returns."""
-        return super().extra_state() | {"progress": self.progress, "arc": self._arc}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take back what `extra_state` returned, name -> (W,)."""
-        super().load_extra_state(state)
-        self.progress.copy_(state["progress"])
-        self._arc.copy_(state["arc"])
 
     # ---- what a policy sees and is paid for ----------------------------------------------------------------------
 

@@ -206,7 +206,7 @@ def compute_lap_rewards(
     world = wp.tid()
     terms[0, world] = course.progress_weight * lap.gain[world]
     terms[1, world] = course.lap_weight * float(is_lapped(world, outside, car, state, routes, lap))
-    terms[2, world] = -course.failure_weight * float(outside[world] or is_upset(world, car, state))
+    terms[2, world] = course.failure_weight * float(outside[world] or is_upset(world, car, state))
 
 
 @wp.kernel

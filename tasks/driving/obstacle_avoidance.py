@@ -17,6 +17,7 @@ import warp as wp
 from simwarp import to_torch
 from simwarp.tasks import Ge, Le, Positive
 
+from ..framework.config import RewardWeights
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import filled, launch_over
 from ..framework.registry import register
@@ -46,6 +47,19 @@ _REACH, _RAYS, _FAN = 30.0, 25, math.radians(150.0)
 
 
 @dataclasses.dataclass(frozen=True)
+class ObstacleAvoidanceRewards(RewardWeights):
+    """Weights of the reward."""
+
+    failure: float = -1.0
+    """Touching a pillar or leaving the road: less than the way to the first pillar earns, or a truck that cannot see
+    yet learns to stand still. The original has no such term."""
+    progress: float = 0.1
+    """Per metre nearer to the end."""
+    goal: float = 9.0
+    """At the end. The original has 33 per metre and 3000 at the end: the same ratio."""
+
+
+@dataclasses.dataclass(frozen=True)
 class ObstacleAvoidanceConfig(DrivingConfig):
     """Configuration of :class:`ObstacleAvoidanceTask`."""
 
@@ -59,13 +73,8 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     """Pillars stand within this of the middle of the road [m]."""
     end: Positive = 100.0
     """Distance along the road that is to be driven [m]."""
-    progress_weight: float = 0.1
-    """Reward per metre nearer to the end."""
-    bonus: float = 9.0
-    """Reward at the end. The original pays 33 per metre and 3000 at the end: the same ratio."""
-    failure_weight: float = 1.0
-    """Taken for touching a pillar or leaving the road: less than the way to the first pillar pays, or a truck that
-    cannot see yet learns to stand still. The original takes nothing."""
+    rewards: ObstacleAvoidanceRewards = ObstacleAvoidanceRewards()
+    """Weights of the reward."""
 
 
 @register("obstacle-avoidance")
@@ -125,9 +134,9 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             Road,
             end=config.end,
             spread=config.spread,
-            progress_weight=config.progress_weight,
-            bonus=config.bonus,
-            failure_weight=config.failure_weight,
+            progress_weight=config.rewards.progress,
+            goal_weight=config.rewards.goal,
+            failure_weight=config.rewards.failure,
             reach=_REACH,
             radius=math.hypot(*PILLAR_HALF[:2]),
             direction=fan.direction,
@@ -168,7 +177,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         return self._policy
 
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return what a ``failure`` costs, ``progress`` towards the end, and the ``goal``'s bonus."""
+        """Return the penalty of a ``failure``, ``progress`` towards the end, and the ``goal``'s bonus."""
         self._pay.launch()
         return dict(zip(("failure", "progress", "goal"), self._terms, strict=True))
 

@@ -36,7 +36,7 @@ class Road:
     end: wp.float64  # [m]
     spread: float  # of the pillars across the road [m]
     progress_weight: wp.float64
-    bonus: float
+    goal_weight: float
     failure_weight: float
     reach: float  # of the rays [m]
     radius: float  # of a pillar [m]
@@ -147,9 +147,9 @@ def compute_road_rewards(road: Road, car: Car, drive: Drive, state: StateArrays,
     world = wp.tid()
     failed = drive.hit[world] or is_off_road(world, car, state)
     nearer = road.before[world] - distance_to_end(world, road, car, state)
-    terms[0, world] = -road.failure_weight * float(failed)
+    terms[0, world] = road.failure_weight * float(failed)
     terms[1, world] = float(road.progress_weight * nearer)
-    terms[2, world] = road.bonus * float(is_at_end(world, road, car, drive, state))
+    terms[2, world] = road.goal_weight * float(is_at_end(world, road, car, drive, state))
 
 
 @wp.kernel

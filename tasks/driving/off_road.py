@@ -16,7 +16,7 @@ import warp as wp
 from simwarp import to_torch
 from simwarp.tasks import Ge, Gt, Le, NotNegative
 
-from ..framework.config import require
+from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
@@ -55,6 +55,20 @@ GROUND_TEXTURES = ("grass", "dirt", "gravel", "sand")
 
 
 @dataclasses.dataclass(frozen=True)
+class OffRoadRewards(RewardWeights):
+    """Weights of the reward."""
+
+    progress: float = 0.1
+    """Per metre nearer to the goal."""
+    goal: float = 5.0
+    """At the goal. The original has 1 per metre, 2500 at the goal, and -250 for a failure."""
+    failure: float = -5.0
+    """Touching an obstacle, leaving the map or turning over."""
+    change: float = 0.0
+    """Per change of the action; 0: there is no such term. The original's later version has half its metre."""
+
+
+@dataclasses.dataclass(frozen=True)
 class OffRoadConfig(DrivingConfig):
     """Configuration of :class:`OffRoadTask`."""
 
@@ -88,14 +102,8 @@ class OffRoadConfig(DrivingConfig):
     """No obstacle stands nearer to start or goal [m]."""
     goal_frame: Frame = Frame.VEHICLE
     """Axes in which the goal is observed."""
-    progress_weight: float = 0.1
-    """Reward per metre nearer to the goal."""
-    goal_weight: float = 5.0
-    """Reward at the goal. The original pays 1 per metre, 2500 at the goal, and takes 250 for a failure."""
-    failure_weight: float = 5.0
-    """Taken for touching an obstacle, leaving the map or turning over."""
-    change_weight: float = 0.0
-    """Taken per change of the action; the original's later version has half its metre."""
+    rewards: OffRoadRewards = OffRoadRewards()
+    """Weights of the reward."""
 
     def validate(self) -> None:
         """Check sizes."""
@@ -199,7 +207,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             self._slopes = self.hills.tables
         super().setup()
         terrain, car, drive, state, trip = self.terrain, self._car, self._drive, self.simulation.state.arrays, self.trip
-        self._names = ("progress", "goal", "failure", "change")[: 4 if config.change_weight > 0.0 else 3]
+        self._names = ("progress", "goal", "failure", "change")[: 4 if config.rewards.change != 0.0 else 3]
         self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 6))
         self._terms = torch.zeros(len(self._names), worlds, device=device)
         self._ends = torch.zeros(4, worlds, dtype=torch.bool, device=device)
@@ -223,7 +231,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         config = self.config
         named = (
             "obstacles", "obstacle_scale", "hill_height", "hills", "half", "border", "radius", "goal_radius",
-            "clearance", "progress_weight", "goal_weight", "failure_weight", "change_weight",
+            "clearance",
         )  # fmt: skip
         purposes = {
             "start": "start", "target": "goal", "field": "hills", "texture": "texture", "places": "places",
@@ -236,6 +244,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             reach=_REACH,
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
             **{name: getattr(config, name) for name in named},
+            **{f"{name}_weight": weight for name, weight in config.reward_weights().items()},
             **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
         )
 

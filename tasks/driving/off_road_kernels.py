@@ -282,13 +282,13 @@ def compute_trip_rewards(
     terms[0, world] = float(ground.progress_weight * nearer)
     terms[1, world] = ground.goal_weight * float(is_at_goal(world, car, drive, state, ground, trip))
     failed = drive.hit[world] or is_off_map(world, car, state, ground) or is_upset(world, car, state)
-    terms[2, world] = -ground.failure_weight * float(failed)
+    terms[2, world] = ground.failure_weight * float(failed)
     if terms.shape[0] > 3:
         square = float(0.0)
         for i in range(action.shape[1]):
             change = action[world, i] - trip.last_action[world, i]
             square += change * change
-        terms[3, world] = -ground.change_weight * wp.sqrt(square)
+        terms[3, world] = ground.change_weight * wp.sqrt(square)
 
 
 @wp.kernel

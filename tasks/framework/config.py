@@ -7,7 +7,7 @@ import enum
 import inspect
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, Final, TypeAlias, TypeVar
 
 import tyro
 
@@ -85,6 +85,16 @@ SensingByName: TypeAlias = Annotated[Mapping[str, Sensing], BY_NAME]
 
 
 @dataclasses.dataclass(frozen=True)
+class RewardWeights(Settings):
+    """Base of the weights of a task's rewards: a number for each term, under its name, negative where it is a penalty.
+
+    A task's configuration has them as its field ``rewards``.
+    """
+
+    NAMED: ClassVar[bool] = True
+
+
+@dataclasses.dataclass(frozen=True)
 class TaskConfig(Settings):
     """Fields that every task has; a task adds its own in a frozen subclass."""
 
@@ -125,6 +135,28 @@ class TaskConfig(Settings):
         A configuration overrides it where fields of its own stand for some of it.
         """
         return Uncertainty(self.randomise, self.sensing, self.action_delay)
+
+    def validate(self) -> None:
+        """Check that there are weights of terms alone; subclasses call ``super()``."""
+        self.reward_weights()
+
+    def usual_weights(self) -> Mapping[str, float]:
+        """Return weights, dimensionless, of terms whose weight in ``rewards`` is None: of a reward with variants."""
+        return {}
+
+    def reward_weights(self) -> dict[str, float]:
+        """Return the weights of the reward terms, dimensionless, by name: those of the field ``rewards``, if any.
+
+        Raises:
+            InputError: there is a weight for a term that this variant of the reward does not have.
+        """
+        rewards, usual = getattr(self, "rewards", None), self.usual_weights()
+        given = {} if rewards is None else dataclasses.asdict(rewards)
+        given = {name: weight for name, weight in given.items() if weight is not None}
+        for name in given.keys() - usual.keys() if usual else ():
+            option = f"rewards.{name.replace('_', '-')}"
+            raise InputError(f"{option}: this variant of the reward has no such term{near_names(name, usual)}")
+        return {**usual, **given}
 
     @property
     def control_dt(self) -> float:

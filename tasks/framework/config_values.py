@@ -7,6 +7,7 @@ import enum
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final, TypeVar, cast
 
+from simwarp.core.file_keys import with_reward_weights
 from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Fault, FreeKey, Keys, Schema, field_hints, peeled
 
@@ -97,8 +98,9 @@ def _with_defaults(kind: Any, plain: object) -> object:
     """Return an object in which nested ones have the values of their owner's default where they leave some away."""
     if not isinstance(plain, Mapping):
         return plain
-    whole = dict(plain)
-    for field in dataclasses.fields(kind):
+    fields = dataclasses.fields(kind)
+    whole = with_reward_weights(plain) if any(field.name == "rewards" for field in fields) else dict(plain)
+    for field in fields:
         inner, given = peeled(field_hints(kind).get(field.name))[0], whole.get(field.name)
         if isinstance(given, Mapping) and dataclasses.is_dataclass(inner):
             like = (

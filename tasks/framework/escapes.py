@@ -73,11 +73,9 @@ def named_escapes() -> Iterator[None]:
 
 def _hook(frame: FrameType) -> tuple[Any, str]:
     """Return task and name of the method that a frame runs; no name where it is none of a task."""
-    from .task import Task
-
     first = frame.f_code.co_varnames[:1]
     owner = frame.f_locals.get(first[0]) if first else None
-    if not isinstance(owner, Task):
+    if not hasattr(type(owner), "task_file"):  # only classes of tasks have it
         return None, ""
     return owner, next((name for name in HOOKS if _code(getattr(type(owner), name, None)) is frame.f_code), "")
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from .errors import InputError
 from .simulation_access import pack_snapshot, unpack_snapshot
-
-if TYPE_CHECKING:
-    from .task import Task
 
 NEW_STATE: Final = frozenset({"drawn_level"})
 """Entries of a task's state that older checkpoints do not have."""
 _COUNTERS: Final = ("episode_index", "episode_steps", "episode_clock", "action", "level")
 
 
-def task_state(task: Task[Any]) -> dict[str, Any]:
+def task_state(task: Any) -> dict[str, Any]:
     """Return everything that a later :func:`load_task_state` needs to go on exactly from here."""
     state: dict[str, Any] = {
         "seed": task.random.seed,
@@ -35,7 +32,7 @@ def task_state(task: Task[Any]) -> dict[str, Any]:
     return state
 
 
-def load_task_state(task: Task[Any], state: Mapping[str, Any]) -> None:
+def load_task_state(task: Any, state: Mapping[str, Any]) -> None:
     """Load what :func:`task_state` returned, for the same configuration and number of worlds.
 
     Raises:

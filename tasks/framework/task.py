@@ -497,6 +497,12 @@ class Task(Readable, ABC, Generic[ConfigT]):
         return self._statistics.terms
 
     @property
+    def weighted_terms(self) -> list[str]:
+        """Names of the reward terms, each with its weight where the configuration has one, as ``turn 0.5``."""
+        weights = self.config.reward_weights()
+        return [f"{term} {weights[term]:g}" if term in weights else term for term in self.reward_terms]
+
+    @property
     def end_reasons(self) -> list[str]:
         """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
         return self._statistics.reasons
@@ -540,7 +546,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
         return {
             "action": f"{array_text(self.action)} in -1..1",
             "observations": ", ".join(groups),
-            "rewards": Names(len(self.reward_terms), self.reward_terms),
+            "rewards": Names(len(self.reward_terms), self.weighted_terms),
             "ends": Names(len(self.end_reasons), self.end_reasons),
             "time": f"{config.dt * steps:g} s a step ({plural(steps, 'physics step')} of {config.dt:g} s), "
             f"at most {plural(config.max_episode_steps, 'step')} an episode",

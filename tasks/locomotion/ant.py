@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from ..framework.config import TaskConfig
+from ..framework.config import RewardWeights, TaskConfig
 from ..framework.recorded_launches import filled, launch_over
 from ..framework.registry import register
 from . import ant_kernels as kernels
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 _HIP_LIMIT = math.pi / 3.0
 _ANKLE_LIMITS = (-math.pi / 2.0, math.pi / 4.0)
-_TERMS = ("progress", "alive", "effort", "limits")
-_WALK_TERMS = (*_TERMS, "straight", "heading", "line")
 
 
 class AntReward(enum.Enum):
@@ -45,6 +43,35 @@ class AntReward(enum.Enum):
 
 
 _VARIANTS = {AntReward.WALK: kernels.WALK, AntReward.CODE: kernels.CODE, AntReward.THESIS: kernels.THESIS}
+_CODE_WEIGHTS = {"progress": 1.0, "alive": 1.0, "energy": -0.2, "joint_pos_limits": -0.6}
+_WEIGHTS: Mapping[AntReward, Mapping[str, float]] = {
+    AntReward.WALK: {
+        "progress": 2.0, "alive": 0.5, "energy": -0.05, "joint_pos_limits": -0.05, "lin_vel_y_l1": -0.5,
+        "heading": -0.5, "line": -1.0,
+    },
+    AntReward.CODE: _CODE_WEIGHTS,
+    AntReward.THESIS: _CODE_WEIGHTS,
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class AntRewards(RewardWeights):
+    """Weights of the reward; None is that of its variant, of which ``code`` and ``thesis`` have the first four."""
+
+    progress: float | None = None
+    """Speed towards a target far ahead [m/s]; with ``walk`` at most ``target_speed``, less half of what exceeds it."""
+    alive: float | None = None
+    """1, and -1 where the torso touches the ground."""
+    energy: float | None = None
+    """Mean size of action times joint rate [rad/s]; with ``thesis`` their sum, of torques in watts."""
+    joint_pos_limits: float | None = None
+    """Joints at an end of their range."""
+    lin_vel_y_l1: float | None = None
+    """Size of the sideways speed [m/s]."""
+    heading: float | None = None
+    """Size of the heading [rad]."""
+    line: float | None = None
+    """Distance from the line y = 0 [m], at most 2."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,12 +88,18 @@ class AntConfig(WalkingConfig):
     """Joint torque of a full action [N·m]."""
     reward: AntReward = AntReward.WALK
     """Variant of the reward."""
+    rewards: AntRewards = AntRewards()
+    """Weights of the reward."""
     target_speed: float = 1.3
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.EULER
     """Observation of the torso's orientation: 30 observations with Euler angles, 31 with a quaternion."""
     lateral: bool = False
     """Observe the sideways position in place of the height, as the original's code does."""
+
+    def usual_weights(self) -> Mapping[str, float]:
+        """Weights of the variant."""
+        return _WEIGHTS[self.reward]
 
 
 @register("ant")
@@ -107,8 +140,10 @@ class AntTask(WalkingTask[AntConfig]):
         config, device = self.config, str(self.device)
         lower = [-_HIP_LIMIT] * 4 + [_ANKLE_LIMITS[0]] * 4
         upper = [_HIP_LIMIT] * 4 + [_ANKLE_LIMITS[1]] * 4
-        pay = filled(
+        weights = config.reward_weights()
+        numbers = filled(
             kernels.AntRewardWeights,
+            **weights,
             variant=_VARIANTS[config.reward],
             control_dt=config.control_dt,
             target_speed=config.target_speed,
@@ -118,15 +153,15 @@ class AntTask(WalkingTask[AntConfig]):
             half=wp.array([0.5 * (high - low) for low, high in zip(lower, upper, strict=True)], dtype=float,
                           device=device),
         )  # fmt: skip
-        self._names = _WALK_TERMS if config.reward is AntReward.WALK else _TERMS
-        self._terms = torch.zeros(len(self._names), self.num_worlds, device=self.device)
-        state = self.simulation.state.arrays
-        self._pay = launch_over(self, kernels.compute_ant_rewards, pay, self.action, state, self.walk, self._terms)
+        self._terms = torch.zeros(len(weights), self.num_worlds, device=self.device)
+        self._reward_terms = dict(zip(weights, self._terms, strict=True))
+        arguments = [numbers, self.action, self.simulation.state.arrays, self.walk, self._terms]
+        self._compute_rewards = launch_over(self, kernels.compute_ant_rewards, *arguments)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        self._pay.launch()
-        return dict(zip(self._names, self._terms, strict=True))
+        self._compute_rewards.launch()
+        return dict(self._reward_terms)
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``torso_contact``: the torso touches the ground, in any physics step."""

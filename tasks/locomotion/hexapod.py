@@ -17,7 +17,7 @@ import warp as wp
 
 from simwarp.tasks import Positive
 
-from ..framework.config import TaskConfig
+from ..framework.config import RewardWeights, TaskConfig
 from ..framework.recorded_launches import filled, launch_over
 from ..framework.registry import register
 from . import hexapod_kernels as kernels
@@ -28,10 +28,6 @@ if TYPE_CHECKING:
     from simwarp.sensors import Visuals
 
 _LEGS = 6
-_CODE_TERMS = ("progress", "alive", "effort", "limits", "height")
-_WALK_TERMS = (
-    "progress", "alive", "effort", "limits", "posture", "height", "tilt", "smooth", "straight", "heading", "line",
-)  # fmt: skip
 
 
 class HexapodReward(enum.Enum):
@@ -45,7 +41,42 @@ class HexapodReward(enum.Enum):
     CODE = "code"
 
 
+_WEIGHTS: Mapping[HexapodReward, Mapping[str, float]] = {
+    HexapodReward.WALK: {
+        "progress": 5.0, "alive": 0.5, "energy": -0.02, "joint_pos_limits": -0.2, "joint_deviation_l2": -2.0,
+        "height": -10.0, "tilt": -1.0, "action_rate_l2": -0.1, "lin_vel_y_l1": -1.0, "heading": -1.0, "line": -2.0,
+    },
+    HexapodReward.CODE: {"progress": 5.0, "alive": 1.0, "energy": -0.1, "joint_pos_limits": -0.8, "height": 2.0},
+}  # fmt: skip
 _SPEED_LIMIT = math.radians(354.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class HexapodRewards(RewardWeights):
+    """Weights of the reward; None is that of its variant, of which ``code`` has the first five."""
+
+    progress: float | None = None
+    """Speed towards a target far ahead [m/s]; with ``walk`` at most ``target_speed``, less what exceeds it."""
+    alive: float | None = None
+    """1, and -1 where anything but a foot touches the ground."""
+    energy: float | None = None
+    """Mean size of action times joint rate [rad/s]."""
+    joint_pos_limits: float | None = None
+    """Joints at an end of their range."""
+    height: float | None = None
+    """Rise of the base since the start [m]; with ``walk`` its size."""
+    joint_deviation_l2: float | None = None
+    """Mean square of the joint angles [rad²]."""
+    tilt: float | None = None
+    """Sizes of roll and pitch [rad]."""
+    action_rate_l2: float | None = None
+    """Mean square of the change of the action."""
+    lin_vel_y_l1: float | None = None
+    """Size of the sideways speed [m/s]."""
+    heading: float | None = None
+    """Size of the heading [rad]."""
+    line: float | None = None
+    """Distance from the line y = 0 [m], at most 1."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +95,8 @@ class HexapodConfig(WalkingConfig):
     """Joint speed beyond which a torque that would drive it on is cut off [rad/s]: 59 turns a minute."""
     reward: HexapodReward = HexapodReward.WALK
     """Variant of the reward."""
+    rewards: HexapodRewards = HexapodRewards()
+    """Weights of the reward."""
     target_speed: float = 0.4
     """Speed along X for which the walk reward pays most [m/s]."""
     start_angle: float = 0.05
@@ -72,6 +105,10 @@ class HexapodConfig(WalkingConfig):
     """Distance along X that a success has covered [m]."""
     goal_width: float = 0.5
     """Largest distance from the line y = 0 of a success, over the whole episode [m]."""
+
+    def usual_weights(self) -> Mapping[str, float]:
+        """Weights of the variant."""
+        return _WEIGHTS[self.reward]
 
 
 @register("hexapod")
@@ -115,8 +152,10 @@ class HexapodTask(WalkingTask[HexapodConfig]):
 
         super().setup()
         config, device, walks = self.config, str(self.device), self.config.reward is HexapodReward.WALK
-        pay = filled(
+        weights = config.reward_weights()
+        numbers = filled(
             kernels.HexapodRewardWeights,
+            **weights,
             variant=kernels.WALK if walks else kernels.CODE,
             control_dt=config.control_dt,
             target_speed=config.target_speed,
@@ -124,15 +163,15 @@ class HexapodTask(WalkingTask[HexapodConfig]):
             middle=wp.zeros(self.action_size, dtype=float, device=device),
             half=wp.full(self.action_size, HEXAPOD_LIMIT, dtype=float, device=device),
         )
-        self._names = _WALK_TERMS if walks else _CODE_TERMS
-        self._terms = torch.zeros(len(self._names), self.num_worlds, device=self.device)
-        state = self.simulation.state.arrays
-        self._pay = launch_over(self, kernels.compute_hexapod_rewards, pay, self.action, state, self.walk, self._terms)
+        self._terms = torch.zeros(len(weights), self.num_worlds, device=self.device)
+        self._reward_terms = dict(zip(weights, self._terms, strict=True))
+        arguments = [numbers, self.action, self.simulation.state.arrays, self.walk, self._terms]
+        self._compute_rewards = launch_over(self, kernels.compute_hexapod_rewards, *arguments)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        self._pay.launch()
-        return dict(zip(self._names, self._terms, strict=True))
+        self._compute_rewards.launch()
+        return dict(self._reward_terms)
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``contact``: anything but a foot touches the ground, in any physics step."""

@@ -108,6 +108,7 @@ class WalkingTask(Task[WalkingT]):
     usual_sizes: ClassVar[tuple[float, float, float, float]]
     """Of height [m], velocity [m/s], angular velocity and joint rate [rad/s], for scaled observations."""
     success_reasons: ClassVar[frozenset[str]] = frozenset()
+    state_buffers: ClassVar[Mapping[str, str]] = {"farthest_aside": "_aside", "reached": "_reached"}
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 250,
         "num_envs": 512,
@@ -255,12 +256,3 @@ class WalkingTask(Task[WalkingT]):
         """Return ``success``, ``distance`` along X [m] and the largest ``lateral_error`` of the episode [m]."""
         self._measure.launch()
         return {"success": self._success, "distance": self._distance, "lateral_error": self._aside}
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """State of the success criteria in the running episode."""
-        return {"farthest_aside": self._aside, "reached": self._reached}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
-        self._aside.copy_(state["farthest_aside"])
-        self._reached.copy_(state["reached"])

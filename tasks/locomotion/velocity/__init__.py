@@ -1,6 +1,6 @@
 """Robots on legs that follow commanded velocities, on flat and on rough ground."""
 
-from .config import Seen, VelocityConfig
+from .config import VelocityConfig, VelocityObs
 from .ground import Climbing, FlatGround, Ground, RoughConfig, RoughGround, ScanConfig, ground_of
 from .height_scan import RayScan
 from .hexapod import HexapodVelocity, HexapodVelocityConfig
@@ -19,7 +19,7 @@ __all__ = [
     "RoughConfig",
     "RoughGround",
     "ScanConfig",
-    "Seen",
     "VelocityConfig",
+    "VelocityObs",
     "ground_of",
 ]

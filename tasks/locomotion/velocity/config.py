@@ -8,11 +8,11 @@ from typing import Annotated
 
 from simwarp.tasks import Fraction, Ge, Le, NotNegative, Positive
 
-from ...framework.config import TaskConfig
+from ...framework.config import RewardWeights, TaskConfig
 from .ground import Ground, RoughConfig, ScanConfig
 
 
-class Seen(enum.Enum):
+class VelocityObs(enum.Enum):
     """Observations of a policy.
 
     ``state``: the trunk's velocity, what the robot feels, and the command. ``scan``: also heights of the ground around.
@@ -25,6 +25,34 @@ class Seen(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True)
+class VelocityRewards(RewardWeights):
+    """Weights of the reward, per second but for that of a fall."""
+
+    speed: float = 2.0
+    """exp(-e²), of the error of the horizontal velocity as a share of half of ``max_speed``."""
+    turn: float = 1.0
+    """exp(-e²), of the error of the yaw rate as a share of half of ``max_turn``."""
+    lin_vel_z_l2: float = -2.0
+    """Squared vertical velocity [m²/s²]."""
+    ang_vel_xy_l2: float = -0.03
+    """Squared roll and pitch rates [rad²/s²]."""
+    flat_orientation_l2: float = -2.5
+    """Squared sine of the tilt."""
+    joint_deviation_l2: float = -0.1
+    """Squared joint angles from the stance [rad²]."""
+    joint_acc_l2: float = -1e-7
+    """Squared joint accelerations [rad²/s⁴]."""
+    action_rate_l2: float = -0.01
+    """Squared change of the action."""
+    feet_air_time: float = 0.25
+    """Feet whose swing or stance has lasted 0.1 to 0.3 s, while the robot is to move."""
+    feet_slide: float = -0.05
+    """Squared speed of feet on the ground [m²/s²]."""
+    fall: float = -5.0
+    """The trunk touches something, or tilts by more than 60 degrees; once."""
+
+
+@dataclasses.dataclass(frozen=True)
 class VelocityConfig(TaskConfig):
     """Fields of velocity tasks; each is an option of the command line, as ``--task.max-speed``."""
 
@@ -34,11 +62,13 @@ class VelocityConfig(TaskConfig):
     """Physics steps per control step; one action lasts decimation * dt seconds."""
     max_episode_steps: int = 1000
     """Control steps after which an episode is truncated: 20 s."""
-    obs: Seen = Seen.STATE
+    obs: VelocityObs = VelocityObs.STATE
     """state: the trunk's velocity, what the robot feels, and the command. scan: also heights of the ground around.
     history: what the robot feels, and the command, of the last control steps: no more than a real robot has."""
     history: Annotated[int, Ge(1), Le(50)] = 6
     """Control steps that observations with a history tell of."""
+    rewards: VelocityRewards = VelocityRewards()
+    """Weights of the reward."""
     ground: Ground = Ground.FLAT
     """flat: a plane. rough: patches of seven kinds, from easy to hard."""
     rough: RoughConfig = dataclasses.field(default_factory=RoughConfig)

@@ -15,7 +15,7 @@ from ...framework.mirror import Mirror
 from ...framework.rotations import heading_of
 from ...framework.task import Task
 from . import mdp
-from .config import Seen, VelocityConfig
+from .config import VelocityConfig, VelocityObs
 from .ground import RoughGround, ground_of
 from .mirroring import mirror_of
 
@@ -46,6 +46,7 @@ class LeggedTask(Task[LeggedT]):
     friction: ClassVar[float] = 1.0
     """Of the ground; where it meets a foot, the smaller one counts."""
     per_world: ClassVar[tuple[str, ...]] = RoughGround.model_arrays
+    state_buffers: ClassVar[Mapping[str, str]] = {"before": "before", "rates_before": "rates_before"}
 
     @abstractmethod
     def robot(self) -> ModelBuilder:
@@ -130,7 +131,7 @@ class LeggedTask(Task[LeggedT]):
 
     def privileged(self) -> torch.Tensor | None:
         """Return the observations with a scan, and forces on the feet as shares of the weight, for a critic alone."""
-        groups = self.observations_of(Seen.SCAN.value)
+        groups = self.observations_of(VelocityObs.SCAN.value)
         assert groups is not None  # all tasks on legs have them
         return torch.cat([groups["policy"], self.on_feet.force.flatten(1) / self._weight], dim=1)
 
@@ -140,7 +141,7 @@ class LeggedTask(Task[LeggedT]):
         self.before.copy_(self.action)
         self.rates_before.copy_(self.rates)
         if config.push_speed > 0.0:
-            self.views.body_force[:, self.body] = mdp.push_force(
+            self.views.body_force[:, self.body] = mdp.push_by_force(
                 self.random, self.episode_steps, every=config.steps_in(config.push_time), speed=config.push_speed,
                 mass=self._mass, period=config.control_dt,
             )  # fmt: skip
@@ -157,7 +158,7 @@ class LeggedTask(Task[LeggedT]):
         """Start near the stance in the middle of the ground, with any heading."""
         self.ground.choose(world_mask)
         self._start[:, self._place + 5] = self.random.uniform("heading", -math.pi, math.pi)[:, 0]
-        angles = mdp.start_around(self.random, "angles", self._stance, self.config.start_angle)
+        angles = mdp.reset_joints_by_offset(self.random, "angles", self._stance, self.config.start_angle)
         self._start[:, self._columns] = angles
         self.simulation.set_joint_state(world_mask, self._start, self._at_rest)
         for buffer in (self.before, self.rates_before):
@@ -175,10 +176,9 @@ class LeggedTask(Task[LeggedT]):
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return what differences need, and the levels of the ground."""
-        return {"before": self.before, "rates_before": self.rates_before, **self.ground.extra_state()}
+        return {**super().extra_state(), **self.ground.extra_state()}
 
     def load_extra_state(self, state: Mapping[str, Any]) -> None:
         """Take it back."""
+        super().load_extra_state(state)
         self.ground.load_extra_state(state)
-        for name, values in self.extra_state().items():
-            values.copy_(state[name])

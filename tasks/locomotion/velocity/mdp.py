@@ -1,4 +1,4 @@
-"""Pieces of tasks in which a robot on legs follows a velocity: observations, commands, rewards and events.
+"""Terms of tasks in which a robot on legs follows a velocity: observations, commands, rewards and events.
 
 Plain functions of torch tensors, for all worlds (W) at once and without state: a task calls those it wants in its
 six methods, weighs them there, and keeps what must last in buffers of its own. Velocities are in axes of the body
@@ -21,40 +21,42 @@ from ...randomisation.randomness import WorldRandom
 from ...randomisation.uncertainty import Mode, Range
 
 __all__ = [
-    "beyond",
-    "bouncing",
-    "clearance",
-    "draw_command",
-    "draw_heading",
+    "action_rate_l2",
+    "ang_vel_xy_l2",
+    "ang_vel_z_error",
+    "base_ang_vel",
+    "base_height_l2",
+    "base_lin_vel",
+    "component_names",
     "drive_torque",
-    "height_error",
+    "feet_air_time",
+    "feet_clearance",
+    "feet_slide",
+    "feet_stumble",
+    "flat_orientation_l2",
+    "heading_to_ang_vel",
     "is_moving",
-    "names_of",
-    "power",
+    "joint_acc_l2",
+    "joint_l2",
+    "joint_pos_limits",
+    "joint_power",
+    "lin_vel_xy_error",
+    "lin_vel_z_l2",
     "projected_gravity",
-    "push_force",
+    "push_by_force",
+    "resample_command",
+    "resample_heading",
+    "reset_joints_by_offset",
     "robot_ranges",
-    "rocking",
-    "slip",
-    "speed_error",
-    "squares",
-    "standing_still",
-    "start_around",
-    "stepping",
-    "stumbling",
-    "tilt",
-    "touches",
-    "tracking",
-    "turn_error",
-    "turn_towards",
-    "turning_in_body",
-    "velocity_in_body",
+    "stand_still",
+    "track_exp",
+    "undesired_contacts",
 ]
 
 # ---- observations ---------------------------------------------------------------------------------------------------
 
 
-def velocity_in_body(views: Any, body: int) -> torch.Tensor:
+def base_lin_vel(views: Any, body: int) -> torch.Tensor:
     """Return (W, 3) v_b = R^T v, the velocity of a body's centre of mass in its own axes [m/s].
 
     Args:
@@ -64,7 +66,7 @@ def velocity_in_body(views: Any, body: int) -> torch.Tensor:
     return in_body_axes(views.body_q[:, body, 3:], views.body_v[:, body])
 
 
-def turning_in_body(views: Any, body: int) -> torch.Tensor:
+def base_ang_vel(views: Any, body: int) -> torch.Tensor:
     """Return (W, 3) omega_b = R^T omega, the angular velocity of a body in its own axes [rad/s].
 
     Args:
@@ -86,7 +88,7 @@ def projected_gravity(views: Any, body: int) -> torch.Tensor:
     return torch.stack(down, dim=1)
 
 
-def names_of(**parts: int | Sequence[str]) -> list[str]:
+def component_names(**parts: int | Sequence[str]) -> list[str]:
     """Return names of a row that is made of parts, for ``observation_names``.
 
     Args:
@@ -102,7 +104,7 @@ def names_of(**parts: int | Sequence[str]) -> list[str]:
 # ---- commands -------------------------------------------------------------------------------------------------------
 
 
-def draw_command(
+def resample_command(
     command: torch.Tensor, random: WorldRandom, steps: torch.Tensor, *, every: int, most: torch.Tensor,
     standing: float = 0.0,
 ) -> torch.Tensor:  # fmt: skip
@@ -127,19 +129,19 @@ def draw_command(
     return due
 
 
-def draw_heading(heading: torch.Tensor, random: WorldRandom, due: torch.Tensor) -> None:
+def resample_heading(heading: torch.Tensor, random: WorldRandom, due: torch.Tensor) -> None:
     """Write new headings into worlds, uniform over the circle [rad].
 
     Args:
         heading: (W,) commanded heading; written.
         random: of the task.
-        due: (W,) bool, what :func:`draw_command` returned.
+        due: (W,) bool, what :func:`resample_command` returned.
     """
     drawn = random.uniform("command: heading", -math.pi, math.pi, per_step=True).squeeze(1)
     heading.copy_(torch.where(due, drawn, heading))
 
 
-def turn_towards(rotation: torch.Tensor, heading: torch.Tensor, *, gain: float, most: float) -> torch.Tensor:
+def heading_to_ang_vel(rotation: torch.Tensor, heading: torch.Tensor, *, gain: float, most: float) -> torch.Tensor:
     """Return (W,) the turn that leads to a heading, clamp(gain * wrap(heading - psi), -most, most) [rad/s].
 
     Args:
@@ -165,7 +167,7 @@ def is_moving(command: torch.Tensor, least: float = 0.1) -> torch.Tensor:
 # ---- rewards: what is asked for -------------------------------------------------------------------------------------
 
 
-def speed_error(velocity: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
+def lin_vel_xy_error(velocity: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
     """Return (W,) e = norm(v_xy - c_xy), how far the horizontal velocity is from the commanded one [m/s].
 
     Args:
@@ -175,7 +177,7 @@ def speed_error(velocity: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
     return (velocity[:, :2] - command[:, :2]).norm(dim=1)
 
 
-def turn_error(turning: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
+def ang_vel_z_error(turning: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
     """Return (W,) e = abs(omega_z - c_z), how far the turn is from the commanded one [rad/s].
 
     Args:
@@ -185,7 +187,7 @@ def turn_error(turning: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
     return (turning[:, 2] - command[:, 2]).abs()
 
 
-def tracking(error: torch.Tensor, width: float) -> torch.Tensor:
+def track_exp(error: torch.Tensor, width: float) -> torch.Tensor:
     """Return (W,) exp(-e^2 / width^2): 1 without an error, 0.37 at the width.
 
     Args:
@@ -195,24 +197,24 @@ def tracking(error: torch.Tensor, width: float) -> torch.Tensor:
     return torch.exp(-(error / width).square())
 
 
-def stepping(
+def feet_air_time(
     time_in_air: torch.Tensor, time_in_contact: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float
 ) -> torch.Tensor:  # fmt: skip
     """Return (W,) number of feet whose swing or stance has lasted least < t < longest, where the robot is to move.
 
-    The usual pay for a landing, clamp(t_air, least, longest) - least, comes as it is earned, and stances earn it too:
+    The usual reward of a landing, clamp(t_air, least, longest) - least, comes as it is earned, and stances earn it too:
     otherwise two feet hop while the others stay up. Feet that tremble, stand for long or stay up earn nothing.
 
     Args:
         time_in_air, time_in_contact: (W, N) of the feet, one of them 0 [s] (``feet.time_in_air`` and so on).
         moving: (W,) 1 where the robot is to move.
-        least, longest: part of a swing or stance that is paid for [s].
+        least, longest: part of a swing or stance that is rewarded [s].
     """
     lasted = torch.maximum(time_in_air, time_in_contact)
     return ((lasted > least) & (lasted < longest)).sum(dim=1) * moving
 
 
-def standing_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:
+def stand_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:
     """Return (W,) sum abs(q - q_0) where the robot is to stand, else 0 [rad].
 
     Args:
@@ -225,7 +227,7 @@ def standing_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Ten
 # ---- rewards: how the body moves ------------------------------------------------------------------------------------
 
 
-def bouncing(velocity: torch.Tensor) -> torch.Tensor:
+def lin_vel_z_l2(velocity: torch.Tensor) -> torch.Tensor:
     """Return (W,) v_z^2 [m²/s²].
 
     Args:
@@ -234,7 +236,7 @@ def bouncing(velocity: torch.Tensor) -> torch.Tensor:
     return velocity[:, 2].square()
 
 
-def rocking(turning: torch.Tensor) -> torch.Tensor:
+def ang_vel_xy_l2(turning: torch.Tensor) -> torch.Tensor:
     """Return (W,) omega_x^2 + omega_y^2, of roll and pitch [rad²/s²].
 
     Args:
@@ -243,7 +245,7 @@ def rocking(turning: torch.Tensor) -> torch.Tensor:
     return turning[:, :2].square().sum(dim=1)
 
 
-def tilt(gravity: torch.Tensor) -> torch.Tensor:
+def flat_orientation_l2(gravity: torch.Tensor) -> torch.Tensor:
     """Return (W,) g_x^2 + g_y^2 = sin^2 of the angle between the body's z axis and the vertical.
 
     Args:
@@ -252,7 +254,7 @@ def tilt(gravity: torch.Tensor) -> torch.Tensor:
     return gravity[:, :2].square().sum(dim=1)
 
 
-def height_error(height: torch.Tensor, wanted: float) -> torch.Tensor:
+def base_height_l2(height: torch.Tensor, wanted: float) -> torch.Tensor:
     """Return (W,) (h - h_0)^2 of the base over the ground below it [m²].
 
     Args:
@@ -279,8 +281,8 @@ def drive_torque(
     return torch.minimum(torch.maximum(stiffness * (target - q) - damping * qd, -limit), limit)
 
 
-def squares(values: torch.Tensor) -> torch.Tensor:
-    """Return (W,) sum of x^2 over the components: of torques, of accelerations, of distances from the stance.
+def joint_l2(values: torch.Tensor) -> torch.Tensor:
+    """Return (W,) sum of x^2 over the joints: of torques, of rates, of distances from the stance.
 
     Args:
         values: (W, J).
@@ -288,7 +290,26 @@ def squares(values: torch.Tensor) -> torch.Tensor:
     return values.square().sum(dim=1)
 
 
-def power(torque: torch.Tensor, qd: torch.Tensor) -> torch.Tensor:
+def joint_acc_l2(rates: torch.Tensor, before: torch.Tensor, period: float) -> torch.Tensor:
+    """Return (W,) sum of ((qd - qd_before) / T)^2 over the joints [rad²/s⁴].
+
+    Args:
+        rates, before: (W, J) of the joints, now and a control step before [rad/s].
+        period: T, time of a control step [s].
+    """
+    return joint_l2((rates - before) / period)
+
+
+def action_rate_l2(action: torch.Tensor, before: torch.Tensor) -> torch.Tensor:
+    """Return (W,) sum of (a - a_before)^2 over the components of the action.
+
+    Args:
+        action, before: (W, A), now and a control step before.
+    """
+    return (action - before).square().sum(dim=1)
+
+
+def joint_power(torque: torch.Tensor, qd: torch.Tensor) -> torch.Tensor:
     """Return (W,) sum abs(tau qd), without recuperation [W].
 
     Args:
@@ -298,7 +319,7 @@ def power(torque: torch.Tensor, qd: torch.Tensor) -> torch.Tensor:
     return (torque * qd).abs().sum(dim=1)
 
 
-def beyond(values: torch.Tensor, low: torch.Tensor, high: torch.Tensor) -> torch.Tensor:
+def joint_pos_limits(values: torch.Tensor, low: torch.Tensor, high: torch.Tensor) -> torch.Tensor:
     """Return (W,) sum of max(0, low - x) + max(0, x - high): of angles beyond the soft part of their range.
 
     Args:
@@ -308,7 +329,7 @@ def beyond(values: torch.Tensor, low: torch.Tensor, high: torch.Tensor) -> torch
     return ((low - values).clamp(min=0.0) + (values - high).clamp(min=0.0)).sum(dim=1)
 
 
-def slip(velocity: torch.Tensor, touching: torch.Tensor) -> torch.Tensor:
+def feet_slide(velocity: torch.Tensor, touching: torch.Tensor) -> torch.Tensor:
     """Return (W,) sum over touching feet of v_x^2 + v_y^2 [m²/s²].
 
     Args:
@@ -318,7 +339,7 @@ def slip(velocity: torch.Tensor, touching: torch.Tensor) -> torch.Tensor:
     return (velocity[:, :, :2].square().sum(dim=2) * touching).sum(dim=1)
 
 
-def clearance(height: torch.Tensor, velocity: torch.Tensor, wanted: float) -> torch.Tensor:
+def feet_clearance(height: torch.Tensor, velocity: torch.Tensor, wanted: float) -> torch.Tensor:
     """Return (W,) sum over feet of abs(h - h_0) norm(v_xy): a foot that moves fast should be at its height [m²/s].
 
     Args:
@@ -329,7 +350,7 @@ def clearance(height: torch.Tensor, velocity: torch.Tensor, wanted: float) -> to
     return ((height - wanted).abs() * velocity[:, :, :2].norm(dim=2)).sum(dim=1)
 
 
-def stumbling(force: torch.Tensor, ratio: float = 4.0) -> torch.Tensor:
+def feet_stumble(force: torch.Tensor, ratio: float = 4.0) -> torch.Tensor:
     """Return (W,) number of parts with norm(F_xy) > ratio abs(F_z): they hit something steep, as the front of a step.
 
     Args:
@@ -339,7 +360,7 @@ def stumbling(force: torch.Tensor, ratio: float = 4.0) -> torch.Tensor:
     return (force[:, :, :2].norm(dim=2) > ratio * force[:, :, 2].abs() + 1e-6).sum(dim=1).float()
 
 
-def touches(touching: torch.Tensor) -> torch.Tensor:
+def undesired_contacts(touching: torch.Tensor) -> torch.Tensor:
     """Return (W,) number of parts that touch something, such as thighs that should not.
 
     Args:
@@ -351,7 +372,7 @@ def touches(touching: torch.Tensor) -> torch.Tensor:
 # ---- events ---------------------------------------------------------------------------------------------------------
 
 
-def push_force(
+def push_by_force(
     random: WorldRandom, steps: torch.Tensor, *, every: int, speed: float, mass: float, period: float
 ) -> torch.Tensor:  # fmt: skip
     """Return (W, 3) F = m dv / T, horizontal forces that kick the robot for one control step [N].
@@ -375,7 +396,7 @@ def push_force(
     return torch.stack((size * angle.cos(), size * angle.sin(), torch.zeros_like(size)), dim=1)
 
 
-def start_around(random: WorldRandom, purpose: str, around: torch.Tensor, most: float) -> torch.Tensor:
+def reset_joints_by_offset(random: WorldRandom, purpose: str, around: torch.Tensor, most: float) -> torch.Tensor:
     """Return (W, J) around + U(-most, most), such as angles of joints at the start of an episode [rad].
 
     Args:
@@ -411,5 +432,5 @@ def robot_ranges(
     }
 
 
-LATE_ACTIONS: Final = (0, 1)
+ACTION_DELAY: Final = (0, 1)
 """For ``action_delay``: control steps that a motor's bus and the policy's computation take [least, largest]."""

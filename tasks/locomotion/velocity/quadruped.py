@@ -13,7 +13,7 @@ from ...framework.command import Command
 from ...framework.config import TaskConfig
 from ...framework.registry import register
 from . import mdp
-from .config import Seen, VelocityConfig
+from .config import VelocityConfig, VelocityObs
 from .legged import LeggedTask
 
 if TYPE_CHECKING:
@@ -39,6 +39,9 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     }  # fmt: skip
     sides: ClassVar[tuple[tuple[str, str], ...]] = (("FL", "FR"), ("RL", "RR"))
     turned: ClassVar[tuple[str, ...]] = ("*_hip_joint",)
+    state_buffers: ClassVar[Mapping[str, str]] = {
+        name: name for name in ("before", "rates_before", "command", "heading", "errors", "error_sums", "past")
+    }
     trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
 
     def robot(self) -> ModelBuilder:
@@ -54,31 +57,32 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """What the class says, component by component."""
         joints, steps = self.action_joints, self.config.history
         sent = {"command": ("ahead", "left", "turn"), "angle": joints, "rate": joints, "action": joints}
-        proprioception = mdp.names_of(turning=3, down=3, **sent)
-        if self.config.obs is Seen.HISTORY:
+        proprioception = mdp.component_names(turning=3, down=3, **sent)
+        if self.config.obs is VelocityObs.HISTORY:
             return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in proprioception]}
-        around = self.config.scan.names() if self.config.obs is Seen.SCAN else []
-        return {"policy": [*mdp.names_of(velocity=3), *proprioception, *around]}
+        around = self.config.scan.names() if self.config.obs is VelocityObs.SCAN else []
+        return {"policy": [*mdp.component_names(velocity=3), *proprioception, *around]}
 
     def setup(self) -> None:
         """Allocate commands, errors, and earlier observations, the newest first."""
         super().setup()
         config, worlds, device = self.config, self.num_worlds, self.device
+        self.weights = config.reward_weights()
         self.most = torch.tensor([config.max_speed, config.max_sideways, config.max_turn], device=device)
         self.command, self.heading = torch.zeros(worlds, 3, device=device), torch.zeros(worlds, device=device)
         self.errors, self.error_sums = torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, device=device)
         self.past = torch.zeros(worlds, config.history - 1, self.proprioception().shape[1], device=device)
 
     def begin_step(self) -> None:
-        """Add the errors of the step before; remember what was felt."""
+        """Add the errors of the step before; remember the proprioception."""
         self.error_sums.add_(self.errors)
         if self.config.history > 1:
             self.past.copy_(torch.cat([self.proprioception().unsqueeze(1), self.past[:, :-1]], dim=1))
         super().begin_step()
 
     def proprioception(self) -> torch.Tensor:
-        """Return (W, 9 + 3 J) what the robot feels."""
-        turning, down = (tell(self.views, self.body) for tell in (mdp.turning_in_body, mdp.projected_gravity))
+        """Return (W, 9 + 3 J) what the robot measures of itself, and the command."""
+        turning, down = mdp.base_ang_vel(self.views, self.body), mdp.projected_gravity(self.views, self.body)
         return torch.cat([turning, down, self.command, self.angles, self.rates, self.action], dim=1)
 
     def observations(self) -> dict[str, torch.Tensor]:
@@ -87,32 +91,35 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
 
     def observations_of(self, obs: str | None) -> dict[str, torch.Tensor]:
         """Return ``policy`` of other observations: for teachers."""
-        if obs == Seen.HISTORY.value:
+        if obs == VelocityObs.HISTORY.value:
             return {"policy": torch.cat([self.proprioception(), self.past.flatten(1)], dim=1)}
-        exact = [mdp.velocity_in_body(self.views, self.body), self.proprioception()]
-        return {"policy": torch.cat([*exact, self.heights()] if obs == Seen.SCAN.value else exact, dim=1)}
+        exact = [mdp.base_lin_vel(self.views, self.body), self.proprioception()]
+        return {"policy": torch.cat([*exact, self.heights()] if obs == VelocityObs.SCAN.value else exact, dim=1)}
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms; weights are per second, but for that of a fall."""
-        tellers = (mdp.velocity_in_body, mdp.turning_in_body)
-        velocity, turning = (tell(self.views, self.body) for tell in tellers)
-        speed_error, turn_error = mdp.speed_error(velocity, self.command), mdp.turn_error(turning, self.command)
+        lin_vel, ang_vel = mdp.base_lin_vel(self.views, self.body), mdp.base_ang_vel(self.views, self.body)
+        speed_error, turn_error = (
+            mdp.lin_vel_xy_error(lin_vel, self.command),
+            mdp.ang_vel_z_error(ang_vel, self.command),
+        )
         self.errors.copy_(torch.stack((speed_error, turn_error), dim=1))
-        self.ground.record(velocity[:, :2], self.command[:, :2])
+        self.ground.record(lin_vel[:, :2], self.command[:, :2])
         period, moving = self.config.control_dt, mdp.is_moving(self.command)
         terms = {
-            "speed": 2.0 * mdp.tracking(speed_error, 0.5 * self.config.max_speed),
-            "turn": 1.0 * mdp.tracking(turn_error, 0.5 * self.config.max_turn),
-            "bounce": -2.0 * mdp.bouncing(velocity),
-            "rock": -0.03 * mdp.rocking(turning),
-            "tilt": -2.5 * mdp.tilt(mdp.projected_gravity(self.views, self.body)),
-            "posture": -0.1 * mdp.squares(self.angles),
-            "acceleration": -1e-7 * mdp.squares((self.rates - self.rates_before) / period),
-            "smooth": -0.01 * mdp.squares(self.action - self.before),
-            "steps": 0.25 * mdp.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
-            "slip": -0.05 * mdp.slip(self.on_feet.velocity(), self.on_feet.touching),
+            "speed": mdp.track_exp(speed_error, 0.5 * self.config.max_speed),
+            "turn": mdp.track_exp(turn_error, 0.5 * self.config.max_turn),
+            "lin_vel_z_l2": mdp.lin_vel_z_l2(lin_vel),
+            "ang_vel_xy_l2": mdp.ang_vel_xy_l2(ang_vel),
+            "flat_orientation_l2": mdp.flat_orientation_l2(mdp.projected_gravity(self.views, self.body)),
+            "joint_deviation_l2": mdp.joint_l2(self.angles),
+            "joint_acc_l2": mdp.joint_acc_l2(self.rates, self.rates_before, period),
+            "action_rate_l2": mdp.action_rate_l2(self.action, self.before),
+            "feet_air_time": mdp.feet_air_time(*self.on_feet.phases, moving, least=0.1, longest=0.3),
+            "feet_slide": mdp.feet_slide(self.on_feet.velocity(), self.on_feet.touching),
         }
-        return {**{name: period * term for name, term in terms.items()}, "fall": -5.0 * self.terminations()["fell"]}
+        weighted = {name: period * (self.weights[name] * term) for name, term in terms.items()}
+        return {**weighted, "fall": self.weights["fall"] * self.terminations()["fell"]}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell``: the trunk touches something, or is tilted by more than 60 degrees."""
@@ -130,11 +137,11 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         super().reset(world_mask)
         config, draws = self.config, (self.random, self.episode_steps)
         every = config.steps_in(config.command_time)
-        due = mdp.draw_command(self.command, *draws, every=every, most=self.most, standing=config.standing)
+        due = mdp.resample_command(self.command, *draws, every=every, most=self.most, standing=config.standing)
         if config.heading:
-            mdp.draw_heading(self.heading, self.random, due)
+            mdp.resample_heading(self.heading, self.random, due)
             rotation = self.views.body_q[:, self.body, 3:]
-            self.command[:, 2] = mdp.turn_towards(rotation, self.heading, gain=1.0, most=config.max_turn)
+            self.command[:, 2] = mdp.heading_to_ang_vel(rotation, self.heading, gain=1.0, most=config.max_turn)
         for buffer in (self.errors, self.error_sums):
             buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
         self.past.copy_(torch.where(world_mask.view(-1, 1, 1), self.proprioception().unsqueeze(1), self.past))
@@ -143,8 +150,3 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """Return speeds ahead and to the left [m/s], and the turn [rad/s]."""
         named = zip(("ahead", "left", "turn"), self.command.unbind(1), self.most.tolist(), strict=True)
         return {name: Command(values, -most, most) for name, values, most in named}
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return commands and errors of the running episodes, too."""
-        own = {name: getattr(self, name) for name in ("command", "heading", "errors", "error_sums", "past")}
-        return {**super().extra_state(), **own}

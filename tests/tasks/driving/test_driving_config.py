@@ -12,6 +12,7 @@ import torch
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make, task_class
 from simwarp.tasks.driving import DrivingConfig, DrivingTask, Observing
+from simwarp.tasks.driving.hallway import HallwayRewards
 from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadConfig, OffRoadTask
 from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
 from simwarp.train.config import default_config, student_config
@@ -90,7 +91,7 @@ def test_rise_times_are_as_many_as_actions():
 @pytest.mark.parametrize("rise", [0.5, 0.0])
 def test_the_speed_of_the_hallway_is_held(rise):
     """Whether or not actions are limited in their rate, which is what decides how often the controller is asked."""
-    task = driving("hallway", 2, seed=2, action_rise_time=rise, failure_weight=0.0)
+    task = driving("hallway", 2, seed=2, action_rise_time=rise, rewards=HallwayRewards(failure=0.0))
     every = torch.ones(2, dtype=torch.bool)
     speeds = []
     for _ in range(60):

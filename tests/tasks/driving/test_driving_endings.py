@@ -12,8 +12,9 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks.driving.base import Observing
+from simwarp.tasks.driving.convoy import ConvoyRewards
 from simwarp.tasks.driving.convoy_kernels import DURATION
-from simwarp.tasks.driving.off_road import OffRoadConfig, OffRoadTask
+from simwarp.tasks.driving.off_road import OffRoadConfig, OffRoadRewards, OffRoadTask
 from tests.tasks.driving.driving_checks import NAMES, chase, drive, driving, held, random_actions, reason, term
 
 
@@ -134,12 +135,11 @@ def test_episodes_end_for_the_reason_that_is_played(case):
     assert {name for name, count in summary.end_reasons.items() if count} == {expected}
     if "failure" in task.reward_terms:
         failures = torch.cat([term(task, result, "failure") for result in results])
-        paid = 0.0 if won or truncated else -task.config.failure_weight
+        paid = 0.0 if won or truncated else task.config.rewards.failure
         assert failures.tolist() == [0.0] * (len(failures) - 1) + [paid]
-    for prize, weight in (("goal", "bonus"), ("goal", "goal_weight"), ("lap", "lap_weight")):
-        if prize in task.reward_terms and hasattr(task.config, weight):
-            prizes = torch.cat([term(task, result, prize) for result in results])
-            assert prizes.tolist() == [0.0] * (len(prizes) - 1) + [getattr(task.config, weight) * won]
+    for prize in {"goal", "lap"} & set(task.reward_terms):
+        prizes = torch.cat([term(task, result, prize) for result in results])
+        assert prizes.tolist() == [0.0] * (len(prizes) - 1) + [task.config.reward_weights()[prize] * won]
 
 
 @pytest.mark.parametrize("name", ["hallway", "barrier-track"])
@@ -152,8 +152,8 @@ def test_a_lap_ends_where_it_began(name):
     results, why = drive(task, follow_lane(speed), 100)
     assert why == "lap"
     assert bool(results[-1].success[0])
-    assert float(term(task, results[-1], "lap")) == task.config.lap_weight
-    gained = sum(float(term(task, result, "progress")) for result in results) / task.config.progress_weight
+    assert float(term(task, results[-1], "lap")) == task.config.rewards.lap
+    gained = sum(float(term(task, result, "progress")) for result in results) / task.config.rewards.progress
     assert left <= gained < left + 0.15 * speed
     assert float(results[-1].metrics["laps"][0]) == pytest.approx(1.0, abs=0.02)
 
@@ -183,7 +183,7 @@ def test_every_episode_can_be_won_in_time(case):
         first = (result.end_reason >= 0) & ~won
         assert result.success[first].all()
         if "progress" in task.reward_terms:
-            total += torch.where(won, 0.0, term(task, result, "progress") / task.config.progress_weight)
+            total += torch.where(won, 0.0, term(task, result, "progress") / task.config.rewards.progress)
         won |= first
         if won.all():
             break
@@ -229,7 +229,7 @@ def test_progress_adds_up_to_the_distance_gained(name):
         distance = way_left(task)
         result = task.step(action)
         assert (result.end_reason < 0).all()
-        step = term(task, result, "progress") / task.config.progress_weight
+        step = term(task, result, "progress") / task.config.rewards.progress
         total += step
         # a difference of distances of 40 to 100 m in float64
         assert step.tolist() == pytest.approx((distance - way_left(task)).tolist(), abs=1e-6)
@@ -248,7 +248,7 @@ def test_progress_along_a_lane_is_the_length_driven_of_it(name):
         result = task.step(follow_lane(speed)(task))
         assert (result.end_reason < 0).all()
         driven += (task.pose()[0] - before)[:, :2].norm(dim=1)
-        total += term(task, result, "progress") / task.config.progress_weight
+        total += term(task, result, "progress") / task.config.rewards.progress
     # it cuts corners or swings out by a tenth of their radius at most
     assert total.tolist() == pytest.approx(driven.tolist(), rel=0.1)
     assert driven.min() > 2.0
@@ -261,7 +261,7 @@ def test_driving_back_is_taken_away_again():
     for pedal in (0.5, -1.0):
         for _ in range(12):
             total += float(term(task, task.step(held(task, 0.0, pedal)), "progress"))
-    assert total == pytest.approx(task.config.progress_weight * float(task.progress[0]), abs=1e-5)
+    assert total == pytest.approx(task.config.rewards.progress * float(task.progress[0]), abs=1e-5)
 
 
 def behind(task, distance, angle):
@@ -274,7 +274,7 @@ def behind(task, distance, angle):
 
 @pytest.mark.parametrize(("weight", "near", "softness"), [(0.1, 16.0, 4.0), (100.0, 16.0, 0.2)])
 def test_following_is_paid_in_the_cone_behind_the_leader_by_distance(weight, near, softness):
-    task = driving("convoy", 1, following_weight=weight, near=near, softness=softness)
+    task = driving("convoy", 1, rewards=ConvoyRewards(following=weight), near=near, softness=softness)
     for distance in (8.0, 15.9, 16.1, 20.0, 29.0):
         for angle in (0.0, 0.77, -0.77, 0.8, -0.8, 2.0, math.pi):
             behind(task, distance, angle)
@@ -289,7 +289,7 @@ def test_following_is_paid_in_the_cone_behind_the_leader_by_distance(weight, nea
 
 def test_a_difference_of_speeds_costs_where_it_is_asked_for():
     assert "speed" not in driving("convoy", 1).reward_terms
-    task = driving("convoy", 1, speed_weight=5.0, seed=1)
+    task = driving("convoy", 1, rewards=ConvoyRewards(speed=-5.0), seed=1)
     for _ in range(10):
         result = task.step(held(task, 0.0, 0.3))
     seen = result.final_observations["policy"][0]
@@ -312,7 +312,7 @@ def test_leaders_speed_up_evenly_until_the_end_of_the_path():
 
 
 def test_a_change_of_the_action_costs_where_it_is_asked_for():
-    task = driving("off-road", 2, change_weight=0.5)
+    task = driving("off-road", 2, rewards=OffRoadRewards(change=-0.5))
     before = task.action.clone()
     for action in random_actions(task, 5):
         result = task.step(action)

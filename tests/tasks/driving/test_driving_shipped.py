@@ -49,7 +49,7 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     # In the defaults, or in what the task names to be trained in
     learnt_in = {key: value for key, value in named.items() if config[key] == value}
     today = config_to_plain(replace_fields(cls.config_type(), {"obs": obs} | soil | learnt_in))
-    free = {"camera_rate", "progress_weight", "failure_weight"}  # how often it looked, and what it was paid
+    free = {"camera_rate", "rewards"}  # how often it looked, and what it was rewarded for
     if obs == "state":
         free |= {"camera_width", "camera_height"}  # there is no camera
     assert {key: config[key] for key in today if key not in free} == {

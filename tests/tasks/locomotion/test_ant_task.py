@@ -123,12 +123,12 @@ def test_rewards_are_those_of_the_option(name):
     if name == "walk":
         assert terms["progress"] == pytest.approx(2.0 * speed, rel=0.1)
         assert terms["alive"] == 0.5
-        assert terms["straight"] == pytest.approx(-0.25, rel=0.2)
+        assert terms["lin_vel_y_l1"] == pytest.approx(-0.25, rel=0.2)
         return
     assert terms["progress"] == pytest.approx(speed, rel=0.1)
     assert terms["alive"] == 1.0
     effort = power.abs().mean() if name == "code" else 30.0 * power.sum()
-    assert terms["effort"] == pytest.approx(-0.2 * float(effort), rel=1e-4)
+    assert terms["energy"] == pytest.approx(-0.2 * float(effort), rel=1e-4)
 
 
 def test_joints_at_their_limits_cost():
@@ -136,7 +136,7 @@ def test_joints_at_their_limits_cost():
     q = torch.zeros(1, 8)
     q[0, 0], q[0, 5] = math.pi / 3.0, -math.pi / 2.0
     place(task, height=0.8, q=q)
-    assert task.rewards()["limits"].tolist() == pytest.approx([-1.2])
+    assert task.rewards()["joint_pos_limits"].tolist() == pytest.approx([-1.2])
 
 
 def test_success_needs_distance_time_line_and_feet():

@@ -296,13 +296,13 @@ def test_rewards_are_those_of_the_option(name):
     assert moved == pytest.approx(0.3 * 0.02, rel=0.1)
     assert terms["progress"] == pytest.approx(5.0 * moved / 0.02, rel=2e-3)
     if name == "code":
-        assert set(terms) == {"progress", "alive", "effort", "limits", "height"}
+        assert set(terms) == {"progress", "alive", "energy", "joint_pos_limits", "height"}
         assert terms["alive"] == 1.0
-        assert terms["effort"] == pytest.approx(-0.1 * power, rel=1e-4)
+        assert terms["energy"] == pytest.approx(-0.1 * power, rel=1e-4)
         assert terms["height"] == pytest.approx(2.0 * (float(after[0]) - 0.1325 - 0.019258), rel=1e-4)
         return
     assert terms["alive"] == 0.5
-    assert terms["straight"] == pytest.approx(-0.1, rel=0.3)
+    assert terms["lin_vel_y_l1"] == pytest.approx(-0.1, rel=0.3)
 
 
 def test_joints_at_their_limits_cost():
@@ -310,7 +310,7 @@ def test_joints_at_their_limits_cost():
     q = torch.zeros(1, 18)
     q[0, 0], q[0, 9], q[0, 12] = 0.5 * math.pi, -0.5 * math.pi, 1.5
     place(task, height=0.8, q=q)
-    assert task.rewards()["limits"].tolist() == pytest.approx([-1.6])
+    assert task.rewards()["joint_pos_limits"].tolist() == pytest.approx([-1.6])
 
 
 @pytest.mark.parametrize("part", ["base", "tibia"])

@@ -53,13 +53,13 @@ def test_axes_of_world_and_body_are_those_of_the_rotation():
 def test_observations_of_a_body_are_in_its_axes():
     views = some_views()
     turn = Rotation.from_quat(views.body_q[:, 2, 3:].double().numpy())
-    near(mdp.velocity_in_body(views, 2), turn.inv().apply(views.body_v[:, 2].numpy()))
-    near(mdp.turning_in_body(views, 2), turn.inv().apply(views.body_omega[:, 2].numpy()))
+    near(mdp.base_lin_vel(views, 2), turn.inv().apply(views.body_v[:, 2].numpy()))
+    near(mdp.base_ang_vel(views, 2), turn.inv().apply(views.body_omega[:, 2].numpy()))
     near(mdp.projected_gravity(views, 2), turn.inv().apply(np.tile([0.0, 0.0, -1.0], (WORLDS, 1))))
 
 
 def test_names_of_a_row():
-    assert mdp.names_of(speed=3, flag=2, joint=["hip", "knee"]) == [
+    assert mdp.component_names(speed=3, flag=2, joint=["hip", "knee"]) == [
         "speed x", "speed y", "speed z", "flag 0", "flag 1", "joint hip", "joint knee",
     ]  # fmt: skip
 
@@ -71,20 +71,20 @@ def test_rewards_of_tracking():
     velocity, turning, command = drawn(WORLDS, 3), drawn(WORLDS, 3, seed=1), drawn(WORLDS, 3, seed=2)
     v, w, c = (each.double().numpy() for each in (velocity, turning, command))
     error = np.sqrt((v[:, 0] - c[:, 0]) ** 2 + (v[:, 1] - c[:, 1]) ** 2)
-    near(mdp.speed_error(velocity, command), error)
-    near(mdp.turn_error(turning, command), np.abs(w[:, 2] - c[:, 2]))
-    near(mdp.tracking(mdp.speed_error(velocity, command), 0.5), np.exp(-(error**2) / 0.25))
-    assert mdp.tracking(torch.zeros(1), 0.3).item() == 1.0
+    near(mdp.lin_vel_xy_error(velocity, command), error)
+    near(mdp.ang_vel_z_error(turning, command), np.abs(w[:, 2] - c[:, 2]))
+    near(mdp.track_exp(mdp.lin_vel_xy_error(velocity, command), 0.5), np.exp(-(error**2) / 0.25))
+    assert mdp.track_exp(torch.zeros(1), 0.3).item() == 1.0
 
 
 def test_rewards_of_the_body():
     velocity, turning, gravity = drawn(WORLDS, 3), drawn(WORLDS, 3, seed=1), drawn(WORLDS, 3, seed=2)
-    near(mdp.bouncing(velocity), velocity.numpy()[:, 2] ** 2)
-    near(mdp.rocking(turning), (turning.numpy()[:, :2] ** 2).sum(axis=1))
-    near(mdp.tilt(gravity), (gravity.numpy()[:, :2] ** 2).sum(axis=1))
-    near(mdp.height_error(velocity[:, 0], 0.3), (velocity.numpy()[:, 0] - 0.3) ** 2)
+    near(mdp.lin_vel_z_l2(velocity), velocity.numpy()[:, 2] ** 2)
+    near(mdp.ang_vel_xy_l2(turning), (turning.numpy()[:, :2] ** 2).sum(axis=1))
+    near(mdp.flat_orientation_l2(gravity), (gravity.numpy()[:, :2] ** 2).sum(axis=1))
+    near(mdp.base_height_l2(velocity[:, 0], 0.3), (velocity.numpy()[:, 0] - 0.3) ** 2)
     tilted = torch.tensor([[math.sin(0.3), 0.0, -math.cos(0.3)]])
-    assert mdp.tilt(tilted).item() == pytest.approx(math.sin(0.3) ** 2, rel=1e-6)
+    assert mdp.flat_orientation_l2(tilted).item() == pytest.approx(math.sin(0.3) ** 2, rel=1e-6)
 
 
 def test_rewards_of_joints():
@@ -99,13 +99,13 @@ def test_rewards_of_joints():
     torque = mdp.drive_torque(q, qd, target, stiffness, damping, limit)
     near(torque, expected)
     assert (np.abs(expected) == 20.0).any()
-    near(mdp.squares(q), (q.numpy() ** 2).sum(axis=1))
-    near(mdp.power(torque, qd), np.abs(expected * qd.numpy()).sum(axis=1))
+    near(mdp.joint_l2(q), (q.numpy() ** 2).sum(axis=1))
+    near(mdp.joint_power(torque, qd), np.abs(expected * qd.numpy()).sum(axis=1))
     low, high = torch.full((5,), -0.5), torch.full((5,), 0.8)
     outside = [sum(max(0.0, -0.5 - x) + max(0.0, x - 0.8) for x in row) for row in q.tolist()]
-    near(mdp.beyond(q, low, high), outside)
+    near(mdp.joint_pos_limits(q, low, high), outside)
     moving = torch.tensor([1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0])
-    near(mdp.standing_still(q, moving), np.abs(q.numpy()).sum(axis=1) * (1.0 - moving.numpy()))
+    near(mdp.stand_still(q, moving), np.abs(q.numpy()).sum(axis=1) * (1.0 - moving.numpy()))
 
 
 def test_rewards_of_feet():
@@ -120,22 +120,22 @@ def test_rewards_of_feet():
             slid[world] += fast**2 if touching[world, foot] else 0.0
             raised[world] += abs(float(height[world, foot]) - 0.08) * fast
             hit[world] += math.hypot(*f[world, foot, :2]) > 4.0 * abs(f[world, foot, 2])
-    near(mdp.slip(velocity, touching), slid)
-    near(mdp.clearance(height, velocity, 0.08), raised)
-    near(mdp.stumbling(force), hit)
+    near(mdp.feet_slide(velocity, touching), slid)
+    near(mdp.feet_clearance(height, velocity, 0.08), raised)
+    near(mdp.feet_stumble(force), hit)
     assert 0 < hit.sum() < 4 * WORLDS
-    near(mdp.touches(touching), touching.numpy().sum(axis=1))
-    assert mdp.stumbling(torch.zeros(1, 4, 3)).item() == 0.0
+    near(mdp.undesired_contacts(touching), touching.numpy().sum(axis=1))
+    assert mdp.feet_stumble(torch.zeros(1, 4, 3)).item() == 0.0
 
 
 def test_feet_are_paid_for_swings_and_stances_of_the_right_length():
     in_air = torch.tensor([[0.0, 0.05, 0.2, 0.9], [0.3, 0.3, 0.0, 0.0]])
     standing = torch.tensor([[0.15, 0.0, 0.0, 0.0], [0.0, 0.0, 0.2, 0.2]])
     moving = torch.tensor([1.0, 0.0])
-    assert mdp.stepping(in_air, standing, moving, least=0.1, longest=0.4).tolist() == [2.0, 0.0]
+    assert mdp.feet_air_time(in_air, standing, moving, least=0.1, longest=0.4).tolist() == [2.0, 0.0]
     for swing in (0.06, 0.24, 0.5):
         times = torch.arange(0.0, swing, 1e-4).view(-1, 1)
-        paid = 1e-4 * mdp.stepping(times, 0.0 * times, torch.ones(len(times)), least=0.1, longest=0.4).sum()
+        paid = 1e-4 * mdp.feet_air_time(times, 0.0 * times, torch.ones(len(times)), least=0.1, longest=0.4).sum()
         assert float(paid) == pytest.approx(min(max(swing, 0.1), 0.4) - 0.1, abs=2e-4)  # two steps of the sum
 
 
@@ -147,14 +147,14 @@ def test_rewards_are_those_of_the_mirror_image():
     feet, force, swap = drawn(WORLDS, 4, 3, seed=4), drawn(WORLDS, 4, 3, seed=5), [1, 0, 3, 2]
     touching = drawn(WORLDS, 4, seed=6) > 0.0
     for one, other in (
-        (mdp.speed_error(velocity, command), mdp.speed_error(velocity * flip, command * mirror)),
-        (mdp.turn_error(turning, command), mdp.turn_error(turning * turn, command * mirror)),
-        (mdp.bouncing(velocity), mdp.bouncing(velocity * flip)),
-        (mdp.rocking(turning), mdp.rocking(turning * turn)),
-        (mdp.tilt(gravity), mdp.tilt(gravity * flip)),
+        (mdp.lin_vel_xy_error(velocity, command), mdp.lin_vel_xy_error(velocity * flip, command * mirror)),
+        (mdp.ang_vel_z_error(turning, command), mdp.ang_vel_z_error(turning * turn, command * mirror)),
+        (mdp.lin_vel_z_l2(velocity), mdp.lin_vel_z_l2(velocity * flip)),
+        (mdp.ang_vel_xy_l2(turning), mdp.ang_vel_xy_l2(turning * turn)),
+        (mdp.flat_orientation_l2(gravity), mdp.flat_orientation_l2(gravity * flip)),
         (mdp.is_moving(command), mdp.is_moving(command * mirror)),
-        (mdp.slip(feet, touching), mdp.slip((feet * flip)[:, swap], touching[:, swap])),
-        (mdp.stumbling(force), mdp.stumbling((force * flip)[:, swap])),
+        (mdp.feet_slide(feet, touching), mdp.feet_slide((feet * flip)[:, swap], touching[:, swap])),
+        (mdp.feet_stumble(force), mdp.feet_stumble((force * flip)[:, swap])),
     ):
         near(one, other.numpy())
 
@@ -174,10 +174,10 @@ def test_commands_are_uniform_and_change_when_their_time_has_come():
     seen = []
     for step in range(21):
         steps.fill_(step)
-        due = mdp.draw_command(command, random, steps, every=10, most=most)
+        due = mdp.resample_command(command, random, steps, every=10, most=most)
         assert bool(due.all()) == bool(due.any()) == (step % 10 == 0)
         seen.append(command.clone())
-        mdp.draw_command(command, random, steps, every=10, most=most)
+        mdp.resample_command(command, random, steps, every=10, most=most)
         assert torch.equal(command, seen[-1])
     for step in range(1, 21):
         assert torch.equal(seen[step], seen[step - 1]) == (step % 10 != 0)
@@ -194,11 +194,12 @@ def test_commands_are_uniform_and_change_when_their_time_has_come():
 def test_worlds_begin_with_a_new_command_and_others_keep_theirs():
     random, steps = random_of(6)
     command, most = torch.zeros(6, 3), torch.ones(3)
-    mdp.draw_command(command, random, steps, every=10, most=most)
+    mdp.resample_command(command, random, steps, every=10, most=most)
     before = command.clone()
     steps.copy_(torch.tensor([3, 3, 0, 10, 3, 3]))
     assert (
-        mdp.draw_command(command, random, steps, every=10, most=most).tolist() == [False] * 2 + [True] * 2 + [False] * 2
+        mdp.resample_command(command, random, steps, every=10, most=most).tolist()
+        == [False] * 2 + [True] * 2 + [False] * 2
     )
     # World 2 is at the same step of the same episode: the same draw
     assert torch.equal(command[[0, 1, 2, 4, 5]], before[[0, 1, 2, 4, 5]])
@@ -208,7 +209,7 @@ def test_worlds_begin_with_a_new_command_and_others_keep_theirs():
 def test_a_share_of_commands_is_to_stand():
     random, steps = random_of(4000)
     command = torch.ones(4000, 3)
-    mdp.draw_command(command, random, steps, every=10, most=torch.ones(3), standing=0.25)
+    mdp.resample_command(command, random, steps, every=10, most=torch.ones(3), standing=0.25)
     still = 1.0 - mdp.is_moving(command, 1e-6)
     assert float(still.mean()) == pytest.approx(0.25, abs=0.03)  # four deviations of 0.0068
     assert (command[still > 0.0] == 0.0).all()
@@ -217,11 +218,11 @@ def test_a_share_of_commands_is_to_stand():
 def test_a_heading_is_reached_by_the_shorter_way():
     quarter = torch.tensor([[0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]]).repeat(4, 1)
     wanted = torch.tensor([0.0, math.pi / 2 + 0.2, math.pi / 2 - 0.2, -math.pi / 2 - 0.1])
-    turn = mdp.turn_towards(quarter, wanted, gain=1.0, most=1.0)
+    turn = mdp.heading_to_ang_vel(quarter, wanted, gain=1.0, most=1.0)
     near(turn, [-1.0, 0.2, -0.2, 1.0])
     random, _ = random_of(2000)
     heading, due = torch.full((2000,), 9.0), torch.arange(2000) % 2 == 0
-    mdp.draw_heading(heading, random, due)
+    mdp.resample_heading(heading, random, due)
     assert (heading[~due] == 9.0).all()
     assert 3.1 < heading[due].abs().max() <= math.pi
 
@@ -232,7 +233,7 @@ def test_pushes_change_the_momentum_at_one_step_of_many():
     pushes = torch.zeros(500)
     for step in range(41):
         steps.fill_(step)
-        force = mdp.push_force(random, steps, every=20, speed=0.8, mass=12.0, period=0.02)
+        force = mdp.push_by_force(random, steps, every=20, speed=0.8, mass=12.0, period=0.02)
         kicked += force * 0.02 / 12.0
         pushes += force.norm(dim=1) > 0.0
         largest = force.norm(dim=1).max() * 0.02 / 12.0

@@ -13,7 +13,7 @@ import simwarp as sw
 from simwarp.core.interop import to_torch
 from simwarp.tasks import check_step, make, replace_fields
 from simwarp.tasks.locomotion.velocity import quadruped
-from simwarp.tasks.locomotion.velocity.config import Seen, VelocityConfig
+from simwarp.tasks.locomotion.velocity.config import VelocityConfig, VelocityObs
 from simwarp.tasks.locomotion.velocity.ground import Ground
 from simwarp.tasks.locomotion.velocity.quadruped import QuadrupedVelocity
 from simwarp.train.config import default_config, task_config_from_plain
@@ -87,7 +87,7 @@ def test_actions_are_targets_around_the_stance():
 
 
 def test_a_history_is_what_was_felt_before():
-    task = made("quadruped-velocity", 2, seed=1, obs=Seen.HISTORY, history=4, max_episode_steps=9)
+    task = made("quadruped-velocity", 2, seed=1, obs=VelocityObs.HISTORY, history=4, max_episode_steps=9)
     size = 9 + 3 * 12
     assert task.observation_shapes == {"policy": (4 * size,)}
     felt = [task.restart(seed=1)["policy"].view(2, 4, size).clone()]
@@ -103,8 +103,8 @@ def test_a_history_is_what_was_felt_before():
 
 @grounds
 def test_teachers_see_more_of_the_same_worlds(ground):
-    task = made("quadruped-velocity", 3, seed=2, obs=Seen.HISTORY, ground=ground)
-    exact = made("quadruped-velocity", 3, seed=2, obs=Seen.SCAN, ground=ground)
+    task = made("quadruped-velocity", 3, seed=2, obs=VelocityObs.HISTORY, ground=ground)
+    exact = made("quadruped-velocity", 3, seed=2, obs=VelocityObs.SCAN, ground=ground)
     for action in random_actions(task, 5):
         task.step(action)
         seen = exact.step(action).observations["policy"]
@@ -118,7 +118,7 @@ def test_teachers_see_more_of_the_same_worlds(ground):
 
 
 def test_a_critic_may_see_the_ground_and_the_feet():
-    task = made("quadruped-velocity", 2, obs=Seen.HISTORY, push_speed=0.0)
+    task = made("quadruped-velocity", 2, obs=VelocityObs.HISTORY, push_speed=0.0)
     for _ in range(50):
         task.step(idle(task))
     seen = task.observe_privileged()
@@ -314,7 +314,13 @@ def test_worlds_do_not_depend_on_how_many_there_are_nor_on_each_other(name, grou
 @both
 @grounds
 def test_a_resumed_run_repeats_bit_by_bit(name, ground):
-    options = {"max_episode_steps": 20, "ground": ground, "command_time": 0.12, "heading": True, "obs": Seen.HISTORY}
+    options = {
+        "max_episode_steps": 20,
+        "ground": ground,
+        "command_time": 0.12,
+        "heading": True,
+        "obs": VelocityObs.HISTORY,
+    }
     task, other = made(name, 3, seed=2, **options), made(name, 3, seed=9, **options)
     actions = random_actions(task, 40)
     rolled(task, actions[:17])
