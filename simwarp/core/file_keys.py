@@ -6,7 +6,7 @@ had when they were written; snapshots and dumps name arrays, joints and parts by
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 OLD_KEYS: Final[Mapping[str, Mapping[str, str]]] = {
@@ -61,11 +61,13 @@ def with_current_threads(plain: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**plain, "threads": 1, "torch_threads": plain["threads"]}
 
 
-def with_reward_weights(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration of a task with its weights of rewards among its `rewards`."""
+def with_reward_weights(plain: Mapping[str, Any], fields: Collection[str]) -> dict[str, Any]:
+    """The configuration of a task, of these fields, with its weights of rewards among its `rewards`."""
+    if "rewards" not in fields:
+        return dict(plain)
     found: dict[str, Any] = {}
-    for key in REWARD_WEIGHTS.keys() & plain.keys():
+    for key in (REWARD_WEIGHTS.keys() & plain.keys()) - set(fields):
         term, sign = REWARD_WEIGHTS[key]
         found[term] = sign * plain[key] if isinstance(plain[key], int | float) else plain[key]
-    kept = {key: value for key, value in plain.items() if key not in REWARD_WEIGHTS}
+    kept = {key: value for key, value in plain.items() if key not in REWARD_WEIGHTS or key in fields}
     return {**kept, "rewards": found} if found else kept

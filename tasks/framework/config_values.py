@@ -99,7 +99,7 @@ def _with_defaults(kind: Any, plain: object) -> object:
     if not isinstance(plain, Mapping):
         return plain
     fields = dataclasses.fields(kind)
-    whole = with_reward_weights(plain) if any(field.name == "rewards" for field in fields) else dict(plain)
+    whole = with_reward_weights(plain, [field.name for field in fields])
     for field in fields:
         inner, given = peeled(field_hints(kind).get(field.name))[0], whole.get(field.name)
         if isinstance(given, Mapping) and dataclasses.is_dataclass(inner):

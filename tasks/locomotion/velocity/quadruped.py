@@ -99,10 +99,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms; weights are per second, but for that of a fall."""
         lin_vel, ang_vel = mdp.base_lin_vel(self.views, self.body), mdp.base_ang_vel(self.views, self.body)
-        speed_error, turn_error = (
-            mdp.lin_vel_xy_error(lin_vel, self.command),
-            mdp.ang_vel_z_error(ang_vel, self.command),
-        )
+        speed_error = mdp.lin_vel_xy_error(lin_vel, self.command)
+        turn_error = mdp.ang_vel_z_error(ang_vel, self.command)
         self.errors.copy_(torch.stack((speed_error, turn_error), dim=1))
         self.ground.record(lin_vel[:, :2], self.command[:, :2])
         period, moving = self.config.control_dt, mdp.is_moving(self.command)
