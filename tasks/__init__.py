@@ -19,6 +19,7 @@ from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
 from .framework.errors import InputError, TaskError
 from .framework.mirror import Mirror, Reflection, reflection
+from .framework.recorded_launches import TensorFunction, filled, launch_over, share_over, zeros_of
 from .framework.registry import ENTRY_POINT_GROUP, config_to_train_in, make, register, task_class, task_names
 from .framework.replay import ReplayReport
 from .framework.simulation_access import Attachments
@@ -64,6 +65,7 @@ __all__ = [
     "TaskEnv",
     "TaskError",
     "TaskVectorEnv",
+    "TensorFunction",
     "When",
     "Whole",
     "WorldRandom",
@@ -73,6 +75,8 @@ __all__ = [
     "config_from_plain",
     "config_to_plain",
     "config_to_train_in",
+    "filled",
+    "launch_over",
     "make",
     "reflection",
     "register",
@@ -80,8 +84,10 @@ __all__ = [
     "replace_fields",
     "require",
     "resolve_device",
+    "share_over",
     "task_class",
     "task_names",
+    "zeros_of",
 ]
 
 register_envs()

@@ -56,6 +56,7 @@ class FastTask(Task[FastConfig]):
     summary: ClassVar[str] = "point in a plane, no physics: a dummy for tests and for measuring overhead"
     config_type: ClassVar[type[TaskConfig]] = FastConfig
     action_size: int = 2
+    listed: ClassVar[bool] = False
     physics: ClassVar[bool] = False
     state_buffers: ClassVar[Mapping[str, str]] = {"position": "position"}
     training: ClassVar[Mapping[str, Any]] = {"iterations": 30, "num_envs": 128, "steps_per_iteration": 16}

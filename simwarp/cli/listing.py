@@ -55,7 +55,8 @@ def run(arguments: list[str]) -> int:
 
     options = parse_options(ListOptions, arguments, "simwarp list")
     options.check()
-    sections = {"tasks": {name: task_class(name).summary for name in task_names()}}
+    listed = [kind for kind in map(task_class, task_names()) if kind.listed]
+    sections = {"tasks": {kind.name: kind.summary for kind in listed}}
     sections |= {section: catalogue(module) for section, module in _CATALOGUES.items()}
     console = options.console()
     width = max((len(name) for entries in sections.values() for name in entries), default=0)

@@ -4,7 +4,7 @@
 are the parts that the shipped tasks share.
 """
 
-from .base import CHASSIS_GROUP, DrivingConfig, DrivingTask, Frame, Observing
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
 from .conditions import Conditions
 from .hills import Hills
 from .lapping import LappingConfig, LappingTask, Start
@@ -16,6 +16,7 @@ from .soil import SoilKind
 
 __all__ = [
     "CHASSIS_GROUP",
+    "VEHICLE_ARRAYS",
     "Conditions",
     "DrivingConfig",
     "DrivingTask",

@@ -15,13 +15,9 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.tasks import Ge, Le, Positive
+from simwarp.tasks import Drawing, Ge, Le, Line, Positive, RewardWeights, filled, launch_over, register
+from simwarp.tasks.driving import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, RangeFan, outline
 
-from ..framework.config import RewardWeights
-from ..framework.drawing import Drawing, Line
-from ..framework.recorded_launches import filled, launch_over
-from ..framework.registry import register
-from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask
 from .obstacle_avoidance_kernels import (
     Road,
     begin_way,
@@ -32,8 +28,6 @@ from .obstacle_avoidance_kernels import (
     measure_way,
     observe_way,
 )
-from .outlines import outline
-from .ranging import RangeFan
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder

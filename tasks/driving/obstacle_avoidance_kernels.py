@@ -3,10 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-
-from ..framework.frames_kernels import to_heading
-from ..framework.randomness_kernels import Draws, episode_key, uniform_at
-from .base_kernels import (
+from simwarp.tasks.driving.base_kernels import (
     Car,
     Drive,
     car_heading,
@@ -14,7 +11,9 @@ from .base_kernels import (
     motion_of,
     point_of,
 )
-from .ranging_kernels import range_to
+from simwarp.tasks.driving.ranging_kernels import range_to
+from simwarp.tasks.framework.frames_kernels import to_heading
+from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, uniform_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 

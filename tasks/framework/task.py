@@ -82,6 +82,8 @@ class Task(Readable, ABC, Generic[ConfigT]):
     """Absolute ``path/to/file.py:TaskClass`` of a task that is not installed; set when it is loaded."""
     summary: ClassVar[str] = ""
     """One line for ``simwarp list``."""
+    listed: ClassVar[bool] = True
+    """False: ``simwarp list`` leaves the task out, as one for tests."""
     config_type: ClassVar[type[TaskConfig]] = TaskConfig
     """The frozen dataclass of this task's configuration."""
     action_size: int = 1

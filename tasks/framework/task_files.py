@@ -92,9 +92,7 @@ def _module(path: Path) -> ModuleType:
     if not path.is_file():
         what = "is no file" if path.exists() else "does not exist"
         raise TaskFileError(f"file '{path}' {what}; give {FORM}")
-    # Two files may share a name; pickles and tracebacks want the same one in every process
-    digest = hashlib.sha256(str(path).encode()).hexdigest()[:8]
-    spec = importlib.util.spec_from_file_location(f"simwarp_task_{path.stem}_{digest}", path)
+    spec = importlib.util.spec_from_file_location(f"{_package_of(path.parent)}.{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -109,6 +107,16 @@ def _module(path: Path) -> ModuleType:
         raise TaskFileError(f"file '{path}' cannot be imported{_line(error, path)}: {what}") from error
     _modules[path] = module
     return module
+
+
+def _package_of(folder: Path) -> str:
+    """Return the name of the package that a folder of tasks is: its files may import each other as `.other`."""
+    # Two folders may share a name; pickles and tracebacks want the same one in every process
+    name = f"simwarp_tasks_{hashlib.sha256(str(folder).encode()).hexdigest()[:8]}"
+    if name not in sys.modules:
+        sys.modules[name] = ModuleType(name, f"Files of tasks in {folder}.")
+        sys.modules[name].__path__ = [str(folder)]
+    return name
 
 
 def _line(error: BaseException, path: Path) -> str:

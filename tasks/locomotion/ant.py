@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from ..framework.config import RewardWeights, TaskConfig
-from ..framework.recorded_launches import filled, launch_over
-from ..framework.registry import register
+from simwarp.tasks import RewardWeights, TaskConfig, filled, launch_over, register
+from simwarp.tasks.locomotion import BASE, Orientation, Touching, WalkingConfig, WalkingTask
+
 from . import ant_kernels as kernels
-from .walking import BASE, Orientation, Touching, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder

@@ -3,9 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-
-from ..framework.frames_kernels import euler_123
-from .walking_kernels import (
+from simwarp.tasks.framework.frames_kernels import euler_123
+from simwarp.tasks.locomotion.walking_kernels import (
     BASE,
     WalkState,
     base_rotation,

@@ -15,13 +15,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from simwarp.tasks import Positive
+from simwarp.tasks import Positive, RewardWeights, TaskConfig, filled, launch_over, register
+from simwarp.tasks.locomotion import BASE, Touching, WalkingConfig, WalkingTask
 
-from ..framework.config import RewardWeights, TaskConfig
-from ..framework.recorded_launches import filled, launch_over
-from ..framework.registry import register
 from . import hexapod_kernels as kernels
-from .walking import BASE, Touching, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder

@@ -17,7 +17,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.actuators", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
     "simwarp.exporters", "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics", "simwarp.tasks",
-    "simwarp.tasks.driving", "simwarp.tasks.locomotion.velocity", "simwarp.tasks.locomotion.velocity.mdp",
+    "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",
+    "simwarp.tasks.locomotion.velocity.mdp",
     "simwarp.train",
     # these import libraries that are optional
     "simwarp.tasks.adapters.in_mujoco", "simwarp.tasks.adapters.sb3_adapter", "simwarp.tasks.adapters.skrl_adapter",

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from simwarp.tasks import InputError, make, replace_fields
-from simwarp.tasks.cart_pole_base import CartPoleConfig
+from simwarp.tasks.pendulum import CartPoleConfig
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import random_policy, zero_policy
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.tasks.cart_pole_base import CartPoleConfig
 from simwarp.tasks.framework.replay import replay
+from simwarp.tasks.pendulum import CartPoleConfig
 from simwarp.train.algorithm.trajectories import load_trajectories
 from simwarp.train.config import task_config_from_plain
 from simwarp.train.runs.checkpoint import load_checkpoint
