@@ -113,6 +113,9 @@ class TensorFunction:
         self._device, self._dimensions = device, dimensions
         self._made: dict[tuple[Any, ...], tuple[TensorLaunch, list[torch.Tensor]]] = {}
 
+    def __repr__(self) -> str:
+        return f"TensorFunction: kernel {self._kernel.key} on {self._device}"
+
     def __call__(self, *tensors: torch.Tensor, shape: tuple[int, ...] | None = None) -> list[torch.Tensor]:
         """Return the results, (*shape, ...).
 
