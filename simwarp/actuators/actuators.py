@@ -35,7 +35,7 @@ from simwarp.core.types import WORLD, ModelError, number, shown
 from simwarp.core.wording import close_names
 from simwarp.model.checks import INFINITE, checked_names, positive_number
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import ForceElement, StepContext
 
 PER_WORLD: Final = (
     "gain", "bias", "force_range", "time_constant", "delay", "stall_force", "free_speed", "corner_speed",
@@ -43,7 +43,7 @@ PER_WORLD: Final = (
 """Arrays that may have a row for each world."""
 
 
-class Actuators(Readable, FixedAttributes):
+class Actuators(ForceElement, Readable, FixedAttributes):
     """All actuators of a model, in every world: a `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[actuators])`. It writes the entries of its coordinates
@@ -189,8 +189,6 @@ class Actuators(Readable, FixedAttributes):
             self._mapping.set_param_at_index(0, source)
             self._mapped = memory
         self._mapping.launch()
-
-    # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

@@ -16,7 +16,7 @@ from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, bytes_of, check_memory, judge
 from simwarp.bench.timing import counted_launches, measure_speed
 from simwarp.core.memory import check_fits
-from simwarp.simulation.sensor_rounds import StepProgram
+from simwarp.simulation.step_program import StepProgram
 from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
 from simwarp.tasks.framework.task import NON_FINITE
 

@@ -11,8 +11,8 @@ from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch
 from simwarp.kinematics.jacobian_kernels import measure_point_jacobian
-from simwarp.simulation.requirements import scratch_slots_of, step_sizes
 from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.step_sizes import scratch_slots_of, step_sizes
 
 ROWS: Final = 6
 """Three of the velocity, three of the angular velocity."""

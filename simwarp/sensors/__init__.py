@@ -12,6 +12,7 @@ from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial
 from simwarp.sensors.cameras.lights import Lamp, Lighting, Lights, Sun
 from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
+from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Mount, Schedule, Sensor
 from simwarp.sensors.motion.encoders import (
     Encoder,
@@ -50,6 +51,7 @@ __all__ = [
     "Field",
     "FishEye",
     "FrameBuffer",
+    "FrameSensor",
     "GeoOrigin",
     "Gps",
     "GpsConfig",

@@ -13,8 +13,8 @@ import warp as wp
 
 from simwarp.core.arrays import writable_from
 from simwarp.core.memory import check_fits
-from simwarp.core.readable import Readable, array_text, plural
-from simwarp.core.types import WORLD, ModelError, shown
+from simwarp.core.readable import Readable
+from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
 from simwarp.sensors.clock_kernels import (
     ClockSettings,
@@ -29,7 +29,7 @@ from simwarp.sensors.interface import Mount, Schedule, ScheduleSteps, body_index
 from simwarp.sensors.motion.mount_motion_kernels import MountArrays
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 THREADS = 128
 """Threads that copy one world's frame on a GPU."""
@@ -37,8 +37,8 @@ MOST_BYTES = 2**31 - 1
 """Largest frame of one world [bytes]: kernels index it with 32 bits."""
 MOST_WAITING = 2**20
 """Frames of a world that wait to be published."""
-LONGEST_ROUND = 4096
-"""Sub-steps between two looks up to which launches are recorded for each of them."""
+LONGEST_INTERVAL = 4096
+"""Sub-steps between two reads up to which launches are recorded for each of them."""
 
 
 class Field(NamedTuple):
@@ -97,62 +97,11 @@ def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> Mo
     return arrays
 
 
-class ReadableSensor(Readable):
-    """How a sensor prints: name, place, rate, and the arrays of its published frames."""
-
-    frames: FrameBuffer
-
-    def _readable_title(self) -> str:
-        frames, mount = self.frames, getattr(self, "mount", None)
-        model = frames.model
-        place = "" if mount is None else f" on {'WORLD' if mount.body == WORLD else repr(model.body_names[mount.body])}"
-        worlds = f"{plural(model.world_count, 'world')} on {model.device}"
-        return f" '{frames.sensor}'{place}: {frames.schedule.rate:g} Hz, {worlds}"
-
-    def _readable_rows(self) -> dict[str, str]:
-        return {name: array_text(array) for name, array in self.frames.data.items()}
-
-
 class FrameBuffer(Readable):
-    """A clock, the frames in waiting, and the one that is published. Every sensor owns one and is recorded through it.
+    """A clock, the frames in waiting, and the one that is published. Every `FrameSensor` owns one.
 
-    The kernels of a sensor take `frames.tick` (clock_kernels.py), work where `tick.collecting` is 1, and write
-    row `tick.row[world]` of the arrays in `frames.ring` where `tick.complete` is 1. The rest is done here::
-
-        class Thermometer:
-            def __init__(self, model, mount, config, *, name="thermometer", seed=0):
-                self.name = name
-                self.frames = FrameBuffer(name, config.schedule, model, {"data": Field((), wp.float32)}, seed=seed)
-                self.mount = mount_arrays(name, mount, model)
-
-            data = property(lambda self: self.frames.data["data"])  # likewise timestamp and valid
-
-            @property
-            def memory(self):
-                return self.frames.memory  # and what the sensor itself remembers, such as sums over the window
-
-            def record(self, simulation, dt):
-                def sample():  # called once the ring has its size
-                    return [simulation.shares.record(read_temperature, inputs=[
-                        self.mount, simulation.state.arrays, self.frames.tick], outputs=[self.frames.ring["data"]])]
-
-                return self.frames.record(simulation, dt, sample)
-
-            def check(self, simulation, dt):
-                self.frames.check(simulation, dt)
-
-            def between_looks(self, simulation):  # for kernels that do nothing outside of windows
-                return self.frames.between_looks(simulation)
-
-            def begin(self, simulation, mask):
-                self.frames.begin(simulation, mask)
-
-        @wp.kernel
-        def read_temperature(worlds: WorldRange, mount: MountArrays, state: StateArrays, tick: Tick,
-                             ring: wp.array[float]):
-            world = worlds.first + wp.tid()
-            if tick.complete[world] == 1:
-                ring[tick.row[world]] = 300.0 - 0.0065 * float(mount_position(world, mount, state)[2])
+    Kernels of a sensor take `frames.tick` (clock_kernels.py), work where `tick.collecting` is 1, and write row
+    `tick.row[world]` of the arrays in `frames.ring` where `tick.complete` is 1. The rest is done here.
 
     `begin` launches the same samples: in worlds of its mask `tick.mode` is BEGIN and a whole frame is due in one launch
     (first, complete and publish are all 1, the fractions span 0 to 1).
@@ -213,7 +162,7 @@ class FrameBuffer(Readable):
         self._samples: list[Any] = []
         self._copies: list[Any] = []
         self._advances: dict[int, Any] = {}
-        self._phases_told = False
+        self._phases_written = False
 
     @property
     def timestamp(self) -> wp.array:
@@ -228,7 +177,7 @@ class FrameBuffer(Readable):
     @property
     def phase(self) -> wp.array:
         """(W,) int32 [sub-steps]; writable where the schedule's phase is "zero"."""
-        self._phases_told = True  # from now on they may be any
+        self._phases_written = True  # from now on they may be any
         return self._state.phase
 
     @property
@@ -246,16 +195,16 @@ class FrameBuffer(Readable):
             simulation: the sensor's Simulation.
             dt: of a sub-step [s].
             sample: returns the recorded launches that write the ring; called once `ring` has its size.
-
-        Raises:
-            ModelError: see `check`.
         """
-        self.check(simulation, dt)
-        try:
-            return self._record(simulation, dt, sample)
-        except BaseException:
-            self.ring = {}  # it belongs to no Simulation
-            raise
+        self._set_clock(simulation, dt)
+        advance = self._advancing(simulation, 1)
+        self._samples, self._copies = [*sample()], self._publications(simulation)
+        samples = [*self._samples, *self._copies]
+        begin = simulation.shares.record(
+            begin_clock, inputs=[self.valid, self.clock, simulation.state.arrays], outputs=[self._state, self.tick]
+        )
+        self._beginning = [begin, *samples]
+        return [advance, *samples]
 
     def check(self, simulation: StepContext, dt: float, more: int = 0) -> None:
         """Refuses a Simulation that the sensor cannot be part of; changes nothing.
@@ -266,12 +215,9 @@ class FrameBuffer(Readable):
             more: bytes that the sensor itself will take beside the frames.
 
         Raises:
-            ModelError: the sensor is part of another Simulation, was made for another model, or its frames in waiting
-                are too many for the memory.
+            ModelError: the sensor was made for another model, or its frames in waiting are too many for the memory.
         """
         thing = f"sensor '{self.sensor}'"
-        if self.ring:
-            raise ModelError(f"{thing}: is part of a Simulation already; make one for each")
         if simulation.model is not self.model:
             raise ModelError(f"{thing}: was made for another model than the Simulation's; use that one")
         steps = self.schedule.steps(dt)
@@ -300,19 +246,8 @@ class FrameBuffer(Readable):
             return 0
         return (steps.lag + (steps.window if self._gradual else 0)) // steps.period + 1
 
-    def _record(self, simulation: StepContext, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
-        self._set_clock(simulation, dt)
-        advance = self._advancing(simulation, 1)
-        self._samples, self._copies = [*sample()], self._publications(simulation)
-        samples = [*self._samples, *self._copies]
-        begin = simulation.shares.record(
-            begin_clock, inputs=[self.valid, self.clock, simulation.state.arrays], outputs=[self._state, self.tick]
-        )
-        self._beginning = [begin, *samples]
-        return [advance, *samples]
-
-    def between_looks(self, simulation: StepContext) -> ClockRound | None:
-        """Launches of the sub-steps between two looks; None: those of `record`, in each of them. Once recorded.
+    def record_interval(self, simulation: StepContext) -> ClockInterval | None:
+        """Launches of the sub-steps between two reads of the data; None: those of `record` in each of them.
 
         For sensors whose launches do nothing outside of windows: where `tick.collecting` is 0.
         """
@@ -325,16 +260,16 @@ class FrameBuffer(Readable):
         for substep in range(1, length + 1):
             collecting, publishing = substep in due.collecting, substep in due.publishing
             launches.append([])
-            if collecting or publishing or substep == length:  # a world that is frozen turns invalid before the look
+            if collecting or publishing or substep == length:  # a world that is frozen turns invalid before the read
                 launches[-1].append(self._advancing(simulation, substep - last))
                 last = substep
             launches[-1] += self._samples if collecting else []
             launches[-1] += self._copies if publishing else []
-        return ClockRound(launches, self)
+        return ClockInterval(launches, self)
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Resets the worlds of the (W,) bool mask and publishes a frame of their present state."""
-        simulation.rounds.begin_some()
+        simulation.read_interval.begin_some()
         self._beginning[0].use(0, mask)
         simulation.shares.run(self._beginning)
 
@@ -349,8 +284,8 @@ class FrameBuffer(Readable):
     def _set_clock(self, simulation: StepContext, dt: float) -> None:
         """Rounds the schedule to sub-steps and makes room for the frames in waiting."""
         worlds, device = self.model.world_count, self.model.device
-        steps, self.dt = self.schedule.steps(dt), dt
-        self.steps = steps
+        self.steps = steps = self.schedule.steps(dt)
+        self.dt, self._advances = dt, {}
         self.clock.period, self.clock.window, self.clock.lag = steps
         self.clock.every = simulation.read_every * simulation.substeps
         self.clock.random_phase = int(self.schedule.phase == "random")
@@ -384,37 +319,37 @@ class FrameBuffer(Readable):
 
 
 class DueSubsteps(NamedTuple):
-    """The sub-steps of a round, from 1 to its length, in which frames are collected and published."""
+    """The sub-steps of a read interval, from 1 to its length, in which frames are collected and published."""
 
     collecting: frozenset[int]
     publishing: frozenset[int]
 
 
 def due_substeps(steps: ScheduleSteps, length: int) -> DueSubsteps | None:
-    """Where a clock without a phase that began at a look has work, `will_be_read` considered.
+    """Where a clock without a phase that began at a read has work, `will_be_read` considered.
 
     Args:
         steps: schedule.
-        length: sub-steps of a round; None is returned if there are too many.
+        length: sub-steps of a read interval; None is returned if there are too many.
     """
-    if length > LONGEST_ROUND:
+    if length > LONGEST_INTERVAL:
         return None
     period, window, lag = steps
     collecting: set[int] = set()
     publishing: set[int] = set()
-    for frame in range(length // math.gcd(period, length)):  # then the frames lie in their rounds as before
+    for frame in range(length // math.gcd(period, length)):  # then the frames lie in their intervals as before
         begin = frame * period
         published = begin + window + lag
         if -(-published // length) * length >= published + period:
-            continue  # the next one replaces it before anybody looks
+            continue  # the next one replaces it before anybody reads
         first = begin + 1 if window > 0 else begin
         collecting |= {(first + k) % length or length for k in range(min(max(window, 1), length))}
         publishing.add(published % length or length)
     return DueSubsteps(frozenset(collecting), frozenset(publishing))
 
 
-class ClockRound:
-    """A round of one sensor: `simulation.sensor_rounds.SensorRound`.
+class ClockInterval:
+    """The launches of a sensor in a read interval: `IntervalLaunches`.
 
     Args:
         launches: of each sub-step.
@@ -428,7 +363,7 @@ class ClockRound:
 
     def in_phase(self) -> bool:
         """Whether no world has a phase: nobody was given the array to write into it, nor a snapshot with others."""
-        return not self._frames._phases_told and not self._shifted
+        return not self._frames._phases_written and not self._shifted
 
     def counts(self) -> npt.NDArray[np.int32]:
         """(W,) sub-steps since the clocks began. Waits for the device, and looks anew whether they are in phase."""

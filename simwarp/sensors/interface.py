@@ -19,19 +19,19 @@ from simwarp.core.schema import Fault, Schema, dotted
 from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, pose, shown
 from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import Sensor
+from simwarp.simulation.attachments import Sensor
 
 Config = TypeVar("Config")
 
 
-def _told(fault: Fault, kind: type) -> str:
+def _fault_text(fault: Fault, kind: type) -> str:
     """A fault in Python: names the class and the field."""
     if fault.kind == "check":
         return fault.what
     return f"{kind.__name__}: {dotted(fault.keys)} {fault.what}"
 
 
-SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, describe=_told)
+SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, describe=_fault_text)
 """Reads configurations of sensors."""
 
 

@@ -176,7 +176,7 @@ def _is_of_chrono(path: Path) -> bool:
     try:
         text = read_text(path)
     except FileError:
-        return False  # told by who reads it
+        return False  # whoever reads it says so
     return all(f'"{key}"' in text for key in ("Type", "Template")) and '"sensor"' not in text
 
 

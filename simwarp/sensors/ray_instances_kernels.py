@@ -24,7 +24,7 @@ from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float, t
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.wide_tree import Trees
-from simwarp.soil.level_kernels import SoilCover, level_range
+from simwarp.soil.deformed_surface_kernels import SoilCover, level_range
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -28,7 +28,7 @@ from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import body_index, wanted_arrays
 from simwarp.sensors.ray_instances_kernels import SOIL, RayScene, SoilView, place_instances
 from simwarp.sensors.soil_ground import ground_instance
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import StepContext
 from simwarp.simulation.state import State
 
 if TYPE_CHECKING:
@@ -273,9 +273,9 @@ class Visuals(Readable):
 
     def _follow(self) -> None:
         """Takes in the shapes that the builder got since the last appearance."""
-        taken = {instance.name for instance in self.instances}
+        names = {instance.name for instance in self.instances}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
-            if shape.name in taken:
+            if shape.name in names:
                 raise ModelError(
                     f"visual '{shape.name}': the name must be unique, got a shape of that name later; rename one"
                 )
@@ -360,7 +360,7 @@ class Scene(Readable):
         names: of the instances, in index order.
         x: (1 or W, I) vec3d position in the body's axes from its centre of mass [m]; world axes on WORLD.
         rot: (1 or W, I) quat xyzw.
-        size: (1 or W, I) vec3, as `ShapeType` tells [m]; of a mesh its scale.
+        size: (1 or W, I) vec3, see `ShapeType` [m]; of a mesh its scale.
         asset: (1 or W, I) int32: which mesh of `Visuals.add_mesh_asset` an instance shows.
         enabled: (1 or W, I) int32: 0 takes it out of sight.
         color: (1 or W, I) vec3 linear albedo.

@@ -94,7 +94,7 @@ def solve_cone_problems(
         friction_law: "convex" is the cone complementarity problem as it stands; "exact" adds De Saxcé's term: Coulomb's
             law, whose sliding contacts do not separate.
         tolerance: residual to reach [m/s or rad/s]. Solvers aim for a twentieth of it, as far as float32 goes: where a
-            problem is ill-conditioned, velocities are further off than the residual tells.
+            problem is ill-conditioned, velocities are further off than the residual suggests.
         max_iterations: per solver when None (`ITERATIONS`).
         warm_start: (problems, rows) impulses to start from [N·s or N·m·s].
         fallback: let the interior point solve what "apgd" leaves above the tolerance.

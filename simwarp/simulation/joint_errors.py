@@ -85,7 +85,7 @@ def joints_apart(model: Model, state: State, position_error: wp.array) -> dict[i
     Args:
         model: of these worlds.
         state: present poses.
-        position_error: (W,) of the diagnostics, which tells the worlds that are worth a look.
+        position_error: (W,) of the diagnostics, which shows the worlds that are worth a look.
     """
     bounds = sound_travels(model)
     worlds = np.nonzero(~(position_error.numpy() <= min(bounds.min(initial=SOUND_ANGLE), SOUND_ANGLE)))[0]

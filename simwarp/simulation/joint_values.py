@@ -67,7 +67,7 @@ def _from_host(name: str, values: Any, model: Model, mask: wp.array | None) -> w
         raise ModelError(
             f"{thing} have shape {shape} (worlds, dofs), got {given.shape}; give one row, or one for each world"
         ) from None
-    with np.errstate(over="ignore"):  # told below
+    with np.errstate(over="ignore"):  # an error below names it
         single = np.ascontiguousarray(data, dtype=np.float32)
     _check_finite(name, single, mask)
     return array_from_host(thing, single, model.device, wp.float32)

@@ -18,7 +18,7 @@ Vector: TypeAlias = npt.NDArray[np.floating[Any]]
 
 
 class Readings:
-    """What a Simulation tells about one world, as numbers of Python and NumPy: for a look, a plot, a test.
+    """Numbers of one world for Python and NumPy: to print, to plot, to test.
 
     Each call copies what it returns, and waits for a GPU. All worlds at once are in the arrays of `state`.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar, Final, NoReturn
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NoReturn
 
 import warp as wp
 
@@ -12,11 +12,11 @@ from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
-from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, shown
+from simwarp.core.types import ModelError, shown
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
-from simwarp.kernels.core.tables import StepConfig, make_progress
+from simwarp.kernels.core.tables import make_progress
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
     assemble_worlds,
@@ -33,43 +33,47 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.model.parameters import PARAMETERS, non_finite_parameters
+from simwarp.simulation.attachments import (
+    ForceElement,
+    Sensor,
+    attached,
+    checked_elements,
+    checked_sensors,
+    recorded,
+    recorded_or_none,
+)
 from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.joint_values import joint_values
-from simwarp.simulation.protocols import ForceElement, Sensor, recorded
+from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
-from simwarp.simulation.requirements import (
+from simwarp.simulation.simulation_arguments import (
+    checked_dt,
+    checked_model,
+    checked_read_every,
+    checked_reports,
+    checked_solver,
+    checked_steps,
+    checked_substeps,
+)
+from simwarp.simulation.snapshot import Snapshot
+from simwarp.simulation.solver_options import SolverOptions, needs_all_solvers, step_config
+from simwarp.simulation.state import Control, State, initial_arrays
+from simwarp.simulation.state_check import StateCheck, StateFaults
+from simwarp.simulation.step_program import StepProgram
+from simwarp.simulation.step_recording import StepArrays, record_step
+from simwarp.simulation.step_sizes import (
     collision_sizes,
-    element_effects,
     list_sizes,
     scratch_slots_of,
     step_layouts,
     step_sizes,
 )
-from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
-from simwarp.simulation.snapshot import Snapshot
-from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
-from simwarp.simulation.state import Control, State, initial_arrays
-from simwarp.simulation.state_check import StateCheck, StateFaults
-from simwarp.simulation.step_recording import StepArrays, record_step
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 from simwarp.simulation.world_masks import mask_of_worlds
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
-
-REFINED_MASS_RATIO: Final = 100.0
-
-CURVATURE_SHARE: Final = 1.0 / 3.0
-"""Of the error that a step adds to a moving joint: what keeps the energy best without position projection, which wants
-all of it (docs/theory.md)."""
-
-SHORTEST_STEP: Final = 1.0e-9
-"""Of a sub-step [s]: kernels divide by it in float32."""
-LONGEST_STEP: Final = 1.0e6
-MOST_SUBSTEPS: Final = 1_000_000
-MOST_COUNTED: Final = 2**31 - 1
-"""Of sub-steps: clocks of sensors count them in 32 bits."""
 
 
 class Simulation(Readable, Readings, FixedAttributes):
@@ -86,7 +90,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         joint_accelerations: record the acceleration of every coordinate (`diagnostics.joint_qdd`).
         elements: force elements, such as a Vehicle's, launched before each sub-step.
         sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
-        read_every: calls of `step` between two looks at the sensors' data; frames that nobody would see are not taken.
+        read_every: calls of `step` between two reads of the sensors' data; frames that nobody would see are not taken.
             With 1, every frame that is the latest after some `step` is there.
         check_start: warn (`InitialStateWarning`) of shapes of one mechanism that overlap as built and of coordinates
             that start outside their limits; False where another state is set before the first step.
@@ -100,7 +104,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     FIXED: ClassVar = (
         "model", "dt", "substeps", "solver", "read_every", "elements", "sensors", "state", "control", "contacts",
-        "diagnostics", "memory", "identity", "shares", "rounds",
+        "diagnostics", "memory", "identity", "shares", "read_interval",
     )  # fmt: skip
 
     @report_compiling()
@@ -119,70 +123,48 @@ class Simulation(Readable, Readings, FixedAttributes):
         check_start: bool = True,
         threads: int | None = None,
     ) -> None:
-        if not isinstance(model, Model):
-            raise ModelError(f"Simulation: model must be a Model, got {shown(model)}; pass what finalize returned")
-        if solver is not None and not isinstance(solver, SolverOptions):
-            raise ModelError(f"Simulation: solver must be SolverOptions, got {shown(solver)}; write SolverOptions(...)")
-        self.model = model
-        self.substeps = whole_number("Simulation", "substeps", substeps, 1, MOST_SUBSTEPS, "1 is the default")
-        self.dt = _checked_dt(dt, self.substeps)
-        self.solver = solver if solver is not None else SolverOptions()
-        self.read_every = _checked_looks(read_every, self.substeps)
-        reports = _checked_reports(joint_reactions, joint_accelerations)
-        self.elements = _checked_elements(elements)
-        self.sensors = _named_apart(sensors)
-        all_solvers = _needs_all_solvers(model, self.solver)
-        sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
-        element_memory = [
-            reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
-        ]
-        effects = element_effects(self.elements)
-        layouts = run_layouts(model.sizes(**effects, **reports))
-        self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
-        """Records launches whose worlds are shared among threads."""
-        self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
-        """Where the sensors' clocks stand between two looks."""
-        slots = scratch_slots_of(self.shares)
-        layouts |= step_layouts(model, sizes, slots, own_slots=self.shares.own_slots)
-        copies = sum(4 * array.size for array in element_memory)
-        check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
-        self.control = Control(model, **effects)
-        self.diagnostics = Diagnostics(model, **reports)
-        self._config = self._step_config(**reports)
-        for sensor in self.sensors:  # all of them before any belongs to this Simulation
-            if hasattr(sensor, "check"):
+        self.model = checked_model(model)
+        self.substeps = checked_substeps(substeps)
+        self.dt = checked_dt(dt, self.substeps)
+        self.solver = checked_solver(solver)
+        self.read_every = checked_read_every(read_every, self.substeps)
+        reports = checked_reports(joint_reactions, joint_accelerations)
+        self.elements = checked_elements(elements)
+        self.sensors = checked_sensors(sensors)
+        with attached((*self.elements, *self.sensors)):
+            self._allocate(reports, threads)
+            for sensor in self.sensors:  # all of them before one is recorded
                 sensor.check(self, self._config.dt)
-        self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
-        self._scratch = make_scratch(model.device, slots, sizes)
-        self._progress = make_progress(model.device, model.world_count)
-        self.contacts = Contacts(model)
-        self._collision_scratch = make_collision_scratch(model.device, slots, collision_sizes(model))
-        self._contact_lists = make_lists(model.device, slots, list_sizes(model, own_slots=self.shares.own_slots))
-        self.state = initial_arrays(model)
-        self._measuring = self.shares.record(
-            measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
-            outputs=[self.state.arrays, self.contacts.arrays],
-        )  # fmt: skip
-        self._measuring.launch()
-        self._resetting = self._record_reset()
-        self.physics_commands = self._record_step(all_solvers, newton=sizes.factor_rows > 0)
-        """Recorded launches of a sub-step; those of the sensors come after them."""
-        self.sensor_commands = self._record_sensors()
-        """Those of each sensor in every sub-step."""
-        self._program = self.program(())
-        self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
-        """State of force elements and sensors; `Snapshot.memory` holds a copy."""
-        self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
-        """Properties that a snapshot must have in common with this Simulation."""
-        self._setting = self._record_setting()
-        self._weighing = self.shares.record(
-            measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
-            outputs=[self.diagnostics.energy],
-        )  # fmt: skip
-        self._warn_of_unshared()
-        self._state_check = self._checked_start(check_start)
-        self._publishing = self._record_outputs()
-        self._begin_sensors(self._all_worlds)
+            self._measuring = self.shares.record(
+                measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
+                outputs=[self.state.arrays, self.contacts.arrays],
+            )  # fmt: skip
+            self._measuring.launch()
+            self._resetting = self._record_reset()
+            self._colliding = self._record_collision()
+            self.physics_commands = self._record_physics()
+            """Recorded launches of a sub-step; those of the sensors come after them."""
+            self.sensor_commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
+            """Those of each sensor in every sub-step."""
+            self.read_interval.sensors += [sensor.record_interval(self) for sensor in self.sensors]
+            self._program = self.program(())
+            self.memory = (*self._element_memory, *(each for part in self.sensors for each in part.memory.values()))
+            """State of force elements and sensors; `Snapshot.memory` holds a copy."""
+            self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
+            """Properties that a snapshot must have in common with this Simulation."""
+            self._setting = self._record_setting()
+            self._measuring_energy = self.shares.record(
+                measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
+                outputs=[self.diagnostics.energy],
+            )  # fmt: skip
+            self._warn_of_unshared()
+            self._state_check = StateCheck(model, self.state, self.contacts, self._config, self._colliding)
+            if checked_flag("Simulation", "check_start", check_start):
+                self._state_check.warn(stacklevel=4)
+            self._publishing = [
+                command for part in self.elements for command in recorded(part.record_outputs, self, self._all_worlds)
+            ]
+            self._begin_sensors(self._all_worlds)
         self._fix()
 
     @property
@@ -202,8 +184,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         Raises:
             ModelError: `steps` is no such number.
         """
-        most = MOST_COUNTED // self.substeps
-        self._program.run(whole_number("step", "steps", steps, 0, most, "give the number of steps"))
+        self._program.run(checked_steps(steps, self.substeps))
 
     def advance(self, steps: int) -> None:
         """Take so many steps: another name for `step(steps)`."""
@@ -212,7 +193,7 @@ class Simulation(Readable, Readings, FixedAttributes):
     def program(self, before: Sequence[WorldLaunch]) -> StepProgram:
         """A step with launches before it (`shares.record`), to be run many times over without Python in between."""
         return StepProgram(
-            self.rounds, self.shares, before, self.physics_commands, self.sensor_commands, self.substeps
+            self.read_interval, self.shares, before, self.physics_commands, self.sensor_commands, self.substeps
         )  # fmt: skip
 
     def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
@@ -282,7 +263,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def measure_energy(self) -> wp.array:
         """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of joint springs."""
-        self._weighing.launch()
+        self._measuring_energy.launch()
         return self.diagnostics.energy
 
     def problems(self) -> list[str]:
@@ -294,7 +275,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             idle_changes(model, self.solver.contact_model),
             non_finite_parameters({name: getattr(model, name) for name in PARAMETERS}, model.world_count),
             {world: str(faults) for world, faults in self._state_check.by_world().items()},
-            *(part.world_problems() for part in self.elements if hasattr(part, "world_problems")),
+            *(part.world_problems() for part in self.elements),
         ]
         return explain_worlds(
             model, self.state, self.contacts, self.diagnostics, self.solver.tolerance, findings=findings
@@ -348,7 +329,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         for target, source in zip(present, kept, strict=True):
             wp.copy(target, source)
         self._run_in(self._all_worlds, self._publishing)
-        self.rounds.begin_as_counted()
+        self.read_interval.begin_from_clocks()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -375,68 +356,70 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     # ---- inside --------------------------------------------------------------------------------------------------
 
-    def _step_config(self, *, reactions: bool, accelerations: bool) -> StepConfig:
-        config = StepConfig()
-        config.dt = self.dt / self.substeps
-        config.max_depenetration_velocity = self.solver.max_depenetration_velocity
-        config.max_depenetration_rate = self.solver.max_depenetration_rate
-        config.pivot_tolerance = self.solver.pivot_tolerance
-        passes = self.solver.position_projection
-        config.projection_iterations = 0 if passes is None else passes
-        config.curvature_share = CURVATURE_SHARE if config.projection_iterations == 0 else 1.0
-        refinement = self.solver.refinement
-        config.refinement = int(self.model.mass_ratio > REFINED_MASS_RATIO) if refinement is None else refinement
-        config.max_iterations = self.solver.max_iterations
-        config.tolerance = self.solver.tolerance
-        config.row_tolerance = self.solver.row_tolerance
-        config.reactions = int(reactions)
-        config.accelerations = int(accelerations)
-        config.gyroscopic = int(self.solver.gyroscopic)
-        config.friction_law = FRICTION_LAWS.index(self.solver.friction_law)
-        config.solver = SOLVERS.index(self.solver.solver)
-        config.contact_model = CONTACT_MODELS.index(self.solver.contact_model)
-        config.restitution_threshold = self.solver.restitution_threshold
-        config.contact_margin = self.solver.contact_margin
-        config.dense_rows = self.solver.dense_rows
-        return config
+    def _allocate(self, reports: Mapping[str, bool], threads: int | None) -> None:
+        """The arrays of the run and of its steps, once it is known that they fit into the device's memory."""
+        model, solver = self.model, self.solver
+        self._all_solvers = needs_all_solvers(model, solver)
+        self._sizes = step_sizes(model, solver.dense_rows, self._all_solvers)
+        self._element_memory = [
+            reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
+        ]
+        effects = {"elements": bool(self.elements), "implicit": any(part.implicit for part in self.elements)}
+        self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
+        """Records launches whose worlds are shared among threads."""
+        self.read_interval = ReadInterval(self.read_every * self.substeps, self.shares)
+        """Where the sensors' clocks stand between two reads of their data."""
+        slots = scratch_slots_of(self.shares)
+        layouts = run_layouts(model.sizes(**effects, **reports))
+        layouts |= step_layouts(model, self._sizes, slots, own_slots=self.shares.own_slots)
+        copies = sum(4 * array.size for array in self._element_memory)
+        check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
+        self.control = Control(model, **effects)
+        self.diagnostics = Diagnostics(model, **reports)
+        self._config = step_config(solver, self.dt / self.substeps, model.mass_ratio, **reports)
+        self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
+        self._scratch = make_scratch(model.device, slots, self._sizes)
+        self._progress = make_progress(model.device, model.world_count)
+        self.contacts = Contacts(model)
+        self._collision_scratch = make_collision_scratch(model.device, slots, collision_sizes(model))
+        self._contact_lists = make_lists(model.device, slots, list_sizes(model, own_slots=self.shares.own_slots))
+        self.state = initial_arrays(model)
 
-    def _record_step(self, all_solvers: bool, *, newton: bool) -> list[Any]:
-        """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
-        commands = [command for part in self.elements for command in recorded(part.record, self, self._config.dt)]
-        self._colliding = record_collision(
+    def _record_collision(self) -> list[WorldLaunch]:
+        """The launches that find the contacts."""
+        return record_collision(
             self.shares,
             CollisionArrays(
                 config=self._config, model=self.model, state=self.state.arrays, contacts=self.contacts.arrays,
                 scratch=self._collision_scratch, lists=self._contact_lists,
             ),
         )  # fmt: skip
-        commands += self._colliding
+
+    def _record_physics(self) -> list[Any]:
+        """The launches of a sub-step, in order: forces of the elements, collision, step, what elements measure."""
         arrays = StepArrays(
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
             reports=self.diagnostics.arrays, scratch=self._scratch, progress=self._progress,
         )  # fmt: skip
-        commands += record_step(self.shares, arrays, all_solvers=all_solvers, newton=newton)
-        measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
-        return commands + [command for record in measuring for command in recorded(record, self, self._config.dt)]
-
-    def _record_sensors(self) -> list[list[Any]]:
-        """The launches of each sensor in every sub-step; where they are due in a round is told to `rounds`."""
-        commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
-        self.rounds.told += [
-            sensor.between_looks(self) if hasattr(sensor, "between_looks") else None for sensor in self.sensors
+        newton = self._sizes.factor_rows > 0
+        return [
+            *(command for part in self.elements for command in recorded(part.record, self, self._config.dt)),
+            *self._colliding,
+            *record_step(self.shares, arrays, all_solvers=self._all_solvers, newton=newton),
+            *(command for part in self.elements for command in recorded(part.record_after, self, self._config.dt)),
         ]
-        return commands
-
-    def _record_outputs(self) -> list[Any]:
-        """Launches that publish what elements tell of a state that was set."""
-        telling = [part.record_outputs for part in self.elements if hasattr(part, "record_outputs")]
-        return [command for record in telling for command in recorded(record, self, self._all_worlds)]
 
     def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state, which is that of now, back in the worlds of the mask."""
-        own = [part for part in self.elements if hasattr(part, "record_reset")]
-        copied = [array for part in self.elements if part not in own for array in part.memory.values()]
+        own: list[Any] = []
+        copied: list[wp.array] = []
+        for part in self.elements:
+            launches = recorded_or_none(part.record_reset, self, self._all_worlds)
+            if launches is None:
+                copied += part.memory.values()
+            else:
+                own += launches
         self._initial = State(self.model)
         self._initial.copy_from(self.state)
         words = [reinterpret_int32(array, self.model.world_count) for array in copied]
@@ -450,8 +433,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             self.shares.record(copy_rows, inputs=[self._all_worlds, initial], outputs=[present])
             for present, initial in self._initial_memory
         ]
-        resetting = [command for part in own for command in recorded(part.record_reset, self, self._all_worlds)]
-        return [state, *rows, *resetting]
+        return [state, *rows, *own]
 
     def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
         """Launches that set worlds to coordinates and rates, each with the index of these inputs."""
@@ -472,20 +454,13 @@ class Simulation(Readable, Readings, FixedAttributes):
         )  # fmt: skip
         return [(assemble, 5), (flag, 1)]
 
-    def _checked_start(self, wanted: Any) -> StateCheck:
-        """Looks for faults of the state; warns of those of the start where that is wanted."""
-        check = StateCheck(self.model, self.state, self.contacts, self._config, self._colliding)
-        if checked_flag("Simulation", "check_start", wanted):
-            check.warn(stacklevel=5)
-        return check
-
     def _warn_of_unshared(self) -> None:
-        names = unshared(self._program.everywhere.commands)
+        names = unshared(self._program.every.commands)
         if names and self.shares.threads > 1:
             warnings.warn(
                 f"Simulation: {', '.join(names)} will run on one of {self.shares.threads} threads, as wp.launch "
                 "recorded it; record it with simulation.shares.record",
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def _run_in(self, mask: wp.array, commands: Sequence[WorldLaunch]) -> None:
@@ -498,7 +473,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         """Outputs of force elements and frames of the present state, in worlds where somebody set it."""
         self._run_in(mask, self._publishing)
         if mask is self._all_worlds:
-            self.rounds.begin_all()
+            self.read_interval.begin_all()
         for sensor in self.sensors:
             sensor.begin(self, mask)
 
@@ -523,75 +498,3 @@ def _span(array: wp.array, unit: str) -> str:
     values = array.numpy()
     least, most = values.min(), values.max()
     return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"
-
-
-def _checked_looks(read_every: Any, substeps: int) -> int:
-    """Steps between two looks at the sensors, whose clocks count sub-steps."""
-    return whole_number("Simulation", "read_every", read_every, 1, MOST_COUNTED // substeps, "1 is the default")
-
-
-def _checked_reports(joint_reactions: Any, joint_accelerations: Any) -> dict[str, bool]:
-    """The reports that are made only where they are asked for."""
-    return {
-        "reactions": checked_flag("Simulation", "joint_reactions", joint_reactions),
-        "accelerations": checked_flag("Simulation", "joint_accelerations", joint_accelerations),
-    }
-
-
-def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
-    """The sensors, whose names are all different: their randomness hangs on them."""
-    if not isinstance(sensors, (list, tuple)):
-        if isinstance(sensors, Iterable) and not isinstance(sensors, (str, bytes, dict)):
-            sensors = tuple(sensors)
-        else:
-            raise ModelError(f"Simulation: sensors must be a list, got {shown(sensors)}; write sensors=[...]")
-    for sensor in sensors:
-        known = all(hasattr(sensor, part) for part in ("name", "memory", "record", "begin"))
-        if isinstance(sensor, type) or not known:
-            raise ModelError(
-                f"Simulation: sensors must be sensors, got {shown(sensor)} among them; make one first, such as "
-                "Camera(scene, mount, config)"
-            )
-    names = [sensor.name for sensor in sensors]
-    for name in names:
-        if names.count(name) > 1:
-            raise ModelError(f"Simulation: two sensors are called '{name}'; give one another name")
-    return tuple(sensors)
-
-
-def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
-    """The force elements, all of which can be one."""
-    if isinstance(elements, (str, bytes, dict)) or not isinstance(elements, Iterable):
-        raise ModelError(f"Simulation: elements must be a list, got {shown(elements)}; write elements=[...]")
-    listed = tuple(elements)
-    for part in listed:
-        if isinstance(part, type) or not (hasattr(part, "memory") and hasattr(part, "record")):
-            raise ModelError(
-                f"Simulation: elements must be force elements, got {shown(part)} among them; make one first, such as "
-                "Vehicle(model, ...)"
-            )
-    if len({id(part) for part in listed}) < len(listed):
-        twice = next(part for k, part in enumerate(listed) if any(part is other for other in listed[:k]))
-        raise ModelError(f"Simulation: elements must stand there once each, got {type(twice).__name__} twice; drop one")
-    return listed
-
-
-def _needs_all_solvers(model: Model, solver: SolverOptions) -> bool:
-    """Whether other solvers than accelerated gradient descent may run."""
-    fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
-    other = solver.solver != ConeSolver.APGD.name.lower()
-    return other or (fallback if solver.fallback is None else solver.fallback)
-
-
-def _checked_dt(dt: Any, substeps: int) -> float:
-    """Time of a step [s], whose sub-steps float32 can divide by."""
-    given = number(dt)
-    if not 0.0 < given <= FLOAT32_MAX:
-        finite = "" if given <= 0.0 else " and finite"
-        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {shown(dt)}; give the time of a step")
-    if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
-        raise ModelError(
-            f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "
-            "take a time that float32 resolves"
-        )
-    return given

@@ -7,11 +7,19 @@ from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
+from simwarp.kernels.core.tables import StepConfig
 from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
+from simwarp.model.model import Model
 
 SOLVERS: Final = tuple(solver.name.lower() for solver in ConeSolver)
 FRICTION_LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)
 CONTACT_MODELS: Final = tuple(model.name.lower() for model in ContactModel)
+
+REFINED_MASS_RATIO: Final = 100.0
+"""Masses that differ by more get a pass of refinement and the fallback solver, unless the options say otherwise."""
+CURVATURE_SHARE: Final = 1.0 / 3.0
+"""Of the error that a step adds to a moving joint: what keeps the energy best without position projection, which wants
+all of it (docs/theory.md)."""
 
 MOST_ITERATIONS: Final = 10_000_000
 """Forty gradient steps may stand for each one: their number stays below 2^31."""
@@ -103,3 +111,39 @@ class SolverOptions(ReadableFields):
 
 def _default(field: str) -> Any:
     return SolverOptions.__dataclass_fields__[field].default
+
+
+def needs_all_solvers(model: Model, options: SolverOptions) -> bool:
+    """Whether other solvers than accelerated gradient descent may run."""
+    fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
+    other = options.solver != ConeSolver.APGD.name.lower()
+    return other or (fallback if options.fallback is None else options.fallback)
+
+
+def step_config(options: SolverOptions, dt: float, mass_ratio: float, *, reactions: bool, accelerations: bool) -> Any:
+    """The numbers of a sub-step of `dt` [s] as kernels read them.
+
+    Args:
+        options: of the solver.
+        dt: of the sub-step [s].
+        mass_ratio: of the heaviest to the lightest body.
+        reactions: record the joints' reactions.
+        accelerations: record the coordinates' accelerations.
+    """
+    config: Any = StepConfig()
+    config.dt = dt
+    for name in (
+        "max_depenetration_velocity", "max_depenetration_rate", "pivot_tolerance", "max_iterations", "tolerance",
+        "row_tolerance", "restitution_threshold", "contact_margin", "dense_rows",
+    ):  # fmt: skip
+        setattr(config, name, getattr(options, name))
+    config.projection_iterations = options.position_projection or 0
+    config.curvature_share = CURVATURE_SHARE if config.projection_iterations == 0 else 1.0
+    refined = int(mass_ratio > REFINED_MASS_RATIO)
+    config.refinement = refined if options.refinement is None else options.refinement
+    config.reactions, config.accelerations = int(reactions), int(accelerations)
+    config.gyroscopic = int(options.gyroscopic)
+    config.friction_law = FRICTION_LAWS.index(options.friction_law)
+    config.solver = SOLVERS.index(options.solver)
+    config.contact_model = CONTACT_MODELS.index(options.contact_model)
+    return config

@@ -22,9 +22,9 @@ from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
 from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.requirements import collision_sizes, list_sizes, scratch_slots_of, step_sizes
-from simwarp.simulation.solver_options import SolverOptions
+from simwarp.simulation.solver_options import SolverOptions, step_config
 from simwarp.simulation.state import State, initial_arrays
+from simwarp.simulation.step_sizes import collision_sizes, list_sizes, scratch_slots_of, step_sizes
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares
 
 MOST_NAMED: Final = 4
@@ -107,12 +107,12 @@ class StateFaults:
 
     def __str__(self) -> str:
         """One line; empty where there is nothing."""
-        told = []
+        parts = []
         if self.overlaps:
-            told.append(f"shapes overlap: {_listed(self.overlaps)}")
+            parts.append(f"shapes overlap: {_listed(self.overlaps)}")
         if self.limits:
-            told.append(f"outside limits: {_listed(self.limits)}")
-        return "; ".join(told)
+            parts.append(f"outside limits: {_listed(self.limits)}")
+        return "; ".join(parts)
 
 
 def _listed(found: Sequence[Overlap] | Sequence[PassedLimit]) -> str:
@@ -259,7 +259,6 @@ def initial_faults(model: Model) -> StateFaults:
     Args:
         model: of one world, best.
     """
-    solver = SolverOptions()
     shares = WorldShares(model.world_count, 1, model.device)
     state, contacts = initial_arrays(model), Contacts(model)
     worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
@@ -267,12 +266,7 @@ def initial_faults(model: Model) -> StateFaults:
     scratch = make_scratch(model.device, slots, step_sizes(model, 0, False))
     inputs = [worlds, model.topology, model.parameters, scratch]
     shares.record(measure_worlds, inputs=inputs, outputs=[state.arrays, contacts.arrays]).launch()
-    config = StepConfig()
-    config.dt = USUAL_STEP
-    config.contact_margin = solver.contact_margin
-    config.contact_model = int(ContactModel.RIGID)
-    config.max_depenetration_velocity = solver.max_depenetration_velocity
-    config.max_depenetration_rate = solver.max_depenetration_rate
+    config = step_config(SolverOptions(), USUAL_STEP, model.mass_ratio, reactions=False, accelerations=False)
     arrays = CollisionArrays(
         config=config, model=model, state=state.arrays, contacts=contacts.arrays,
         scratch=make_collision_scratch(model.device, slots, collision_sizes(model)),

@@ -12,12 +12,12 @@ import warp as wp
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, shown
 from simwarp.model.checks import whole_number
-from simwarp.simulation.protocols import StepContext
-from simwarp.simulation.requirements import scratch_slots_of
+from simwarp.simulation.attachments import StepContext
+from simwarp.simulation.step_sizes import scratch_slots_of
 from simwarp.soil.bulldozing_kernels import FlowScratch, FlowTables, push_soil_aside
 from simwarp.soil.soil_shapes import SoilShape, greatest_reach
 
-MOST_STEPS: Final = 100
+STEP_LIMIT: Final = 100
 """Of erosion, and nodes that take part around a patch."""
 
 
@@ -47,16 +47,16 @@ class Bulldozing(ReadableFields):
         _check("flow", self.flow, 0.0, 1.0, "above 0 and at most 1", "without any, leave bulldozing out")
         _check("period", self.period, 0.0, 1.0, "above 0 and at most 1 s", "0.01 is usual")
         for name in ("iterations", "propagation"):
-            whole_number("bulldozing", name, getattr(self, name), 1, MOST_STEPS, "5 to 10 are usual")
+            whole_number("bulldozing", name, getattr(self, name), 1, STEP_LIMIT, "5 to 10 are usual")
 
-    def told(self) -> str:
-        """In a few words."""
+    def description(self) -> str:
+        """Flow, period and angle in one line."""
         return f"{100.0 * self.flow:g} % every {1e3 * self.period:g} ms, heaps up to {math.degrees(self.angle):g} deg"
 
 
-def _check(name: str, value: Any, above: float, most: float, rule: str, remedy: str) -> None:
+def _check(name: str, value: Any, above: float, limit: float, rule: str, remedy: str) -> None:
     number = isinstance(value, int | float) and math.isfinite(value)
-    if not (number and above < value <= most):
+    if not (number and above < value <= limit):
         raise ModelError(f"bulldozing: {name} must be {rule}, got {shown(value)}; {remedy}")
 
 

@@ -11,8 +11,8 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
+from simwarp.soil.deformed_surface_kernels import greatest_raise, node_drop
 from simwarp.soil.footprint_kernels import Pose, footprint_of, node_number, shape_pose, surface_above
-from simwarp.soil.level_kernels import greatest_raise, node_drop
 from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
 from simwarp.soil.soil_tables_kernels import SoilNodes, SoilShapes, SoilTables
 from simwarp.soil.wheel_surface_kernels import NOTHING

@@ -95,9 +95,9 @@ def check_map(
     low, high = _field_bounds(ground, model)
     last = np.array(origin) + np.array(cell) * (shape[-1], shape[-2])
     if (low < np.array(origin) - 1e-6).any() or (high > last + 1e-6).any():
-        told = [f"x {a[0]:.4g} to {b[0]:.4g}, y {a[1]:.4g} to {b[1]:.4g}" for a, b in ((low, high), (origin, last))]
+        extents = [f"x {a[0]:.4g} to {b[0]:.4g}, y {a[1]:.4g} to {b[1]:.4g}" for a, b in ((low, high), (origin, last))]
         remedy = "set map_origin and map_cell"
-        raise ModelError(f"soil: soil_map must cover the ground, {told[0]} m, got {told[1]}; {remedy}")
+        raise ModelError(f"soil: soil_map must cover the ground, {extents[0]} m, got {extents[1]}; {remedy}")
 
 
 def _field_bounds(ground: TerrainTables, model: Model) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:

@@ -7,6 +7,8 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.soil.bekker_janosi_kernels import Law, law_of
+from simwarp.soil.deformed_surface_kernels import node_drop
 from simwarp.soil.footprint_kernels import (
     Below,
     Footprint,
@@ -20,8 +22,6 @@ from simwarp.soil.footprint_kernels import (
     shape_pose,
     soil_at,
 )
-from simwarp.soil.law_kernels import Law, law_of
-from simwarp.soil.level_kernels import node_drop
 from simwarp.soil.pages_kernels import find_page, slot_in
 from simwarp.soil.pressing_kernels import claim_pages_below, clear_world
 from simwarp.soil.soil_tables_kernels import (

@@ -11,6 +11,8 @@ from simwarp.kernels.core.fields import ControlArrays, StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.soil.bekker_janosi_kernels import Law, law_of, press
+from simwarp.soil.deformed_surface_kernels import greatest_raise, node_drop
 from simwarp.soil.footprint_kernels import (
     Below,
     Pose,
@@ -29,8 +31,6 @@ from simwarp.soil.footprint_kernels import (
     soil_at,
     surface_above,
 )
-from simwarp.soil.law_kernels import Law, law_of, press
-from simwarp.soil.level_kernels import greatest_raise, node_drop
 from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
 from simwarp.soil.soil_tables_kernels import (
     BALL,

@@ -15,13 +15,13 @@ from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
 from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
+from simwarp.soil.deformed_surface_kernels import SoilCover, find_heights
 from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
 from simwarp.soil.imprint_kernels import find_resting_shifts, imprint_worlds, keep_forces
-from simwarp.soil.level_kernels import SoilCover, find_heights
 from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
@@ -55,7 +55,7 @@ class ShearMemory(enum.Enum):
     """How far alone, as in Chrono: the force is against the slip of the moment."""
 
 
-class Soil(Readable):
+class Soil(ForceElement, Readable):
     """Deformable ground: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
 
     Only nodes that something touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that
@@ -152,7 +152,7 @@ class Soil(Readable):
             "nodes": f"every {self.spacing:g} m, in {self.pages} pages per world ({self.pages * each / 1e6:.2g} MB)",
         }
         if self.bulldozing is not None:
-            rows["bulldozing"] = self.bulldozing.told()
+            rows["bulldozing"] = self.bulldozing.description()
         return rows
 
     @property
@@ -240,12 +240,10 @@ class Soil(Readable):
         """Worlds that took pages again since their last reset, with the remedy. Waits for the device."""
         again = self.recycled.numpy()
         return {
-            int(
-                world
-            ): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them are "
-            f"gone; Soil(pages={min(self.pages + int(again[world]), MOST_PAGES)}) keeps them"
+            int(world): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them "
+            f"are gone; Soil(pages={min(self.pages + int(again[world]), MOST_PAGES)}) keeps them"
             for world in np.nonzero(again > 0)[0]
-        }
+        }  # fmt: skip
 
     def keep_forces(self, world_mask: Any = None) -> None:
         """Makes the present forces on the shapes those that `imprint` puts back: for where all has come to rest.
@@ -304,7 +302,7 @@ class Soil(Readable):
         return [simulation.shares.record(imprint_worlds, inputs=inputs, outputs=[self._nodes])]
 
     def _placed(self, simulation: StepContext) -> list[Any]:
-        """What tells where shapes stand on which soil."""
+        """The inputs of kernels that find where shapes stand on which soil."""
         return [self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
 
     def _record_imprinting(self, simulation: StepContext) -> tuple[WorldLaunch, ...]:
@@ -319,8 +317,6 @@ class Soil(Readable):
             inputs=[self._all_worlds, self.rest_force_b, *self._placed(simulation)], outputs=[self._shift],
         )  # fmt: skip
         return (keep, *self.record_imprint(simulation, self._all_worlds), shifts)
-
-    # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -389,10 +385,10 @@ def _adds(soil: Soil, simulation: StepContext) -> list[int]:
     bodies = soil.assigned_bodies
     found = [0] * len(bodies)
     for k, part in enumerate(simulation.elements):
-        shared = [at for at, body in enumerate(bodies) if body in getattr(part, "assigned_bodies", ())]
+        shared = [at for at, body in enumerate(bodies) if body in part.assigned_bodies]
         if k < place:
             for at in shared:
-                found[at] = max(found[at], 2 if getattr(part, "implicit", False) else 1)
+                found[at] = max(found[at], 2 if part.implicit else 1)
         elif k > place and shared and not isinstance(part, Soil):
             body = soil.model.body_names[bodies[shared[0]]]
             raise ModelError(

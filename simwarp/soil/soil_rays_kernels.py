@@ -1,4 +1,4 @@
-"""Rays against soil: the undeformed ground, and where wheels were the triangles between nodes (level_kernels.py).
+"""Rays against soil: the undeformed ground, and the triangles between nodes that wheels have touched.
 
 All nodes of a world lie in a layer about the undeformed ground, between its copies raised by the greatest raise and
 lowered by the greatest drop. Within the layer a ray walks the soil's cells (Amanatides and Woo 1987). It knows on which
@@ -13,7 +13,7 @@ from simwarp.kernels.collision.surfaces import NEVER, SurfaceHit, height_field_r
 from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.rays.primitives import plane_ray
 from simwarp.sensors.ray_instances_kernels import SoilPlace, SoilView
-from simwarp.soil.level_kernels import (
+from simwarp.soil.deformed_surface_kernels import (
     FARTHEST,
     SoilCell,
     SoilCover,

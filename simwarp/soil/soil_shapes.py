@@ -258,7 +258,7 @@ def shape_tables(model: Model, shapes: Sequence[SoilShape]) -> Any:
 
 
 def share_bodies(table: Any, model: Model, shapes: Sequence[SoilShape], adds: Sequence[int]) -> int:
-    """Tells the kernels which bodies get several sums; how many they are.
+    """Writes into the tables which bodies get several sums; returns how many they are.
 
     Args:
         table: of the shapes.

@@ -1,4 +1,4 @@
-"""Soil under vehicles: their wheels as a soil takes them, and what it tells their tires."""
+"""Soil under vehicles: their wheels as shapes of a soil, whose loads and slips their tires report."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def soil_under(
     soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
     shapes: Sequence[SoilShape] = (), **options: Any,
 ) -> Soil:  # fmt: skip
-    """Soil under the wheels of vehicles of one model; their `tires` tell its loads, slips and sinkages.
+    """Soil under the wheels of vehicles of one model; their `tires` report its loads, slips and sinkages.
 
     Args:
         vehicles: on `soil-rigid` tires.

@@ -12,7 +12,7 @@ from simwarp.core.arrays import writable
 from simwarp.core.readable import Names, Readable, Row, array_text, plural
 from simwarp.core.types import ModelError, Vec3, finite_vector
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
@@ -41,7 +41,7 @@ cost a fifth of the step.
 """
 
 
-class Vehicles(Readable):
+class Vehicles(ForceElement, Readable):
     """Tires, powertrain, brakes and steering of alike vehicles of one world, in every world: one `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[vehicles], solver=VEHICLE_SOLVER)`. `vehicles[k]` is a
@@ -171,8 +171,6 @@ class Vehicles(Readable):
         """(W, V, 4), the inputs, as drivers' kernels take them."""
         return self.input
 
-    # ---- ForceElement ----------------------------------------------------------------------------------------------
-
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps. The couplings of the gears follow from the gears."""
@@ -244,7 +242,7 @@ class Vehicles(Readable):
         ]  # fmt: skip
 
 
-class Vehicle(Readable):
+class Vehicle(ForceElement, Readable):
     """Tires, powertrain, brakes and steering of one vehicle, in every world: a `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=VEHICLE_SOLVER)`. One of `Vehicles` has
@@ -327,8 +325,6 @@ class Vehicle(Readable):
         """(W, 1, 4), the inputs with an axis of vehicles, as drivers' kernels take them."""
         return self._vehicles.input[:, self._number : self._number + 1]
 
-    # ---- ForceElement ----------------------------------------------------------------------------------------------
-
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
@@ -351,6 +347,14 @@ class Vehicle(Readable):
     def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that measures the motion in worlds whose state was set."""
         return self._element().record_outputs(simulation, mask)
+
+    @property
+    def _attached(self) -> bool:
+        return self._element()._attached
+
+    @_attached.setter
+    def _attached(self, value: bool) -> None:
+        self._element()._attached = value
 
     def _element(self) -> Vehicles:
         """What acts in the simulation: this vehicle alone."""

@@ -108,7 +108,7 @@ def build_physics(
         elements=[*attachments.elements, *(elements(model) if elements else ())], sensors=attachments.sensors,
         read_every=config.decimation, check_start=False,
     )  # fmt: skip
-    simulation.rounds.watched = True  # a captured control step is recorded anew where `in_step` has changed
+    simulation.read_interval.asked_before_replay = True  # `at_start`, by whoever captures a control step
     state, control = simulation.state, simulation.control
     views = PhysicsViews(
         joint_q=to_torch(state.joint_q),

@@ -650,7 +650,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
             Metrics, observations before the reset where they are kept, observations after it.
         """
         if self.simulation is not None:
-            self._sensors_in_step = self.simulation.rounds.in_step
+            self._sensors_in_step = self.simulation.read_interval.at_start
         run = self._captured.run
         if self.before_reset is None:
             results, rewritten = run("step", lambda: [phase() for phase in phases])

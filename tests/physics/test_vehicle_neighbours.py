@@ -10,7 +10,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.model.builder import ModelBuilder
-from simwarp.simulation.requirements import step_layouts, step_sizes
+from simwarp.simulation.step_sizes import step_layouts, step_sizes
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.spec.variants import with_options

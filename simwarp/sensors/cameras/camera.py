@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
 import warp as wp
@@ -20,13 +20,14 @@ from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import LensField, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor, mount_arrays
+from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 OUTPUTS: Final[dict[str, tuple[int, int, Any]]] = {
     "rgb": (1, 3, wp.uint8),
@@ -92,8 +93,8 @@ class CameraConfig(Configuration):
         camera_numbers(self)
 
 
-class Camera(ReadableSensor):
-    """A camera on a body, or fixed in the world, in every world.
+class Camera(FrameSensor):
+    """A camera on a body, or fixed in the world, in every world: a `Sensor` for `Simulation(sensors=[...])`.
 
     Args:
         scene: instances that it sees.
@@ -115,6 +116,8 @@ class Camera(ReadableSensor):
         ModelError: the body, or a name in `per_world`, is not usable.
     """
 
+    only_in_windows: ClassVar[bool] = True
+
     def __init__(
         self, scene: Scene, mount: Mount, config: CameraConfig | None = None, *,
         lights: Lights | Lighting | None = None, name: str = "camera", seed: int = 0, per_world: Iterable[str] = (),
@@ -122,13 +125,14 @@ class Camera(ReadableSensor):
         config = checked_config(name, config, CameraConfig)
         model = scene_model(f"camera '{name}'", scene)
         wanted = wanted_arrays(f"camera '{name}'", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
-        self.name, self.scene, self.config = name, scene, config
+        self.scene, self.config = scene, config
         self.numbers = camera_numbers(config)
+        self._lit = any(output in LIGHT_OUTPUTS for output in config.outputs)
         fields: dict[str, Field] = {
             output: Field((config.height, config.width, OUTPUTS[output][1]), OUTPUTS[output][2])
             for output in config.outputs
         }
-        self.frames = FrameBuffer(name, config.schedule, model, fields, seed=seed)
+        super().__init__(name, config.schedule, model, fields, seed=seed)
         copies = model.world_count if "mount" in wanted else 1
         self.mount = mount_arrays(name, mount, model, copies)
         self.image_processing = ImageProcessing(
@@ -150,57 +154,24 @@ class Camera(ReadableSensor):
         return self.frames.data
 
     @property
-    def timestamp(self) -> wp.array:
-        """(W,) float64, the world's time when the published frame was complete [s]."""
-        return self.frames.timestamp
-
-    @property
-    def valid(self) -> wp.array:
-        """(W,) bool, false in frozen worlds."""
-        return self.frames.valid
-
-    @property
     def memory(self) -> Mapping[str, wp.array]:
         """Frames, clock, and the light of a frame that is being collected."""
-        return {**self.frames.memory, **({"sums": self._sums} if self._sums.size else {})}
+        return {**super().memory, **({"sums": self._sums} if self._sums.size else {})}
 
-    def check(self, simulation: StepContext, dt: float) -> None:
-        """Refuses a Simulation that the camera cannot be part of.
+    def _scratch_bytes(self, dt: float) -> int:
+        """Sums of the light over a window."""
+        blurred = self._lit and self.config.schedule.steps(dt).window > 1
+        return 12 * self.model.world_count * self.config.width * self.config.height if blurred else 0
 
-        Raises:
-            ModelError: see `FrameBuffer.check`.
-        """
-        lit = any(output in LIGHT_OUTPUTS for output in self.config.outputs)
-        blurred = lit and self.config.schedule.steps(dt).window > 1
-        sums = 12 * self.scene.model.world_count * self.config.width * self.config.height
-        self.frames.check(simulation, dt, sums if blurred else 0)
-
-    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launches of a sub-step of `dt` [s].
-
-        Raises:
-            ModelError: see `FrameBuffer.check`.
-        """
-        return self.frames.record(simulation, dt, lambda: self._samples(simulation))
-
-    def between_looks(self, simulation: StepContext) -> ClockRound | None:
-        """Launches where they are due, between two looks at the data."""
-        return self.frames.between_looks(simulation)
-
-    def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Resets the worlds of the (W,) bool mask and publishes a picture of their present state."""
-        self.frames.begin(simulation, mask)
-
-    def _samples(self, simulation: StepContext) -> list[Any]:
+    def _sample(self, simulation: StepContext) -> list[Any]:
         """Launches of a sub-step: place the scene, aim, cast."""
-        model, config, tick = self.scene.model, self.config, self.frames.tick
+        model, config, tick = self.model, self.config, self.frames.tick
         window = max(self.frames.steps.window, 1)
-        lit = any(output in LIGHT_OUTPUTS for output in config.outputs)
         self.numbers.samples = window * math.ceil(config.samples**2 / window)
-        if lit and window > 1:
+        if self._lit and window > 1:
             pixels = config.width * config.height
             self._sums = wp.zeros((model.world_count, pixels), dtype=wp.vec3, device=model.device)
-        due = tick.collecting if lit else tick.complete
+        due = tick.collecting if self._lit else tick.complete
         aim = simulation.shares.record(
             aim_views,
             inputs=[self.numbers, self.mount, tick, simulation.state.arrays, self._tables], outputs=[self._views],

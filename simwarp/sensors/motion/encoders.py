@@ -23,7 +23,7 @@ from simwarp.sensors.noise import Noise, NoiseChain, Numbers, PositiveNumbers
 from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 READINGS: Final = ("position", "counts", "speed")
 MEMORY: Final = ("origin", "last", "start")
@@ -41,7 +41,7 @@ def _not_zero(ratio: Any) -> None:
 class EncoderConfig(Configuration):
     """An encoder on coordinates of joints: a joint encoder, or that of a wheel.
 
-    Everything is told of the encoder's own shaft, which moves `ratio` times as far as the coordinate. It knows whole
+    Everything is measured at the encoder's own shaft, which moves `ratio` times as far as the coordinate. It knows whole
     turns: positions go on beyond one.
 
     Attributes:

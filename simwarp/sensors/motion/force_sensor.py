@@ -19,7 +19,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class LoadCellConfig(Configuration):
 class ContactSensor(VectorSensor):
     """The sum of all contact forces on a body, in axes of the sensor. Tires are force elements: they are not in it.
 
-    Forces of a sub-step are told in the axes that the sensor had at its beginning.
+    Forces of a sub-step are given in the axes that the sensor had at its beginning.
 
     Args:
         model: whose worlds it measures; with shapes.

@@ -21,7 +21,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 MAJOR = 6378137.0
 """Equatorial radius of WGS84 [m]."""

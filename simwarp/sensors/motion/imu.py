@@ -17,7 +17,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 Output: TypeAlias = Literal["accelerometer", "gyroscope"]
 OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, get_args
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
 from simwarp.core.types import ModelError, shown
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor, mount_arrays
+from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beam, Beams
 from simwarp.sensors.ranging.lidar_kernels import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
@@ -31,7 +32,7 @@ from simwarp.sensors.ranging.scanning import (
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 MODES: Final = tuple(mode.name.lower() for mode in ReturnMode)
 Output: TypeAlias = Literal["points", "ranges"]
@@ -105,7 +106,7 @@ class LidarConfig(Configuration):
         check_reach("LidarConfig", self.near, self.far)
 
 
-class Lidar(ReadableSensor):
+class Lidar(FrameSensor):
     """Scans every world; a `Sensor` for `Simulation(sensors=[...])`.
 
     Sensor axes: x ahead, y left, z up, those of the mount. Points are given in the axes that the sensor had when their
@@ -128,6 +129,8 @@ class Lidar(ReadableSensor):
         ModelError: the body does not exist, the noise does not fit the worlds, or `per_world` names something else.
     """
 
+    only_in_windows: ClassVar[bool] = True
+
     def __init__(
         self, scene: Scene, mount: Mount, config: LidarConfig | None = None, *, name: str = "lidar", seed: int = 0,
         per_world: Iterable[str] = (),
@@ -135,7 +138,7 @@ class Lidar(ReadableSensor):
         thing = f"lidar '{name}'"
         model = scene_model(thing, scene)
         config = checked_config(name, config, LidarConfig, default=False)
-        self.name, self.model, self.config, self.scene = name, model, config, scene
+        self.config, self.scene = config, scene
         wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount"))
         self.returns = 2 if config.mode == "dual" else 1
         rows, columns = config.beams.shape
@@ -143,9 +146,8 @@ class Lidar(ReadableSensor):
         fields: dict[str, Field] = {
             output: Field((rows, columns, widths[output]), wp.float32) for output in config.outputs
         }
-        self.frames = FrameBuffer(
-            name, config.schedule, model, {**fields, "count": Field((), wp.int32)}, seed=seed, gradual=True
-        )  # fmt: skip
+        fields["count"] = Field((), wp.int32)
+        super().__init__(name, config.schedule, model, fields, seed=seed, gradual=True)
         self.noise = noise_arrays(thing, config.noise, model, wanted)
         self.mount = mount_arrays(name, mount, model, model.world_count if "mount" in wanted else 1)
         self._scan = scan_tables(self.mount, config.beams, config.near, config.far, model.device)
@@ -182,42 +184,7 @@ class Lidar(ReadableSensor):
         """(W,) int32: returns in the frame; those of mode dual count twice."""
         return self.frames.data["count"]
 
-    @property
-    def timestamp(self) -> wp.array:
-        """(W,) float64: the world's time when the sweep was complete [s]."""
-        return self.frames.timestamp
-
-    @property
-    def valid(self) -> wp.array:
-        """(W,) bool, false in frozen worlds."""
-        return self.frames.valid
-
-    @property
-    def memory(self) -> Mapping[str, wp.array]:
-        """Clock and frames, arrays (W, ...) or (W·slots, ...) by name."""
-        return self.frames.memory
-
-    def check(self, simulation: StepContext, dt: float) -> None:
-        """Refuses a Simulation that it cannot be part of.
-
-        Raises:
-            ModelError: see `FrameBuffer.check`.
-        """
-        self.frames.check(simulation, dt)
-
-    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launches of a sub-step of `dt` [s]."""
-        return self.frames.record(simulation, dt, lambda: self._samples(simulation))
-
-    def between_looks(self, simulation: StepContext) -> ClockRound | None:
-        """Launches where they are due, between two looks at the data."""
-        return self.frames.between_looks(simulation)
-
-    def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Publishes a frame of the present state in the worlds of the (W,) mask, as if they had always stood so."""
-        self.frames.begin(simulation, mask)
-
-    def _samples(self, simulation: StepContext) -> list[Any]:
+    def _sample(self, simulation: StepContext) -> list[Any]:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)

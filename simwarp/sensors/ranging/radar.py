@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -12,7 +12,8 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, ReadableSensor, mount_arrays
+from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.clusters_kernels import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
@@ -31,7 +32,7 @@ from simwarp.sensors.ranging.scanning import (
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
 if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
+    from simwarp.simulation.attachments import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -114,7 +115,7 @@ class RadarConfig(Configuration):
         check_reach("RadarConfig", self.near, self.far)
 
 
-class Radar(ReadableSensor):
+class Radar(FrameSensor):
     """Measures range, direction and range rate in every world; a `Sensor` for `Simulation(sensors=[...])`.
 
     The range rate is that of the surface that a ray meets, seen from the moving sensor, positive where it goes away:
@@ -138,6 +139,8 @@ class Radar(ReadableSensor):
         ModelError: the body does not exist, the noise does not fit the worlds, or `per_world` names something else.
     """
 
+    only_in_windows: ClassVar[bool] = True
+
     def __init__(
         self, scene: Scene, mount: Mount, config: RadarConfig | None = None, *, name: str = "radar", seed: int = 0,
         per_world: Iterable[str] = (),
@@ -145,14 +148,14 @@ class Radar(ReadableSensor):
         thing = f"radar '{name}'"
         model = scene_model(thing, scene)
         config = checked_config(name, config, RadarConfig, default=False)
-        self.name, self.model, self.config, self.scene = name, model, config, scene
+        self.config, self.scene = config, scene
         wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount", "backscatter"))
         rows, columns = config.rays.shape
         fields = {"returns": Field((rows, columns, CHANNELS), wp.float32)}
         if config.clusters is not None:
             fields["clusters"] = Field((config.clusters.capacity, CLUSTER_CHANNELS), wp.float32)
             fields["cluster_count"] = fields["cluster_overflow"] = Field((), wp.int32)
-        self.frames = FrameBuffer(name, config.schedule, model, fields, seed=seed, gradual=True)
+        super().__init__(name, config.schedule, model, fields, seed=seed, gradual=True)
         self.noise = noise_arrays(thing, config.noise, model, wanted)
         values = scene.reflectance.numpy()
         copies = model.world_count if "backscatter" in wanted and len(values) == 1 else 1
@@ -187,42 +190,7 @@ class Radar(ReadableSensor):
         """(W,) int32: clusters that found no place; raise `Clusters.capacity` if it is not 0."""
         return self._of_clusters("cluster_overflow")
 
-    @property
-    def timestamp(self) -> wp.array:
-        """(W,) float64: the world's time when the frame was complete [s]."""
-        return self.frames.timestamp
-
-    @property
-    def valid(self) -> wp.array:
-        """(W,) bool, false in frozen worlds."""
-        return self.frames.valid
-
-    @property
-    def memory(self) -> Mapping[str, wp.array]:
-        """Clock and frames, arrays (W, ...) or (W·slots, ...) by name."""
-        return self.frames.memory
-
-    def check(self, simulation: StepContext, dt: float) -> None:
-        """Refuses a Simulation that it cannot be part of.
-
-        Raises:
-            ModelError: see `FrameBuffer.check`.
-        """
-        self.frames.check(simulation, dt, self._scratch_bytes())
-
-    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launches of a sub-step of `dt` [s]."""
-        return self.frames.record(simulation, dt, lambda: self._samples(simulation))
-
-    def between_looks(self, simulation: StepContext) -> ClockRound | None:
-        """Launches where they are due, between two looks at the data."""
-        return self.frames.between_looks(simulation)
-
-    def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Publishes a frame of the present state in the worlds of the (W,) mask, as if they had always stood so."""
-        self.frames.begin(simulation, mask)
-
-    def _samples(self, simulation: StepContext) -> list[Any]:
+    def _sample(self, simulation: StepContext) -> list[Any]:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)
@@ -257,8 +225,8 @@ class Radar(ReadableSensor):
             outputs=[results],
         )  # fmt: skip
 
-    def _scratch_bytes(self) -> int:
-        """Bytes of what gathers the clusters."""
+    def _scratch_bytes(self, dt: float) -> int:
+        """Of what gathers the clusters."""
         rays = self.config.rays.shape[0] * self.config.rays.shape[1]
         words = 12 + (1 << (2 * rays - 1).bit_length()) / rays
         return 0 if self.config.clusters is None else round(4 * self.model.world_count * rays * words)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.types import shown
+from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drawbar_kernels import Carriage, DrawbarState, pull_carriage
 from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
 
 GRAVITY: Final = 9.81
 
@@ -90,7 +88,7 @@ def with_locks(spec: VehicleSpec) -> VehicleSpec:
     return spec
 
 
-class Drawbar(Readable):
+class Drawbar(ForceElement, Readable):
     """A `ForceElement` that comes after its vehicle, to whose forces it adds: the carriage's pull, and the pedals.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +15,12 @@ from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
+from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drivers_kernels import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, PULLS, SINKAGES, Run
 from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
-
-if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
 
 HELD: Points = ((0.0, 0.0),)
 COAST: Points = ((0.0, -1.0),)
@@ -130,7 +128,7 @@ def _row(index: int) -> str:
     return f"row {index + 1}"
 
 
-class ScriptedDriver(Readable):
+class ScriptedDriver(ForceElement, Readable):
     """Drives all worlds by one script: a `ForceElement` that comes before its vehicle.
 
     Args:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, plural
+from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.vehicle.driving.paths import Path, path_tables
 from simwarp.vehicle.path_tracking_kernels import (
@@ -25,9 +26,6 @@ from simwarp.vehicle.path_tracking_kernels import (
 )
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    from simwarp.simulation.protocols import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -124,7 +122,7 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
 
 
-class PathTracker(Readable):
+class PathTracker(ForceElement, Readable):
     """Drives every world along a path: a `ForceElement` that comes before its vehicle.
 
     Args:
@@ -217,7 +215,7 @@ def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
     return table
 
 
-class InteractiveDriver(Readable):
+class InteractiveDriver(ForceElement, Readable):
     """Moves a vehicle's inputs towards a target, as a hand or a foot does: a `ForceElement` before its vehicle.
 
     Each input follows with a lag of first order, gain · (target - input), and no faster than its rate.

@@ -12,7 +12,7 @@ from simwarp.core.readable import Readable
 from simwarp.core.rotation import rotate
 from simwarp.core.types import Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
-from simwarp.simulation.protocols import ForceElement
+from simwarp.simulation.attachments import ForceElement
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drawbar import Drawbar, with_locks

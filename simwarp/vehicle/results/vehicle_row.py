@@ -12,7 +12,7 @@ from simwarp.core.readable import Readable, plural
 from simwarp.core.types import Material, Vec3, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import whole_number
-from simwarp.simulation.protocols import ForceElement
+from simwarp.simulation.attachments import ForceElement
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver

@@ -11,7 +11,7 @@ from simwarp.core.arrays import writable_from
 from simwarp.core.types import Material, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.rigid_tires_kernels import limit_friction, measure_rigid_tires

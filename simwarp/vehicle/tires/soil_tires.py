@@ -9,7 +9,7 @@ import warp as wp
 
 from simwarp.core.arrays import writable_from
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.ground_kernels import TerrainTables

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.types import WORLD, ModelError, shown
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.viewer.live.hand_kernels import Grip, let_go, pull
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ class Hold:
     grab: Array
 
 
-class Hand:
+class Hand(ForceElement):
     """Pulls at one body of one world: F = k (pointer - grab) - c v, a `ForceElement`.
 
     k is 50 m/s² per metre and kilogram of all that joints connect with the body, c damps that critically, and the force
@@ -67,14 +67,9 @@ class Hand:
             setattr(self._grip, name, wp.zeros(1, dtype=dtype, device=device))
         self._grip.torque = wp.zeros(1, dtype=wp.vec3, device=device)
 
-    @property
-    def memory(self) -> Mapping[str, wp.array]:
-        """It keeps no state: what is held is an input."""
-        return {}
-
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch before a sub-step of `dt` [s]."""
-        if getattr(simulation, "elements", (self,))[-1] is not self:
+        if simulation.elements[-1] is not self:
             raise ModelError("Hand: it must be the last of the elements, since it adds to what they write; append it")
         self._dt = dt
         state, control = simulation.state.arrays, simulation.control.arrays

@@ -414,7 +414,7 @@ def test_a_touch_that_is_over_before_the_step_is_counts(kind, touched, monkeypat
 
     def run(times):
         for _ in range(times):
-            task._physics.everywhere.commands[0].launch()  # what stands for the task's methods
+            task._physics.every.commands[0].launch()  # what stands for the task's methods
             step()
 
     monkeypatch.setattr(task.simulation, "step", step)

@@ -432,7 +432,7 @@ CALLS: Final[dict[str, Call]] = {
     "InverseKinematics.record mask": Call(
         "arm", lambda a, g: _searched_as_recorded(a, g(SOME), a.sim.state.joint_q), moves=False, kinds=WARP
     ),
-    "VectorSensor.begin": Call(
+    "FrameSensor.begin": Call(
         "arm", lambda a, g: _frames(a, lambda sim: a.imu.begin(sim, g(SOME))), moves=False, kinds=WARP
     ),
     "FrameBuffer.begin": Call(
@@ -549,7 +549,9 @@ APART: Final[dict[str, str]] = {
     "ActuatorNetwork.follow": "a task calls it with its own tensors",
     "ActuatorNetwork.load_state": "a task calls it with its own tensors",
     "TaskVecEnv.hand_out": "the adapter calls it with the task's tensors",
-    "Sensor.begin": "a protocol: see VectorSensor, Camera, Lidar, Radar",
+    "Sensor.begin": "does nothing: see FrameSensor",
+    "ForceElement.record_outputs": "does nothing: the Simulation calls it",
+    "ForceElement.record_reset": "does nothing: the Simulation calls it",
     "Snapshot.empty": "allocates like the arrays that it gets",
     "Vehicles.record_outputs": "Vehicle.record_outputs calls it",
     "Imported.q_from": "host data of another simulator",

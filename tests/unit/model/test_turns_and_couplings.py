@@ -198,7 +198,7 @@ def ramp(counter: wp.array[int], force: wp.array2d[wp.vec3], effort: wp.array2d[
     effort[world, 0] = float(counter[world])  # type: ignore[index]
 
 
-class Ramp:
+class Ramp(sw.ForceElement):
     """A force element with a counter of its own."""
 
     def __init__(self, worlds: int) -> None:

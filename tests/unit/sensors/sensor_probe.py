@@ -1,18 +1,19 @@
-"""A sensor that tells what its clock does, and small models to put sensors on."""
+"""A sensor that measures what its clock does, and small models to put sensors on."""
 
 # The kernel is Warp's language, as those in simwarp/kernels.
 # mypy: disable-error-code="index, operator, assignment"
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import warp as wp
 
 import simwarp as sw
-from simwarp.sensors.clock import Field, FrameBuffer
+from simwarp.sensors.clock import Field
 from simwarp.sensors.clock_kernels import BEGIN, SampleEvents
+from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Schedule
 
 NUMBER, COUNT, SUBSTEPS, SPAN, GAPS, MODE = range(6)
@@ -54,14 +55,13 @@ def probe(tick: SampleEvents, notes: Notes, ring: wp.array2d[float]):
                 ring[tick.row[world], k] = notes.sums[world, k]
 
 
-class Probe:
+class Probe(FrameSensor):
     """Its data are (W, 6), see above; `taken` counts the frames that were not skipped."""
 
     def __init__(
         self, model: sw.Model, schedule: Schedule, *, name: str = "probe", seed: int = 0, gradual: bool = False
     ):
-        self.name = name
-        self.frames = FrameBuffer(name, schedule, model, {"data": Field((6,), wp.float32)}, seed=seed, gradual=gradual)
+        super().__init__(name, schedule, model, {"data": Field((6,), wp.float32)}, seed=seed, gradual=gradual)
         self.notes = Notes()
         self.notes.count = wp.zeros(model.world_count, dtype=int, device=model.device)
         self.notes.taken = wp.zeros(model.world_count, dtype=int, device=model.device)
@@ -76,30 +76,16 @@ class Probe:
         return self.frames.data["data"]
 
     @property
-    def timestamp(self) -> wp.array:
-        return self.frames.timestamp
+    def memory(self) -> Mapping[str, wp.array]:
+        return {**super().memory, **{name: getattr(self.notes, name) for name in ("count", "taken", "sums")}}
 
-    @property
-    def valid(self) -> wp.array:
-        return self.frames.valid
-
-    @property
-    def memory(self) -> dict[str, wp.array]:
-        return {**self.frames.memory, **{name: getattr(self.notes, name) for name in ("count", "taken", "sums")}}
-
-    def record(self, simulation: sw.StepContext, dt: float) -> Sequence[Any]:
-        def sample() -> list[Any]:
-            return [
-                wp.launch(
-                    probe, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
-                    inputs=[self.frames.tick], outputs=[self.notes, self.frames.ring["data"]],
-                )
-            ]  # fmt: skip
-
-        return self.frames.record(simulation, dt, sample)
-
-    def begin(self, simulation: sw.StepContext, mask: wp.array) -> None:
-        self.frames.begin(simulation, mask)
+    def _sample(self, simulation: sw.StepContext) -> Sequence[Any]:
+        return [
+            wp.launch(
+                probe, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+                inputs=[self.frames.tick], outputs=[self.notes, self.frames.ring["data"]],
+            )
+        ]  # fmt: skip
 
 
 def ball(world_count: int, *, gravity: Sequence[float] = (0.0, 0.0, -9.81), per_world: Sequence[str] = ()) -> sw.Model:

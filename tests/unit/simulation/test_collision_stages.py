@@ -14,7 +14,7 @@ from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.simulation import world_launches
 from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.requirements import collision_sizes, list_sizes
+from simwarp.simulation.step_sizes import collision_sizes, list_sizes
 from simwarp.simulation.world_launches import WorldShares
 
 pytestmark = pytest.mark.slow  # the parts compile for half a minute

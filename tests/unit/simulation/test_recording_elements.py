@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,11 @@ import simwarp as sw
 from simwarp import scenes
 
 
-class Element:
+class Element(sw.ForceElement):
     """Records what it is told to."""
 
     def __init__(self, act: Callable[[Any], Any]) -> None:
         self._act = act
-
-    @property
-    def memory(self) -> Mapping[str, Any]:
-        return {}
 
     def record(self, simulation: Any, dt: float) -> Any:
         return self._act(simulation)

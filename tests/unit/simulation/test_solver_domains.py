@@ -14,8 +14,8 @@ import pytest
 
 import simwarp as sw
 from simwarp import scenes
-from simwarp.simulation.requirements import step_sizes
 from simwarp.simulation.solver_options import SOLVERS
+from simwarp.simulation.step_sizes import step_sizes
 
 NAN, INF = float("nan"), float("inf")
 NO_NUMBERS: list[Any] = ["", "1", "abc", b"1", [], [1.0], {}, object(), 1j, NAN, INF, -INF, 1e39, 10**400, -1.0, -1e-30]

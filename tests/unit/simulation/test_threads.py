@@ -100,16 +100,20 @@ def push(force: wp.array2d[wp.vec3], counter: wp.array[int]):
     force[world, 0] = wp.vec3(0.0, 0.0, float(counter[world]))  # type: ignore[index]
 
 
-class Push:
+class Push(sw.ForceElement):
     """A force element whose launch was recorded by Warp itself."""
 
     def __init__(self, worlds: int) -> None:
-        self.memory = {"count": wp.zeros(worlds, dtype=int, device="cpu")}
+        self.count = wp.zeros(worlds, dtype=int, device="cpu")
+
+    @property
+    def memory(self):
+        return {"count": self.count}
 
     def record(self, simulation, dt):
         force = simulation.control.element_force
         return [wp.launch(push, dim=force.shape[0], record_cmd=True, device="cpu",
-                          inputs=[force, self.memory["count"]])]  # fmt: skip
+                          inputs=[force, self.count])]  # fmt: skip
 
 
 def test_a_launch_of_warp_runs_between_the_others_and_is_named():

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 
 from simwarp.soil import PRESETS, ShearMemory
-from simwarp.soil.law_kernels import law_of, press
+from simwarp.soil.bekker_janosi_kernels import law_of, press
 from simwarp.verify.soil_rigs import DT, PLATE_AREA, PLATE_RADIUS, dragged_plate, plate_on_slope, pressed_plate
 from tests.unit.soil.soil_wheels import pressed, sinkage
 

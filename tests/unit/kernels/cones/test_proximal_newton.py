@@ -9,7 +9,7 @@ import warp as wp
 import simwarp as sw
 from simwarp import scenes
 from simwarp.core.types import FrictionLaw
-from simwarp.simulation.requirements import step_sizes
+from simwarp.simulation.step_sizes import step_sizes
 from tests.reference import cones as reference
 from tests.unit.kernels.cones.single_problem import SOLVE, STEP, Single
 

@@ -12,7 +12,7 @@ import pytest
 import simwarp as sw
 from simwarp.core.types import Material
 from simwarp.scenes.contact import stack
-from simwarp.simulation.requirements import step_layouts, step_sizes
+from simwarp.simulation.step_sizes import step_layouts, step_sizes
 from tests.reference.contact_step import ContactReference
 from tests.reference.yards import PARTS, content, yard
 

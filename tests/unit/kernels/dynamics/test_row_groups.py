@@ -9,7 +9,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.types import ConeSolver
-from simwarp.simulation.requirements import step_sizes
+from simwarp.simulation.step_sizes import step_sizes
 from tests.reference.contact_step import ContactReference
 from tests.reference.machines import JOINTS, PARTS, machines, of_machine
 from tests.unit.kernels.dynamics.side_by_side import EPS, assert_same_steps

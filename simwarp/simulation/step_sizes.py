@@ -1,8 +1,6 @@
-"""What the steps of a model take: scratch known before the first array is made, and what force elements add."""
+"""Sizes of what the steps of a model need: scratch memory, known before the first array is made."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.contact_lists import ListSizes, list_layouts
@@ -13,7 +11,6 @@ from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON
 from simwarp.kernels.core.tables import progress_layouts
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
-from simwarp.simulation.protocols import ForceElement
 from simwarp.simulation.world_launches import WorldShares
 
 
@@ -100,8 +97,3 @@ def step_layouts(model: Model, sizes: ScratchSizes, slots: int, *, own_slots: bo
         "progress": progress_layouts(model.world_count),
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
-
-
-def element_effects(elements: Sequence[ForceElement]) -> dict[str, bool]:
-    """Whether there are force elements, and implicit ones."""
-    return {"elements": bool(elements), "implicit": any(getattr(part, "implicit", False) for part in elements)}

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.sensors.clock import LONGEST_ROUND, due_substeps
+from simwarp.sensors.clock import LONGEST_INTERVAL, due_substeps
 from simwarp.sensors.interface import Mount, Schedule, ScheduleSteps
 from simwarp.sensors.presets import KINDS, load_config, make_sensor
 from simwarp.sensors.ranging.beams import beam_grid
 from simwarp.sensors.scene import Visuals
-from simwarp.simulation.sensor_rounds import SensorRounds
+from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.world_launches import WorldShares
 from tests.reference.sensors.sensor_clock import frames, read
 from tests.unit.sensors.sensor_probe import Probe, ball
@@ -28,12 +28,12 @@ from tests.unit.sensors.test_sensor_mistakes import EXAMPLES, ON_JOINTS
 WORLDS = 4
 DT = 0.002
 SUBSTEPS, EVERY = 2, 6
-ROUND = SUBSTEPS * EVERY
+INTERVAL = SUBSTEPS * EVERY
 SCHEDULES = {  # period, window, lag [sub-steps]
-    "at looks": (12, 0, 0),
+    "at reads": (12, 0, 0),
     "whole": (12, 12, 0),
     "between": (12, 3, 5),
-    "two rounds": (24, 4, 0),
+    "two intervals": (24, 4, 0),
     "odd": (7, 2, 10),
     "long": (31, 0, 13),
     "often": (4, 1, 3),
@@ -81,7 +81,7 @@ def simulation(sort: str, everywhere: bool, threads: int = 1) -> sw.Simulation:
         joint_reactions=True, threads=threads,
     )  # fmt: skip
     if everywhere:
-        sim.rounds.whole = lambda substeps: 0  # type: ignore[method-assign]
+        sim.read_interval.whole = lambda substeps: 0  # type: ignore[method-assign]
     return sim
 
 
@@ -105,7 +105,7 @@ def spoil(sim: sw.Simulation) -> None:
 
 
 def in_step(sim: sw.Simulation) -> bool:
-    return sim.rounds.in_step
+    return sim.read_interval.at_start
 
 
 def by_parts(sim: sw.Simulation, parts: list[int]) -> None:
@@ -122,28 +122,28 @@ def story(sim: sw.Simulation) -> list[tuple[str, dict[str, bytes], bool, int]]:
     spin = np.linspace(-9.0, 9.0, WORLDS)[:, None]
     deeds: list[tuple[str, Callable[[], Any]]] = [
         ("set", lambda: sim.set_joint_state(None, np.linspace(0.0, 1.0, WORLDS)[:, None], spin)),
-        ("a round", lambda: sim.advance(EVERY)),
-        ("three rounds", lambda: sim.advance(3 * EVERY)),
+        ("an interval", lambda: sim.advance(EVERY)),
+        ("three intervals", lambda: sim.advance(3 * EVERY)),
         ("reset of some", lambda: sim.reset(ODD)),
-        ("two rounds", lambda: sim.advance(2 * EVERY)),
+        ("two intervals", lambda: sim.advance(2 * EVERY)),
         ("snapshot", lambda: kept.append(sim.snapshot())),
-        ("a round by steps", lambda: by_parts(sim, EVERY * [1])),
-        ("three rounds by halves", lambda: by_parts(sim, 2 * [3 * EVERY // 2])),
-        ("a round", lambda: sim.advance(EVERY)),
+        ("an interval by steps", lambda: by_parts(sim, EVERY * [1])),
+        ("three intervals by halves", lambda: by_parts(sim, 2 * [3 * EVERY // 2])),
+        ("an interval", lambda: sim.advance(EVERY)),
         ("a world breaks down", lambda: spoil(sim)),
-        ("a round and a half", lambda: sim.advance(3 * EVERY // 2)),
+        ("an interval and a half", lambda: sim.advance(3 * EVERY // 2)),
         ("restore", lambda: sim.restore(kept[0])),
-        ("two rounds", lambda: sim.advance(2 * EVERY)),
+        ("two intervals", lambda: sim.advance(2 * EVERY)),
         ("a step", lambda: sim.step()),
-        ("reset of some between looks", lambda: sim.reset(ODD)),
-        ("rounds out of step", lambda: sim.advance(5 * EVERY - 1)),
+        ("reset of some between reads", lambda: sim.reset(ODD)),
+        ("intervals out of step", lambda: sim.advance(5 * EVERY - 1)),
         ("snapshot out of step", lambda: kept.append(sim.snapshot())),
         ("set of all", lambda: sim.set_joint_state(None, None, spin)),
-        ("two rounds", lambda: sim.advance(2 * EVERY)),
+        ("two intervals", lambda: sim.advance(2 * EVERY)),
         ("restore out of step", lambda: sim.restore(kept[1])),
-        ("rounds", lambda: sim.advance(3 * EVERY)),
+        ("intervals", lambda: sim.advance(3 * EVERY)),
         ("restore again", lambda: sim.restore(kept[0])),
-        ("rounds", lambda: sim.advance(7 * EVERY)),
+        ("intervals", lambda: sim.advance(7 * EVERY)),
     ]
     found = []
     for name, deed in deeds:
@@ -165,10 +165,10 @@ def test_the_same_bits_as_in_every_substep(sort):
         return
     assert launches[0] < 0.85 * launches[1]
     out_of_step = [name for name, _, in_step, _ in due if not in_step]
-    # between looks; and from the reset of some of the worlds there, until all begin anew or others are restored
+    # between reads; and from the reset of some of the worlds there, until all begin anew or others are restored
     assert out_of_step == [
-        "a round and a half", "a step", "reset of some between looks", "rounds out of step", "snapshot out of step",
-        "restore out of step", "rounds",
+        "an interval and a half", "a step", "reset of some between reads", "intervals out of step",
+        "snapshot out of step", "restore out of step", "intervals",
     ]  # fmt: skip
 
 
@@ -195,16 +195,16 @@ def meter(model: sw.Model, name: str) -> Any:
 
 @pytest.mark.parametrize(
     ("name", "clock", "kernel", "copies"),
-    # at a look; in every sub-step; where it collects (3), where it publishes, and at a look
-    [("at looks", 1, 1, 0), ("whole", 12, 12, 0), ("between", 3 + 1 + 1, 3, 2), ("two rounds", 4 + 1, 4, 0)],
+    # at a read; in every sub-step; where it collects (3), where it publishes, and at a read
+    [("at reads", 1, 1, 0), ("whole", 12, 12, 0), ("between", 3 + 1 + 1, 3, 2), ("two intervals", 4 + 1, 4, 0)],
 )
-def test_launches_of_a_round(name, clock, kernel, copies):
+def test_launches_of_an_interval(name, clock, kernel, copies):
     model = ball(2)
     sim = sw.Simulation(model, DT * SUBSTEPS, substeps=SUBSTEPS, sensors=[meter(model, name)], read_every=EVERY)
     physics = len(sim.physics_commands)
-    assert counted(sim, 3 * EVERY) == 3 * (ROUND * physics + clock + kernel + copies)
+    assert counted(sim, 3 * EVERY) == 3 * (INTERVAL * physics + clock + kernel + copies)
     outputs = 2 if copies else 0
-    assert counted(sim, EVERY - 1) == (ROUND - SUBSTEPS) * (physics + 2 + outputs)  # no whole round
+    assert counted(sim, EVERY - 1) == (INTERVAL - SUBSTEPS) * (physics + 2 + outputs)  # no whole interval
 
 
 @pytest.mark.parametrize(("rate", "window", "lag"), CLOCKS)
@@ -214,9 +214,9 @@ def test_due_substeps_are_those_of_the_event_list(rate, window, lag):
         length = substeps * every
         due = due_substeps(ScheduleSteps(period, window, lag), length)
         assert due is not None
-        rounds = 2 * math.lcm(period, length) // length + (window + lag) // length + 2
-        events = frames(period, window, lag, 0, rounds * length)
-        seen = {read(events, k * length).number: read(events, k * length) for k in range(1, rounds + 1)}
+        intervals = 2 * math.lcm(period, length) // length + (window + lag) // length + 2
+        events = frames(period, window, lag, 0, intervals * length)
+        seen = {read(events, k * length).number: read(events, k * length) for k in range(1, intervals + 1)}
         seen.pop(0, None)
         collecting = {(count - 1) % length + 1 for frame in seen.values() for count in frame.substeps}
         publishing = {(frame.published - 1) % length + 1 for frame in seen.values()}
@@ -224,35 +224,35 @@ def test_due_substeps_are_those_of_the_event_list(rate, window, lag):
         assert due.publishing == publishing
 
 
-def test_a_round_of_very_many_substeps_is_not_looked_at():
-    assert due_substeps(ScheduleSteps(7, 0, 0), LONGEST_ROUND) is not None
-    assert due_substeps(ScheduleSteps(7, 0, 0), LONGEST_ROUND + 1) is None
+def test_an_interval_of_very_many_substeps_is_not_divided():
+    assert due_substeps(ScheduleSteps(7, 0, 0), LONGEST_INTERVAL) is not None
+    assert due_substeps(ScheduleSteps(7, 0, 0), LONGEST_INTERVAL + 1) is None
     assert due_substeps(ScheduleSteps(2**31 - 1, 2**31 - 1, 2**31 - 1), 1000) is not None
 
 
 @pytest.mark.parametrize("phases", ["random", "written", "restored"])
 def test_where_phases_may_differ_sensors_are_launched_everywhere(phases, tmp_path):
-    """Told by a sensor whose frames come at different sub-steps in different worlds."""
+    """Seen by a sensor whose frames come at different sub-steps in different worlds."""
     found = []
     for everywhere in (False, True):
         model = ball(5)
-        schedule = dataclasses.replace(schedule_of("at looks"), phase="random" if phases == "random" else "zero")
+        schedule = dataclasses.replace(schedule_of("at reads"), phase="random" if phases == "random" else "zero")
         config = dataclasses.replace(load_config("speedometer"), schedule=schedule)
         sensors: list[Any] = [make_sensor(config, model, Mount("ball"))]
-        sim = sw.Simulation(model, DT, sensors=sensors, read_every=ROUND)
+        sim = sw.Simulation(model, DT, sensors=sensors, read_every=INTERVAL)
         if everywhere:
-            sim.rounds.whole = lambda substeps: 0  # type: ignore[method-assign]
-        sim.advance(ROUND)
+            sim.read_interval.whole = lambda substeps: 0  # type: ignore[method-assign]
+        sim.advance(INTERVAL)
         if phases == "written":
             sensors[0].frames.phase.assign(np.arange(5, dtype=np.int32))
         if phases == "restored":
             other: Any = make_sensor(config, model, Mount("ball"))
-            twin = sw.Simulation(model, DT, sensors=[other], read_every=ROUND)
+            twin = sw.Simulation(model, DT, sensors=[other], read_every=INTERVAL)
             other.frames.phase.assign(np.arange(5, dtype=np.int32))
             path = tmp_path / "snapshot.npz"
             twin.snapshot().save(path)
             sim.restore(sw.Snapshot.load(path, sim))
-        assert counted(sim, 4 * ROUND) == 4 * ROUND * (len(sim.physics_commands) + 2)
+        assert counted(sim, 4 * INTERVAL) == 4 * INTERVAL * (len(sim.physics_commands) + 2)
         found.append(bits(sim))
     assert found[0] == found[1]
 
@@ -260,10 +260,10 @@ def test_where_phases_may_differ_sensors_are_launched_everywhere(phases, tmp_pat
 def test_a_sensor_of_ones_own_is_launched_everywhere():
     """It may remember what it saw in other sub-steps: the probe counts them."""
     model = ball(2)
-    own = Probe(model, schedule_of("at looks"))
-    sim = sw.Simulation(model, DT, sensors=[own, meter(model, "at looks")], read_every=ROUND)
-    assert counted(sim, ROUND) == ROUND * (len(sim.physics_commands) + 2) + 2
-    assert own.notes.count.numpy().tolist() == [ROUND] * 2
+    own = Probe(model, schedule_of("at reads"))
+    sim = sw.Simulation(model, DT, sensors=[own, meter(model, "at reads")], read_every=INTERVAL)
+    assert counted(sim, INTERVAL) == INTERVAL * (len(sim.physics_commands) + 2) + 2
+    assert own.notes.count.numpy().tolist() == [INTERVAL] * 2
 
 
 class Device:
@@ -274,50 +274,50 @@ class Device:
 
 
 @pytest.fixture
-def rounds() -> SensorRounds:
-    made = SensorRounds(10, WorldShares(1, 1, Device()))
-    made.told.append(None)
+def interval() -> ReadInterval:
+    made = ReadInterval(10, WorldShares(1, 1, Device()))
+    made.sensors.append(None)
     return made
 
 
-def test_what_is_captured_may_be_repeated_unseen(rounds):
-    device: Any = rounds._shares.device
+def test_what_is_captured_may_be_repeated_unseen(interval):
+    device: Any = interval._shares.device
     device.is_capturing = True
-    assert rounds.whole(30) == 0
-    rounds.watched = True  # who captures asks before each replay
-    assert rounds.whole(30) == 3
-    rounds.begin_some()
+    assert interval.whole(30) == 0
+    interval.asked_before_replay = True  # who captures asks before each replay
+    assert interval.whole(30) == 3
+    interval.begin_some()
     device.is_capturing = False
-    assert rounds.in_step
-    rounds.pass_by(3)  # from now on a replay may begin clocks here
-    rounds.pass_by(7)
-    assert not rounds.in_step
-    rounds.begin_all()
-    assert not rounds.in_step
+    assert interval.at_start
+    interval.advance(3)  # from now on a replay may begin clocks here
+    interval.advance(7)
+    assert not interval.at_start
+    interval.begin_all()
+    assert not interval.at_start
 
 
-@pytest.mark.parametrize("deed", ["step", "begin between looks", "restore"])
-def test_captured_parts_of_a_round_are_for_good(deed, rounds):
-    device: Any = rounds._shares.device
-    if deed == "begin between looks":
-        rounds.pass_by(2)
+@pytest.mark.parametrize("deed", ["step", "begin between reads", "restore"])
+def test_captured_parts_of_an_interval_are_for_good(deed, interval):
+    device: Any = interval._shares.device
+    if deed == "begin between reads":
+        interval.advance(2)
     device.is_capturing = True
     if deed == "step":
-        rounds.pass_by(12)
+        interval.advance(12)
     elif deed == "restore":
-        rounds.told = [make_round()]
-        rounds.begin_as_counted()
+        interval.sensors = [make_interval()]
+        interval.begin_from_clocks()
     else:
-        rounds.begin_some()
+        interval.begin_some()
     device.is_capturing = False
-    rounds.begin_all()
-    assert not rounds.in_step
-    assert rounds.whole(20) == 0
+    interval.begin_all()
+    assert not interval.at_start
+    assert interval.whole(20) == 0
 
 
-def make_round() -> Any:
+def make_interval() -> Any:
     model = ball(1)
-    return sw.Simulation(model, DT, sensors=[meter(model, "at looks")], read_every=ROUND).rounds.told[0]
+    return sw.Simulation(model, DT, sensors=[meter(model, "at reads")], read_every=INTERVAL).read_interval.sensors[0]
 
 
 def test_a_snapshot_of_a_file_tells_where_the_clocks_are(tmp_path: Path):
@@ -326,8 +326,8 @@ def test_a_snapshot_of_a_file_tells_where_the_clocks_are(tmp_path: Path):
     sim.snapshot().save(tmp_path / "between.npz")
     again = simulation("gps", False)
     again.restore(sw.Snapshot.load(tmp_path / "between.npz", again))
-    assert not again.rounds.in_step
+    assert not again.read_interval.at_start
     again.advance(EVERY - 1)
-    assert again.rounds.in_step
+    assert again.read_interval.at_start
     sim.advance(EVERY - 1)
     assert bits(sim) == bits(again)
