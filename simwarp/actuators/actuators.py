@@ -30,7 +30,7 @@ from simwarp.core.arrays import (
     writable,
     writable_from,
 )
-from simwarp.core.readable import Names, Readable, Row, plural
+from simwarp.core.readable import Names, Row, plural
 from simwarp.core.types import WORLD, ModelError, number, shown
 from simwarp.core.wording import close_names
 from simwarp.model.checks import INFINITE, checked_names, positive_number
@@ -43,7 +43,7 @@ PER_WORLD: Final = (
 """Arrays that may have a row for each world."""
 
 
-class Actuators(ForceElement, Readable, FixedAttributes):
+class Actuators(ForceElement, FixedAttributes):
     """All actuators of a model, in every world: a `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[actuators])`. It writes the entries of its coordinates

@@ -182,7 +182,7 @@ class FrameBuffer(Readable):
 
     @property
     def memory(self) -> dict[str, wp.array]:
-        """State that a snapshot keeps, complete once recorded; names have two words, so that sensors can add theirs."""
+        """State that a snapshot keeps, (W, ...) or (W·slots, ...), complete once recorded. Names have two words."""
         kept = {f"clock {name}": getattr(self._state, name) for name in _members(ClockState)}
         kept |= {f"data {name}": array for name, array in self.data.items()}
         kept |= {f"ring {name}": array for name, array in self.ring.items() if array is not self.data[name]}

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import warp as wp
 
-from simwarp.core.readable import Readable, array_text, plural
+from simwarp.core.readable import array_text, plural
 from simwarp.core.types import WORLD
 from simwarp.model.model import Model
 from simwarp.sensors.clock import ClockInterval, Field, FrameBuffer
@@ -16,7 +16,7 @@ from simwarp.sensors.interface import Schedule
 from simwarp.simulation.attachments import Sensor, StepContext
 
 
-class FrameSensor(Sensor, Readable):
+class FrameSensor(Sensor):
     """Base of sensors that publish frames on a clock. A subclass has `data` and `_sample`.
 
     ::

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 
 import warp as wp
 
+from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, shown
 from simwarp.core.wording import close_names
 from simwarp.model.model import Model
@@ -53,7 +54,7 @@ class StepContext(Protocol):
     read_every: int
 
 
-class ForceElement:
+class ForceElement(Readable):
     """Base of what applies forces in every sub-step. A subclass overrides the hooks it needs; others do nothing.
 
     The Simulation asks for launches once, when it is built, and repeats them. A force element belongs to one Simulation
@@ -122,7 +123,7 @@ class ForceElement:
         return {}
 
 
-class Sensor(abc.ABC):
+class Sensor(Readable, abc.ABC):
     """Base of what measures every world on a clock of its own, inside the step. A subclass has `name`, `data`,
     `timestamp` and `valid`, and overrides the hooks it needs; others do nothing.
 
@@ -166,7 +167,7 @@ class Sensor(abc.ABC):
         """
         return {}
 
-    def check(self, simulation: StepContext, dt: float) -> None:  # noqa: B027 - a hook
+    def check(self, simulation: StepContext, dt: float) -> None:
         """Raises a ModelError where the sensor cannot be part of the Simulation with sub-steps of `dt` [s], and changes
         nothing.
         """
@@ -186,7 +187,7 @@ class Sensor(abc.ABC):
         """
         return None
 
-    def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:  # noqa: B027 - a hook
+    def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:
         """Resets the worlds of the (W,) mask and publishes a frame of their present state at once."""
 
 

@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.arrays import writable, writable_from
-from simwarp.core.readable import Readable, Row, plural
+from simwarp.core.readable import Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
 from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
@@ -55,7 +55,7 @@ class ShearMemory(enum.Enum):
     """How far alone, as in Chrono: the force is against the slip of the moment."""
 
 
-class Soil(ForceElement, Readable):
+class Soil(ForceElement):
     """Deformable ground: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
 
     Only nodes that something touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that

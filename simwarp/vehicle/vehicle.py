@@ -9,7 +9,7 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.arrays import writable
-from simwarp.core.readable import Names, Readable, Row, array_text, plural
+from simwarp.core.readable import Names, Row, array_text, plural
 from simwarp.core.types import ModelError, Vec3, finite_vector
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext
@@ -41,7 +41,7 @@ cost a fifth of the step.
 """
 
 
-class Vehicles(ForceElement, Readable):
+class Vehicles(ForceElement):
     """Tires, powertrain, brakes and steering of alike vehicles of one world, in every world: one `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[vehicles], solver=VEHICLE_SOLVER)`. `vehicles[k]` is a
@@ -242,7 +242,7 @@ class Vehicles(ForceElement, Readable):
         ]  # fmt: skip
 
 
-class Vehicle(ForceElement, Readable):
+class Vehicle(ForceElement):
     """Tires, powertrain, brakes and steering of one vehicle, in every world: a `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=VEHICLE_SOLVER)`. One of `Vehicles` has

@@ -41,8 +41,8 @@ def _not_zero(ratio: Any) -> None:
 class EncoderConfig(Configuration):
     """An encoder on coordinates of joints: a joint encoder, or that of a wheel.
 
-    Everything is measured at the encoder's own shaft, which moves `ratio` times as far as the coordinate. It knows whole
-    turns: positions go on beyond one.
+    Everything is measured at the encoder's own shaft, which moves `ratio` times as far as the coordinate. It knows
+    whole turns: positions go on beyond one.
 
     Attributes:
         schedule: times of the measurements; a frame holds the latest position or count of its window.

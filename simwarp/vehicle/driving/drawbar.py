@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import warp as wp
 
-from simwarp.core.readable import Readable, ReadableFields
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drawbar_kernels import Carriage, DrawbarState, pull_carriage
@@ -88,7 +88,7 @@ def with_locks(spec: VehicleSpec) -> VehicleSpec:
     return spec
 
 
-class Drawbar(ForceElement, Readable):
+class Drawbar(ForceElement):
     """A `ForceElement` that comes after its vehicle, to whose forces it adds: the carriage's pull, and the pedals.
 
     Args:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.core.readable import Readable, ReadableFields
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
 from simwarp.simulation.attachments import ForceElement, StepContext
@@ -128,7 +128,7 @@ def _row(index: int) -> str:
     return f"row {index + 1}"
 
 
-class ScriptedDriver(ForceElement, Readable):
+class ScriptedDriver(ForceElement):
     """Drives all worlds by one script: a `ForceElement` that comes before its vehicle.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
-from simwarp.core.readable import Readable, plural
+from simwarp.core.readable import plural
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.vehicle.driving.paths import Path, path_tables
@@ -122,7 +122,7 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
 
 
-class PathTracker(ForceElement, Readable):
+class PathTracker(ForceElement):
     """Drives every world along a path: a `ForceElement` that comes before its vehicle.
 
     Args:
@@ -215,7 +215,7 @@ def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
     return table
 
 
-class InteractiveDriver(ForceElement, Readable):
+class InteractiveDriver(ForceElement):
     """Moves a vehicle's inputs towards a target, as a hand or a foot does: a `ForceElement` before its vehicle.
 
     Each input follows with a lag of first order, gain · (target - input), and no faster than its rate.

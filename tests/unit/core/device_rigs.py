@@ -439,7 +439,7 @@ CALLS: Final[dict[str, Call]] = {
         "arm", lambda a, g: _frames(a, lambda sim: a.imu.frames.begin(sim, g(SOME))), moves=False, kinds=WARP
     ),
     **{
-        f"{name.capitalize()}.begin": Call(
+        f"FrameSensor.begin {name}": Call(
             "eyes", lambda e, g, name=name: e.begin(name, g(SOME)), moves=False, kinds=WARP  # type: ignore[misc]
         )
         for name in ("camera", "lidar", "radar")
