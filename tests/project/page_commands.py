@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import json
 import os
 import re
@@ -226,8 +227,14 @@ def _parse_torchrun(words: list[str]) -> None:
 
 
 def _parse_make(words: list[str]) -> None:
-    done = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, text=True)
+    done = _dry_run(tuple(words))
     assert done.returncode == 0, done.stderr
+
+
+@functools.cache
+def _dry_run(words: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
+    """What `make` would do for a target, which pages name again and again."""
+    return subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, text=True)
 
 
 def _parse_pip(words: list[str]) -> None:

@@ -8,6 +8,7 @@ modules, but not in a circle. Torch and trimesh have one file each. A name used 
 """
 
 import ast
+import functools
 import subprocess
 import sys
 import tomllib
@@ -46,32 +47,42 @@ def rank(module: str) -> int:
     return RANKS[head[0]] if head else RANKS["api"]
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """All statements in a node, functions and classes included; expressions, most of a tree, are left out."""
+    for field in ("body", "orelse", "handlers", "finalbody", "cases"):
+        for statement in getattr(node, field, ()):
+            yield statement
+            yield from statements(statement)
+
+
 def type_checking_nodes(tree: ast.AST) -> set[ast.AST]:
-    """Nodes inside `if TYPE_CHECKING:` bodies."""
+    """Statements inside `if TYPE_CHECKING:` bodies."""
     inside: set[ast.AST] = set()
-    for node in ast.walk(tree):
+    for node in statements(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
             for statement in node.body:
-                inside.update(ast.walk(statement))
+                inside.update([statement, *statements(statement)])
     return inside
 
 
-def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str, int, bool]]:
+@functools.cache
+def imports_of(source: str, module: str, is_package: bool) -> list[tuple[str, int, bool]]:
     """Absolute name, line, and whether only type checkers see it, of each import of a module."""
     tree = ast.parse(source)
+    found = []
     for_types = type_checking_nodes(tree)
     package = module.split(".") if is_package else module.split(".")[:-1]
-    for node in ast.walk(tree):
+    for node in statements(tree):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name, node.lineno, node in for_types
+            found.extend((alias.name, node.lineno, node in for_types) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             parents = package[: len(package) - node.level + 1] if node.level else []
             base = ".".join([*parents, *([node.module] if node.module else [])])
             for alias in node.names:
                 full = f"{base}.{alias.name}"
                 # `from simwarp import model` names a module, `from simwarp.model.model import Model` a thing in one.
-                yield full if full in MODULES else base, node.lineno, node in for_types
+                found.append((full if full in MODULES else base, node.lineno, node in for_types))
+    return found
 
 
 def complaints(source: str, module: str, is_package: bool = False) -> list[str]:
@@ -175,7 +186,7 @@ def test_no_file_and_no_function_is_long(folder):
     for path in (ROOT / folder).rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         assert text.count("\n") <= (800 if path.relative_to(ROOT) in ONE_IDEA else 600), path
-        for node in ast.walk(ast.parse(text)):
+        for node in statements(ast.parse(text)):
             if isinstance(node, ast.FunctionDef):
                 assert (node.end_lineno or 0) - node.lineno < 80, f"{path}: {node.name}"
 

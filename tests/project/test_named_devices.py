@@ -3,6 +3,7 @@ that a kernel there may read, nor the other way round.
 """
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ IN_KERNELS = {"wp.kernel", "wp.func"}
 
 def unnamed(source: str) -> list[str]:
     """Calls of a file that leave the device to Warp, with their lines."""
-    if "wp." not in source:
+    if not re.search(rf"\bwp\.({'|'.join(MAKERS)})\(", source):
         return []
     tree = ast.parse(source)
     compiled: set[ast.AST] = set()

@@ -1,6 +1,5 @@
 """`simwarp play` renders tasks: frames, motion, layout, lines; and what has no shape, no body."""
 
-import dataclasses
 import io
 import itertools
 import json
@@ -18,7 +17,7 @@ from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.tasks import InputError, Task, make
 from simwarp.train.evaluation.filming import TRAIL, Film, FilmOptions, Trails, View, film_still, film_strip
 from simwarp.train.evaluation.gif import MOST_BYTES, gif_of
-from simwarp.train.evaluation.play import record, write_picture, write_video
+from simwarp.train.evaluation.play import Frame, record, write_picture, write_video
 from simwarp.train.networks.policies import zero_policy
 from simwarp.viewer import FollowCamera
 
@@ -33,25 +32,19 @@ def images_of(path):
     return np.stack(frames)
 
 
-@pytest.fixture(scope="module")
-def played(tmp_path_factory):
-    """A pendulum that falls, filmed and photographed."""
-    folder = tmp_path_factory.mktemp("film")
+def played(path, write):
+    """A pendulum that falls, in a video or a picture; the frames of it."""
     task = make("pendulum", 2)
-    shown = {}
-    for name, write in (("a.gif", write_video), ("a.png", write_picture)):
-        frames, _ = record(task, zero_policy(task), 0.6, 1, Film(task, video=name == "a.gif"))
-        write(folder / name, frames, "pendulum")
-        shown[name] = frames
-    return folder, shown
+    frames, _ = record(task, zero_policy(task), 0.6, 1, Film(task, video=path.suffix == ".gif"))
+    write(path, frames, "pendulum")
+    return frames
 
 
 @pytest.mark.slow
-def test_a_video_has_every_frame_and_moves(played):
-    folder, shown = played
-    frames = shown["a.gif"]
+def test_a_video_has_every_frame_and_moves(tmp_path):
+    frames = played(tmp_path / "a.gif", write_video)
     assert all(frame.images is not None for frame in frames)
-    video = images_of(folder / "a.gif")
+    video = images_of(tmp_path / "a.gif")
     assert len(video) == len(frames) == 1 + round(0.6 * 25)
     height, width = frames[0].images.shape[1:3]
     assert video.shape[2] >= 2 * width  # two worlds side by side
@@ -65,11 +58,10 @@ def test_a_video_has_every_frame_and_moves(played):
     assert not np.array_equal(frames[0].images[0], frames[0].images[1])
 
 
-def test_a_picture_is_a_strip_of_moments(played):
-    folder, shown = played
-    taken = [frame for frame in shown["a.png"] if frame.images is not None]
+def test_a_picture_is_a_strip_of_moments(tmp_path):
+    taken = [frame for frame in played(tmp_path / "a.png", write_picture) if frame.images is not None]
     assert [frame.time for frame in taken] == pytest.approx([0.2, 0.4, 0.6])
-    with Image.open(folder / "a.png") as image:
+    with Image.open(tmp_path / "a.png") as image:
         width, height = image.size
     worlds, tall, wide = taken[0].images.shape[:3]
     assert worlds == 2
@@ -292,12 +284,11 @@ def test_the_lines_of_a_drawing_are_in_the_picture(monkeypatch):
     assert changed.any(axis=1).sum() > 8
 
 
-def test_what_comes_into_sight_later_keeps_its_colour(played, tmp_path):
-    _, shown = played
-    frames = [dataclasses.replace(frame, images=np.full_like(frame.images, 128)) for frame in shown["a.gif"]]
+def test_what_comes_into_sight_later_keeps_its_colour(tmp_path):
+    images = np.full((16, 2, 120, 160, 3), 128, np.uint8)
     blue = np.array([20, 60, 220])
-    for frame in frames[-3:]:
-        frame.images[:, 20:40, 20:40] = blue
+    images[-3:, :, 20:40, 20:40] = blue
+    frames = [Frame(0.04 * index, each) for index, each in enumerate(images)]
     write_video(tmp_path / "late.gif", frames, "pendulum")
     last = images_of(tmp_path / "late.gif")[-1].astype(int)
     # a palette of 256 for a few colours

@@ -107,6 +107,7 @@ def drag(soil, plate, heading, distances, sinkage):
 @MEMORIES
 @pytest.mark.parametrize("heading", [0.0, 0.7, np.pi])
 @pytest.mark.parametrize("name", ["mid", "hard"])
+@pytest.mark.sweep
 def test_sheared_plate_follows_janosi_and_hanamoto(memory, heading, name):
     soil = PRESETS[name]
     # over a single node: all of its soil is sheared by the same distance
@@ -167,6 +168,7 @@ def inside(wheel, p, axis):
 
 @pytest.mark.parametrize("crown", [None, 0.5])
 @pytest.mark.parametrize("turn", [(0, 0, 0), (0, 0, 0.7), (0.1, 0.3, 0.2), (-0.6, 0, 1.0), (1.2, 0.4, -2.0)])
+@pytest.mark.sweep
 def test_height_of_a_wheel_by_search(crown, turn):
     rng = np.random.default_rng(3)
     wheel, rotation = Wheel(0.4, 0.25, crown), exponential(np.array(turn, dtype=float))
@@ -265,6 +267,7 @@ def test_damping_lifts_a_rolling_wheel():
 @pytest.mark.parametrize("memory", [DIRECTION, SCALAR], ids=lambda m: m.kind)
 @pytest.mark.parametrize("name", list(PRESETS))
 @pytest.mark.parametrize("load", [2000.0, 4000.0, LOAD])
+@pytest.mark.sweep
 def test_pull_rises_with_slip(name, load, memory):
     pulls = [rolling(WHEEL, PRESETS[name], load, slip, memory).pull for slip in (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6)]
     assert (np.diff(pulls) > 0.0).all()
@@ -435,6 +438,7 @@ def test_locked_wheel_stops_where_small_steps_stop(memory):
 
 @pytest.mark.parametrize("damp_ahead", [True, False])
 @pytest.mark.parametrize("seed", [*range(6), 11, 56])
+@pytest.mark.sweep
 def test_soil_gives_no_energy(seed, damp_ahead):
     """A wheel of 100 to 800 kg/m^3 thrown onto soil, 1 to 4 ms: its energy and that in the soil never rise by 2 %.
 
