@@ -69,7 +69,7 @@ def type_checking_nodes(tree: ast.AST) -> set[ast.AST]:
 def imports_of(source: str, module: str, is_package: bool) -> list[tuple[str, int, bool]]:
     """Absolute name, line, and whether only type checkers see it, of each import of a module."""
     tree = ast.parse(source)
-    found = []
+    found: list[tuple[str, int, bool]] = []
     for_types = type_checking_nodes(tree)
     package = module.split(".") if is_package else module.split(".")[:-1]
     for node in statements(tree):

@@ -13,7 +13,8 @@ from simwarp.train.runs.run_files import write_run_file
 @pytest.fixture(scope="session", autouse=True)
 def _one_learning_curve_per_kind() -> Iterator[None]:
     """A short training ends sooner than its curve is drawn: runs of the same columns get the first one's picture."""
-    draw, drawn = training.draw_learning_curve, {}
+    draw = training.draw_learning_curve
+    drawn: dict[tuple[str, ...], bytes] = {}
 
     def draw_once(progress: Path, picture: Path, title: str) -> None:
         rows = read_progress(progress)
