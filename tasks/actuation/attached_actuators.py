@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import simwarp as sw
+
 from ..randomisation.actuator_ranges import own_arrays
 
 if TYPE_CHECKING:
-    from simwarp import Model
-    from simwarp.actuators import Actuators, ActuatorSpec
-
     from ..framework.task import Task
 
 
 def actuators_of(
-    task: Task[Any], model: Model, specs: Iterable[ActuatorSpec], *, per_world: Iterable[str] = ()
-) -> Actuators:
+    task: Task[Any], model: sw.Model, specs: Iterable[sw.actuators.ActuatorSpec], *, per_world: Iterable[str] = ()
+) -> sw.actuators.Actuators:
     """Return the actuators of a task, for its ``attach``: with the time of a sub-step, which delays need, and with a
     row for each world of what ``randomise`` names: ``actuator_strength``, ``actuator_stiffness``,
     ``actuator_damping`` (factors) and ``actuator_delay`` [s].
@@ -34,7 +33,7 @@ def actuators_of(
     Raises:
         ModelError: an actuator does not fit the model.
     """
-    from simwarp.actuators import Actuators
-
     drawn = own_arrays(task.config.uncertainty.randomise)
-    return Actuators(model, specs, per_world={*per_world, *drawn}, dt=task.config.dt / task.config.substeps)
+    return sw.actuators.Actuators(
+        model, specs, per_world={*per_world, *drawn}, dt=task.config.dt / task.config.substeps
+    )

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import torch
 import warp as wp
 
-from simwarp import to_torch
-from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
+import simwarp as sw
 from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
 
 from ..framework.config import RewardWeights
@@ -25,10 +24,7 @@ from . import reach_kernels as kernels
 from .reach_kernels import ReachingArm, ReachState
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder, SolverOptions
     from simwarp.kinematics import InverseKinematics
-    from simwarp.sensors import Visuals
-    from simwarp.viewer import Shot
 
     from ..framework.recorded_launches import TensorLaunch, WorldLaunch
 
@@ -160,7 +156,7 @@ class ReachTask(Task[ReachConfig]):
     """
 
     fused_physics: ClassVar[bool] = True
-    arm: ClassVar[Arm]
+    arm: ClassVar[sw.scenes.Arm]
     """The robot."""
     config_type: ClassVar[type[TaskConfig]] = ReachConfig
     action_size: int = 6
@@ -210,10 +206,8 @@ class ReachTask(Task[ReachConfig]):
         names = [f"{kind} {joint}" for kind in ("angle", "rate") for joint in self._joint_names()]
         return {"policy": [*names, *(f"{point} {axis}" for point in ("target", "grip") for axis in "xyz")]}
 
-    def build(self, builder: ModelBuilder) -> ModelBuilder:
+    def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The arm of :mod:`simwarp.scenes` and a cube on the ground."""
-        import simwarp as sw
-
         drives = None
         if self.config.actions is ReachActions.DISPLACEMENT:
             drives = [
@@ -223,18 +217,16 @@ class ReachTask(Task[ReachConfig]):
                 )
                 for joint in self.arm.joints
             ]  # fmt: skip
-        made = robot_arm(self.arm, drives=drives)
+        made = sw.scenes.robot_arm(self.arm, drives=drives)
         self.cube = made.add_shape_box(
             sw.WORLD, half=(_HALF_CUBE,) * 3, pose=sw.pose((self.config.target_x, 0.0, _HALF_CUBE)), name="target",
             material=sw.Material(friction=0.5),
         )  # fmt: skip
         return made
 
-    def solver_options(self) -> SolverOptions:
+    def solver_options(self) -> sw.SolverOptions:
         """Contacts to ``tolerance``."""
-        from simwarp import SolverOptions
-
-        return SolverOptions(tolerance=self.config.tolerance)
+        return sw.SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
         """Allocate the state of an episode, and record what a control step launches."""
@@ -242,9 +234,9 @@ class ReachTask(Task[ReachConfig]):
         state, torque = simulation.state.arrays, simulation.control.joint_force
         self.reach = zeros_of(ReachState, self, last_action=self.action_size)
         self.reaching = self._make_arm()
-        self._touched, self._near_steps = to_torch(self.reach.touched), to_torch(self.reach.near_steps)
-        self._target = to_torch(self.reach.target)
-        self._cube_x = to_torch(simulation.model.shape_x)[:, self.cube]
+        self._touched, self._near_steps = sw.to_torch(self.reach.touched), sw.to_torch(self.reach.near_steps)
+        self._target = sw.to_torch(self.reach.target)
+        self._cube_x = sw.to_torch(simulation.model.shape_x)[:, self.cube]
         self._policy = torch.zeros(self.num_worlds, 2 * len(self.arm.joints) + 6, device=device)
         self._success = torch.zeros(self.num_worlds, dtype=torch.bool, device=device)
         self._distance = torch.zeros(self.num_worlds, device=device)
@@ -382,7 +374,7 @@ class ReachTask(Task[ReachConfig]):
     def extra_state(self) -> dict[str, torch.Tensor]:
         """The target, how long the grip has been near it, and where displacements have brought its aim."""
         state = {"target": self._target, "near_steps": self._near_steps}
-        return state if self._aiming is None else {**state, "aim": to_torch(self._aiming.search.target)}
+        return state if self._aiming is None else {**state, "aim": sw.to_torch(self._aiming.search.target)}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take it back."""
@@ -390,21 +382,18 @@ class ReachTask(Task[ReachConfig]):
         self._cube_x.copy_(self._target)
         self._near_steps.copy_(state["near_steps"])
         if self._aiming is not None:
-            to_torch(self._aiming.search.target).copy_(state["aim"])
+            sw.to_torch(self._aiming.search.target).copy_(state["aim"])
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show the links as rods between the joints, and the target in red."""
-        from simwarp.viewer import add_skeleton
-
-        add_skeleton(visuals, 0.03)
+        sw.viewer.add_skeleton(visuals, 0.03)
         visuals.show(self.cube, color=(0.75, 0.1, 0.08))
 
-    def shot(self) -> Shot:
+    def shot(self) -> sw.viewer.Shot:
         """From the side, at rest: arm and target are in sight."""
-        from simwarp import WORLD
-        from simwarp.viewer import Shot
-
-        return Shot(body=WORLD, target=(0.5 * self.config.target_x, 0.0, 0.35), eye=(0.0, -1.9, 0.5), fov=0.9)
+        return sw.viewer.Shot(
+            body=sw.WORLD, target=(0.5 * self.config.target_x, 0.0, 0.35), eye=(0.0, -1.9, 0.5), fov=0.9
+        )
 
     def drawing(self) -> Drawing:
         """Draw the edge of the cube from above, and the way that is left."""
@@ -426,7 +415,7 @@ class Racer3ReachTask(ReachTask):
     """The Comau Racer3; see :class:`ReachTask`."""
 
     summary: ClassVar[str] = "arm: the Racer3 moves its grip to a cube, 18 observations, 6 torques"
-    arm: ClassVar[Arm] = RACER3
+    arm: ClassVar[sw.scenes.Arm] = sw.scenes.RACER3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -443,4 +432,4 @@ class Irb120ReachTask(ReachTask):
 
     summary: ClassVar[str] = "arm: the IRB 120 moves its grip to a cube, 18 observations, 6 torques"
     config_type: ClassVar[type[TaskConfig]] = Irb120ReachConfig
-    arm: ClassVar[Arm] = IRB120
+    arm: ClassVar[sw.scenes.Arm] = sw.scenes.IRB120

@@ -8,9 +8,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
+
+import simwarp as sw
 
 from ..framework.recorded_launches import TensorFunction, launch_over
 from ..framework.registry import register
@@ -18,10 +20,6 @@ from .barrier_track_kernels import find_corners_outside, reward_lane_offset
 from .base import PEDALS_BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingRewards, LappingTask, Start
 from .outlines import corners
-
-if TYPE_CHECKING:
-    from simwarp.scenery import Track, VisualMesh
-    from simwarp.sensors import Visuals
 
 WIDTH = 12.5
 """Between the feet of the barriers [m]."""
@@ -102,27 +100,19 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         """Distance from the middle of the lane at which the side of the car touches a barrier parallel to it [m]."""
         return 0.5 * WIDTH - self.chassis_half[1]
 
-    def make_track(self, number: int) -> Track:
+    def make_track(self, number: int) -> sw.scenery.Track:
         """Return a race track of about 100 m across."""
-        from simwarp.scenery import race_track
+        return sw.scenery.race_track(number, width=WIDTH)
 
-        return race_track(number, width=WIDTH)
-
-    def course_mesh(self, track: Track, number: int) -> VisualMesh:
+    def course_mesh(self, track: sw.scenery.Track, number: int) -> sw.scenery.VisualMesh:
         """Return road and barriers."""
-        from simwarp.scenery import joined, race_course
+        course = sw.scenery.race_course(track)
+        return sw.scenery.joined([course.road, course.left.mesh, course.right.mesh])
 
-        course = race_course(track)
-        return joined([course.road, course.left.mesh, course.right.mesh])
-
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show grass too."""
-        import simwarp as sw
-        from simwarp.scenery import ground_texture
-        from simwarp.sensors import ImageTexture
-
         super().visuals(visuals)
-        grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
+        grass = visuals.texture(sw.sensors.ImageTexture(image=sw.scenery.ground_texture("grass"), metres=(8.0, 8.0)))
         visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1, pose=sw.pose((0.0, 0.0, -0.01)))
 
     def setup(self) -> None:

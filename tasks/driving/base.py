@@ -13,7 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
 from ..framework.config import require
@@ -43,11 +43,6 @@ from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
 
 if TYPE_CHECKING:
-    from simwarp import Model, ModelBuilder, SolverOptions
-    from simwarp.sensors import Camera, Scene, Visuals
-    from simwarp.vehicle import Vehicle, VehicleParts, Vehicles, VehicleSpec
-    from simwarp.viewer import Shot
-
     from ..framework.recorded_launches import WorldLaunch
 
 SETTLING = 0.9
@@ -177,12 +172,12 @@ class DrivingTask(Task[DrivingT]):
     view_distance: ClassVar[float] = 9.0
     """Scale of the view of pictures for people [m]: the eye is 1.5 times this behind the chassis and 0.36 above it."""
 
-    parts: VehicleParts
+    parts: sw.vehicle.VehicleParts
     """Indices of the vehicle's bodies and joints in the model: `parts.chassis` is what a sensor is mounted on; from
     `build` on."""
-    vehicle: Vehicle
+    vehicle: sw.vehicle.Vehicle
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
-    camera: Camera | None
+    camera: sw.sensors.Camera | None
     """The policy's camera; None with ``obs`` state. From `attach` on."""
     images: CameraImages | None
     """What the policy sees by its camera: light, fog and noise in it; None with ``obs`` state. From `setup` on."""
@@ -214,19 +209,17 @@ class DrivingTask(Task[DrivingT]):
 
     # ---- what a subclass may write -------------------------------------------------------------------------------
 
-    def build_world(self, builder: ModelBuilder) -> None:
+    def build_world(self, builder: sw.ModelBuilder) -> None:
         """Add the shapes of one world to the builder: obstacles, walls. Optional; needs no ``super()``.
 
         The vehicle is there already, at the origin. Tires roll on `ground`, not on these shapes.
         """
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show the vehicle instead of the box that stands for it. Subclasses call ``super()`` first, then add world and
         ground: only what stands in `build_world` is seen otherwise, and the ground of tires is not.
         """
-        from simwarp.scenery import add_vehicle_visual
-
-        add_vehicle_visual(visuals, self.parts, like=self.looks_like, box=self.chassis_shape)
+        sw.scenery.add_vehicle_visual(visuals, self.parts, like=self.looks_like, box=self.chassis_shape)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional;
@@ -273,11 +266,11 @@ class DrivingTask(Task[DrivingT]):
         """
         return ()
 
-    def ground(self, model: Model) -> Any:
+    def ground(self, model: sw.Model) -> Any:
         """Return the tires' terrain (`simwarp.vehicle.ground`); None is the plane z = 0."""
         return None
 
-    def more_elements(self, model: Model) -> list[Any]:
+    def more_elements(self, model: sw.Model) -> list[Any]:
         """Return force elements that come before the vehicle, such as a speed controller that writes its input. Called
         by `attach`, once ``self.vehicle`` is there. Optional; needs no ``super()``.
         """
@@ -285,19 +278,17 @@ class DrivingTask(Task[DrivingT]):
 
     # ---- the machinery -------------------------------------------------------------------------------------------
 
-    def build(self, builder: ModelBuilder) -> None:
+    def build(self, builder: sw.ModelBuilder) -> None:
         """Add the vehicle at the origin, facing +X, then the world's shapes."""
-        from simwarp.vehicle import add_chassis_box, add_vehicle
-
         self._check_vehicle()
         self.spec = self.make_spec()
-        self.parts = add_vehicle(builder, self.spec)
-        self.chassis_shape = add_chassis_box(
+        self.parts = sw.vehicle.add_vehicle(builder, self.spec)
+        self.chassis_shape = sw.vehicle.add_chassis_box(
             builder, self.parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP
         )
         self.build_world(builder)
         self._builder = builder
-        self._scene: Scene | None = None
+        self._scene: sw.sensors.Scene | None = None
 
     def _check_vehicle(self) -> None:
         """Refuse a vehicle of a subclass's own with measures of its parent's.
@@ -311,34 +302,27 @@ class DrivingTask(Task[DrivingT]):
                 f"got no {', '.join(self.missing_measures)}; write them beside vehicle_name = {self.vehicle_name!r}"
             )
 
-    def make_spec(self) -> VehicleSpec:
+    def make_spec(self) -> sw.vehicle.VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
-        from simwarp.vehicle import load_vehicle, with_options
-
-        spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
+        spec = sw.vehicle.load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         tire = (self.config.tires or self.tire) if self.config.soil is SoilKind.NONE else "soil-rigid"
-        return with_options(spec, tire=tire) if tire is not None else spec
+        return sw.vehicle.with_options(spec, tire=tire) if tire is not None else spec
 
-    def make_vehicle(self, model: Model, ground: Any) -> Vehicle | Vehicles:
+    def make_vehicle(self, model: sw.Model, ground: Any) -> sw.vehicle.Vehicle | sw.vehicle.Vehicles:
         """Make ``self.vehicle``, the one that is driven, and return the force element: itself, or all alike it.
 
         Args:
             model: finished.
             ground: the tires' terrain; None is the plane z = 0.
         """
-        from simwarp.vehicle import Vehicle
-
-        self.vehicle = Vehicle(self.parts, model, ground=ground, randomised=True)
+        self.vehicle = sw.vehicle.Vehicle(self.parts, model, ground=ground, randomised=True)
         return self.vehicle
 
-    def attach(self, model: Model) -> Attachments:
+    def attach(self, model: sw.Model) -> Attachments:
         """Return the vehicle, and the camera where there is one.
 
         A subclass with sensors of its own calls ``super()`` and returns the same elements with more sensors.
         """
-        from simwarp import pose
-        from simwarp.sensors import Camera, CameraConfig, Lighting, Mount, Pinhole, Schedule
-
         config = self.config
         ground = self.ground(model)
         self._driven = self.make_vehicle(model, ground)
@@ -356,12 +340,12 @@ class DrivingTask(Task[DrivingT]):
             place = np.asarray(self.camera_place) + self.parts.reference
             rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
             lights = self.lighting()
-            suns = len(lights.suns if lights is not None else Lighting().suns)
-            self.camera = Camera(
-                self._scene_of(model), Mount(body=self.parts.chassis, pose=pose(place)),
-                CameraConfig(
-                    schedule=Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
-                    lens=Pinhole(fov=config.camera_fov),
+            suns = len(lights.suns if lights is not None else sw.sensors.Lighting().suns)
+            self.camera = sw.sensors.Camera(
+                self._scene_of(model), sw.sensors.Mount(body=self.parts.chassis, pose=sw.pose(place)),
+                sw.sensors.CameraConfig(
+                    schedule=sw.sensors.Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
+                    lens=sw.sensors.Pinhole(fov=config.camera_fov),
                 ),
                 lights=lights, per_world=config.camera_arrays(suns),
             )  # fmt: skip
@@ -371,7 +355,7 @@ class DrivingTask(Task[DrivingT]):
                 sensors += self.navigation.sensors
         return Attachments(elements=[*self.more_elements(model), self._driven, *below], sensors=sensors)
 
-    def scene(self) -> Scene:
+    def scene(self) -> sw.sensors.Scene:
         """Return the scene of the camera and of pictures."""
         known = self._scene
         scene = self._scene_of(self.simulation.model)
@@ -382,54 +366,47 @@ class DrivingTask(Task[DrivingT]):
             self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
         return scene
 
-    def shot(self) -> Shot:
+    def shot(self) -> sw.viewer.Shot:
         """From behind and above, so that what is ahead of the vehicle is in sight."""
-        from simwarp.viewer import Shot
-
         far = self.view_distance
         eye, target = (-1.5 * far, -0.25 * far, 0.36 * far), (0.55 * far, 0.0, 0.0)
-        return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.0, turns=True)
+        return sw.viewer.Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.0, turns=True)
 
-    def bind_scene(self, scene: Scene) -> None:
+    def bind_scene(self, scene: sw.sensors.Scene) -> None:
         """Make views of what differs by world in what is seen; `draw_world` writes them. Optional.
 
         Needs no ``super()``. Called by `setup` where there is a camera, else when pictures are taken first, or never.
         """
 
-    def _scene_of(self, model: Model) -> Scene:
-        from simwarp.sensors import Visuals
-        from simwarp.viewer import paint
-
+    def _scene_of(self, model: sw.Model) -> sw.sensors.Scene:
         if self._scene is None:
-            visuals = Visuals(self._builder)
+            visuals = sw.sensors.Visuals(self._builder)
             self.visuals(visuals)
-            paint(visuals)
+            sw.viewer.paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
             if self.soil is not None:
                 self.soil.show_in(self._scene)
         return self._scene
 
-    def solver_options(self) -> SolverOptions:
+    def solver_options(self) -> sw.SolverOptions:
         """A vehicle's rows need no projection: joints stay together by themselves."""
-        from simwarp.vehicle import VEHICLE_SOLVER
-
-        return VEHICLE_SOLVER
+        return sw.vehicle.VEHICLE_SOLVER
 
     def setup(self) -> None:
         """Let the vehicle settle on its springs, store the positions of its bodies, record what a step launches.
 
         A subclass calls ``super()`` first, then makes its buffers.
         """
-        self.input = to_torch(self._driven.input)
-        friction = to_torch(self._driven.tires.ground_friction) if self.soil is None else None
+        self.input = sw.to_torch(self._driven.input)
+        friction = sw.to_torch(self._driven.tires.ground_friction) if self.soil is None else None
         self.images = None if self.camera is None else CameraImages(self.camera, self.simulation, self.random)
         self.conditions = DrawnConditions(
             self.config, self.random, self.num_worlds, friction, self.images, self.device
         )  # fmt: skip
         self._settle()
         state = self.simulation.state
-        bodies = to_torch(self.vehicle.bodies).long()
-        places, turns = (to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
+        bodies = sw.to_torch(self.vehicle.bodies).long()
+        places, turns = (sw.to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
         start_x, start_rot = wp.from_torch(places, dtype=wp.vec3d), wp.from_torch(turns, dtype=wp.quatd)
         self._car = filled(
             Car,
@@ -443,9 +420,9 @@ class DrivingTask(Task[DrivingT]):
             input=self.vehicle.input,
         )
         self._drive = zeros_of(Drive, self)
-        self.difficulty = to_torch(self._drive.difficulty).fill_(1.0)
+        self.difficulty = sw.to_torch(self._drive.difficulty).fill_(1.0)
         """(W,) float32: of the running episodes, in [0, 1]."""
-        self.hit = to_torch(self._drive.hit)
+        self.hit = sw.to_torch(self._drive.hit)
         """(W,) bool: the chassis touched something in this control step."""
         self._record_vehicle()
         places[:, :2] -= self.pose()[0][0, :2]
@@ -487,7 +464,7 @@ class DrivingTask(Task[DrivingT]):
         for _ in range(round(SETTLING / self.config.dt)):
             self.simulation.step()
         if self.soil is not None:
-            self.soil.keep(to_torch(self.simulation.state.body_x))
+            self.soil.keep(sw.to_torch(self.simulation.state.body_x))
         self.input.zero_()
         self.simulation.keep_as_initial()
 
@@ -498,7 +475,7 @@ class DrivingTask(Task[DrivingT]):
             model = self.simulation.model
             bodies = [model.body(name) for name in self.config.chassis_names()]
             for name in ("body_mass", "body_inertia_b"):
-                to_torch(getattr(model, name))[:, bodies] *= middle(span)
+                sw.to_torch(getattr(model, name))[:, bodies] *= middle(span)
 
     def apply(self, action: torch.Tensor) -> None:
         """Write steering, throttle and brake from ``action`` (W, A) in [-1, 1]; not called but by an override."""

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any, Final
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 
 from ..framework.recorded_launches import filled, share_over
 from .camera_images_kernels import Disturbance, disturb_images
 
 if TYPE_CHECKING:
-    from simwarp.sensors import Camera
-
     from ..framework.recorded_launches import WorldLaunch
     from ..randomisation.randomness import WorldRandom
 
@@ -47,15 +45,15 @@ class CameraImages:
         has_sun: the task's light has one.
     """
 
-    def __init__(self, camera: Camera, simulation: Any, random: WorldRandom) -> None:
+    def __init__(self, camera: sw.sensors.Camera, simulation: Any, random: WorldRandom) -> None:
         lights = camera.lights
         self._simulation, self._random = simulation, random
-        self._exposure, self._fog = to_torch(camera.image_processing.exposure), to_torch(lights.fog_density)
-        self._sun, self._sun_color = to_torch(lights.sun_direction), to_torch(lights.sun_color)
+        self._exposure, self._fog = sw.to_torch(camera.image_processing.exposure), sw.to_torch(lights.fog_density)
+        self._sun, self._sun_color = sw.to_torch(lights.sun_direction), sw.to_torch(lights.sun_color)
         self._built_sun, self._built_color = self._sun.clone(), self._sun_color.clone()
         self._depth = torch.tensor(RAYLEIGH, device=self._sun.device)
         self.has_sun = self._sun.shape[1] > 0
-        self._image = to_torch(camera.data)
+        self._image = sw.to_torch(camera.data)
         self._disturb: WorldLaunch | None = None
         self._values: Mapping[str, torch.Tensor] = {}
 

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 from simwarp.tasks import Ge, Gt, Le, Positive
 
 from ..framework.agents import lead_of
@@ -51,10 +51,6 @@ from .ranging import RangeFan
 from .routes import Routes
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.sensors import Scene, Visuals
-    from simwarp.vehicle import Path
-
     from ..framework.recorded_launches import WorldLaunch
 
 LARGE = 4
@@ -168,37 +164,31 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     # ---- the world -----------------------------------------------------------------------------------------------
 
-    def build_world(self, builder: ModelBuilder) -> None:
+    def build_world(self, builder: sw.ModelBuilder) -> None:
         """Slots for what stands beside the path."""
-        from simwarp.scenery import ROCKS, bush, rock, tree
-
-        kinds = [ObstacleKind(rock(kind, 10 + seed), (0.7, 1.2)) for seed, kind in enumerate(ROCKS)]
+        kinds = [
+            ObstacleKind(sw.scenery.rock(kind, 10 + seed), (0.7, 1.2)) for seed, kind in enumerate(sw.scenery.ROCKS)
+        ]
         kinds += [
-            ObstacleKind(bush("round", 1), (0.8, 1.3)),
-            ObstacleKind(tree("oak", 1), (0.7, 1.0)),
-            ObstacleKind(tree("spruce", 1), (0.7, 1.0)),
+            ObstacleKind(sw.scenery.bush("round", 1), (0.8, 1.3)),
+            ObstacleKind(sw.scenery.tree("oak", 1), (0.7, 1.0)),
+            ObstacleKind(sw.scenery.tree("spruce", 1), (0.7, 1.0)),
         ]
         large = LARGE if self.config.generated else 0
         self.obstacles = Obstacles(kinds, BESIDE + large, group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show truck, leaders, obstacles, and grass."""
-        from simwarp.scenery import ground_texture
-        from simwarp.sensors import ImageTexture
-
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
-        grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
+        grass = visuals.texture(sw.sensors.ImageTexture(image=sw.scenery.ground_texture("grass"), metres=(8.0, 8.0)))
         visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1)
         self.show_leading(visuals)
 
-    def show_leading(self, visuals: Visuals) -> None:
+    def show_leading(self, visuals: sw.sensors.Visuals) -> None:
         """Add the leaders to what is seen."""
-        import simwarp as sw
-        from simwarp.scenery import vehicle_visual
-
-        leader = vehicle_visual("hmmwv", color=(0.5, 0.05, 0.03))
+        leader = sw.scenery.vehicle_visual("hmmwv", color=(0.5, 0.05, 0.03))
         asset = visuals.add_mesh_asset(leader.mesh)
         self._ghosts = [
             visuals.add_mesh_instance(sw.WORLD, asset, name=f"leader_{index}", label=int(leader.label))
@@ -216,8 +206,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.column = self._make_column(large)
         self.follow = zeros_of(Follow, self)
         fill(self.follow, steps=self.episode_steps)
-        self.route, self._begun = to_torch(self.follow.route), to_torch(self.follow.begun)
-        self._deviation = to_torch(self.follow.deviation)
+        self.route, self._begun = sw.to_torch(self.follow.route), sw.to_torch(self.follow.begun)
+        self._deviation = sw.to_torch(self.follow.deviation)
         self.obstacles.bind(self.simulation.model, self.random)
         super().setup()
         if self.camera is not None:
@@ -230,13 +220,13 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._distance, self._hits = (torch.zeros(lead, device=device) for _ in range(2))
         self.record_world()
 
-    def ways(self) -> tuple[list[Path], np.ndarray[Any, np.dtype[np.float32]]]:
+    def ways(self) -> tuple[list[sw.vehicle.Path], np.ndarray[Any, np.dtype[np.float32]]]:
         """Return K paths, and the obstacles that generated ones pass, (K, L, 3): x, y and radius [m]."""
-        from simwarp.scenery import CONVOY_PATHS, convoy_path, detour
-
         if not self.config.generated:
-            return [convoy_path(index) for index in range(CONVOY_PATHS)], np.zeros((0, LARGE, 3), np.float32)
-        detours = [detour(seed, count=LARGE) for seed in range(self.config.generated_paths)]
+            return [sw.scenery.convoy_path(index) for index in range(sw.scenery.CONVOY_PATHS)], np.zeros(
+                (0, LARGE, 3), np.float32
+            )
+        detours = [sw.scenery.detour(seed, count=LARGE) for seed in range(self.config.generated_paths)]
         return [way.path for way in detours], np.array([way.obstacles for way in detours], np.float32)
 
     def _make_column(self, large: np.ndarray[Any, np.dtype[np.float32]]) -> Column:
@@ -261,7 +251,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
         )
 
-    def bind_scene(self, scene: Scene) -> None:
+    def bind_scene(self, scene: sw.sensors.Scene) -> None:
         """Show obstacles and leaders."""
         self.obstacles.bind_scene(scene)
         fill(self.column, ghost=self._ghosts[0], shown_x=scene.x, shown_rot=scene.rot)

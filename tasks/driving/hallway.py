@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 
 from ..framework.recorded_launches import filled, launch_over, share_over
 from ..framework.registry import register
@@ -23,10 +23,6 @@ from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on
 from .lapping import LappingConfig, LappingRewards, LappingTask
 
 if TYPE_CHECKING:
-    from simwarp.scenery import Track, VisualMesh
-    from simwarp.sensors import Lighting
-    from simwarp.viewer import Shot
-
     from ..framework.recorded_launches import WorldLaunch
 
 WIDTH = 1.1
@@ -116,42 +112,34 @@ class HallwayTask(LappingTask[HallwayConfig]):
         """The original's: the width over 2.75."""
         return WIDTH / 2.75
 
-    def make_track(self, number: int) -> Track:
+    def make_track(self, number: int) -> sw.scenery.Track:
         """Return a track around blocks of rooms."""
-        from simwarp.scenery import indoor_track
+        return sw.scenery.indoor_track(number, width=WIDTH)
 
-        return indoor_track(number, width=WIDTH)
-
-    def course_mesh(self, track: Track, number: int) -> VisualMesh:
+    def course_mesh(self, track: sw.scenery.Track, number: int) -> sw.scenery.VisualMesh:
         """Return walls, floor, ceiling and cones."""
-        from simwarp.scenery import arranged, cone, corridor, joined
-
-        walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
+        walls = sw.scenery.corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (
-            arranged(cone(color, height=0.25), track.marks(_CONE_APART, side)).mesh
+            sw.scenery.arranged(sw.scenery.cone(color, height=0.25), track.marks(_CONE_APART, side)).mesh
             for side, color in ((1.0, "green"), (-1.0, "red"))
         )
-        return joined([walls.walls.mesh, walls.floor, walls.ceiling, left, right])
+        return sw.scenery.joined([walls.walls.mesh, walls.floor, walls.ceiling, left, right])
 
-    def shot(self) -> Shot:
+    def shot(self) -> sw.viewer.Shot:
         """From behind, as far as no wall comes between in a bend."""
-        from simwarp.viewer import Shot
-
         target, eye = (0.4, 0.0, 0.05), (-1.55, -0.25, 0.85)
-        return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.2, calm=0.15, turns=True)
+        return sw.viewer.Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.2, calm=0.15, turns=True)
 
-    def lighting(self) -> Lighting:
+    def lighting(self) -> sw.sensors.Lighting:
         """Light from all sides, a little more from above, and no sun."""
-        from simwarp.sensors import Lighting
-
-        return Lighting(suns=(), ambient=(0.9, 0.88, 0.84), ambient_below=(0.45, 0.44, 0.42))
+        return sw.sensors.Lighting(suns=(), ambient=(0.9, 0.88, 0.84), ambient_below=(0.45, 0.44, 0.42))
 
     def setup(self) -> None:
         """Make the speed controller's memory."""
         super().setup()
         config, state, car = self.config, self.simulation.state.arrays, self._car
         integral = wp.zeros(self.num_worlds, dtype=float, device=str(self.device))
-        self._integral = to_torch(integral)
+        self._integral = sw.to_torch(integral)
         self._control = filled(SpeedControl, speed=config.speed, dt=config.dt, integral=integral)
         self._begin_control = launch_over(self, begin_control, self._every_world, self._control)
         self._steer_held = launch_over(self, steer_held, self.action, self._control, state, car)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 import warp as wp
 
+import simwarp as sw
+
 from ..framework.recorded_launches import TensorFunction, filled
 from .hills_kernels import FLATTEST, HillTables, measure_heights, measure_normals, show_hills
-
-if TYPE_CHECKING:
-    from simwarp import Model, ModelBuilder
 
 __all__ = ["FLATTEST", "Hills"]
 
@@ -37,31 +36,27 @@ class Hills:
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset", "shape_size")
 
     def __init__(self, count: int, side: float, seed: int = 0) -> None:
-        from simwarp.scenery import hills
-
         self.side = side
-        self.fields = [hills(seed + index, size=(side, side), spacing=1.5, amplitude=1.0) for index in range(count)]
+        self.fields = [
+            sw.scenery.hills(seed + index, size=(side, side), spacing=1.5, amplitude=1.0) for index in range(count)
+        ]
 
     def __repr__(self) -> str:
         return f"Hills: {len(self.fields)} fields of {self.side:g} m"
 
-    def build(self, builder: ModelBuilder) -> None:
+    def build(self, builder: sw.ModelBuilder) -> None:
         """Add the ground as a shape that is seen, and that nothing but tires meets."""
-        import simwarp as sw
-
         size = (self.side, self.side)
         self._assets = [builder.add_height_field_asset(field, size=size) for field in self.fields]
         self.shape = builder.add_shape_height_field(
             sw.WORLD, self.fields[0], size=size, scale=(1.0, 1.0, FLATTEST), name="hills", mask=0
         )
 
-    def terrain(self, model: Model) -> Any:
+    def terrain(self, model: sw.Model) -> Any:
         """Return the ground for tires: the shape, as each world shows it."""
-        from simwarp.vehicle import ground_of
+        return sw.vehicle.ground_of(model, self.shape)
 
-        return ground_of(model, self.shape)
-
-    def bind(self, model: Model) -> None:
+    def bind(self, model: sw.Model) -> None:
         """Make tables of what a reset changes."""
         device = torch.device(str(model.device))
         self.tables = filled(

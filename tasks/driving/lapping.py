@@ -6,13 +6,13 @@ import dataclasses
 import enum
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.config import RewardWeights
@@ -37,10 +37,6 @@ from .lapping_kernels import (
 )
 from .outlines import outline
 from .routes import Routes
-
-if TYPE_CHECKING:
-    from simwarp.scenery import Track, VisualMesh
-    from simwarp.sensors import Scene, Visuals
 
 
 class Start(enum.Enum):
@@ -95,7 +91,7 @@ class LappingTask(DrivingTask[LappingT]):
     """Distance of the points ahead in exact observations [m]."""
 
     @abstractmethod
-    def make_track(self, number: int) -> Track:
+    def make_track(self, number: int) -> sw.scenery.Track:
         """Return one of the tracks."""
 
     @property
@@ -104,17 +100,15 @@ class LappingTask(DrivingTask[LappingT]):
         """Largest distance of the vehicle's reference point from the middle of the lane [m]."""
 
     @abstractmethod
-    def course_mesh(self, track: Track, number: int) -> VisualMesh:
+    def course_mesh(self, track: sw.scenery.Track, number: int) -> sw.scenery.VisualMesh:
         """Return the visual of a track: both of its sides, and its ground."""
 
-    def make_tracks(self) -> list[Track]:
+    def make_tracks(self) -> list[sw.scenery.Track]:
         """Return all tracks of the configuration."""
         return [self.make_track(self.config.first_track + index) for index in range(self.config.tracks)]
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show the car, and the course of the track that a world has."""
-        import simwarp as sw
-
         super().visuals(visuals)
         meshes = [self.course_mesh(track, number) for number, track in enumerate(self.make_tracks())]
         self._courses = [visuals.add_mesh_asset(mesh) for mesh in meshes]
@@ -131,8 +125,8 @@ class LappingTask(DrivingTask[LappingT]):
         self.course = self._make_course()
         self.lap = zeros_of(Lap, self)
         lap = self.lap
-        self.route, self.begun = to_torch(lap.route), to_torch(lap.begun)
-        self.progress, self._arc = to_torch(lap.progress), to_torch(lap.arc)
+        self.route, self.begun = sw.to_torch(lap.route), sw.to_torch(lap.begun)
+        self.progress, self._arc = sw.to_torch(lap.progress), sw.to_torch(lap.arc)
         super().setup()
         car, state, course, routes = self._car, self.simulation.state.arrays, self.course, self.routes.tables
         worlds, device, number = self.num_worlds, self.device, (torch.float32, ())
@@ -182,7 +176,7 @@ class LappingTask(DrivingTask[LappingT]):
         time = self.config.patience * self.routes.length.cpu() / self.config.speed
         return (time / self.config.control_dt).ceil().long()
 
-    def bind_scene(self, scene: Scene) -> None:
+    def bind_scene(self, scene: sw.sensors.Scene) -> None:
         """Show the course that each world drives on, if there are several."""
         if self.config.tracks > 1:
             known: wp.array = wp.array(self._courses, dtype=int, device=str(self.device))

@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, Any
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 
 from ..framework.recorded_launches import TensorFunction, TensorLaunch, filled
 from .navigation_kernels import Navigator, advance_heading, estimate_positions
 
 if TYPE_CHECKING:
-    from simwarp import Model
-    from simwarp.vehicle import VehicleParts
-
     from ..randomisation.randomness import WorldRandom
 
 PLACE_NOISE = 0.1
@@ -47,17 +44,22 @@ class Navigation:
         tables: readings and heading, for kernels.
     """
 
-    def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, random: WorldRandom) -> None:
-        from simwarp import pose
-        from simwarp.sensors import Gps, GpsConfig, Imu, ImuConfig, Mount, Schedule
-
+    def __init__(
+        self, model: sw.Model, parts: sw.vehicle.VehicleParts, dt: float, decimation: int, random: WorldRandom
+    ) -> None:
         period = dt * decimation
-        mount = Mount(body=parts.chassis, pose=pose(parts.reference))
-        gps = Gps(model, mount, GpsConfig(schedule=Schedule(rate=1.0 / period)))
-        imu = Imu(model, mount, ImuConfig(schedule=Schedule(rate=1.0 / period, window=period), outputs=("gyroscope",)))
+        mount = sw.sensors.Mount(body=parts.chassis, pose=sw.pose(parts.reference))
+        gps = sw.sensors.Gps(model, mount, sw.sensors.GpsConfig(schedule=sw.sensors.Schedule(rate=1.0 / period)))
+        imu = sw.sensors.Imu(
+            model,
+            mount,
+            sw.sensors.ImuConfig(
+                schedule=sw.sensors.Schedule(rate=1.0 / period, window=period), outputs=("gyroscope",)
+            ),
+        )
         self.sensors: list[Any] = [gps, imu]
         heading = wp.zeros(model.world_count, dtype=float, device=model.device)
-        self.heading = to_torch(heading)
+        self.heading = sw.to_torch(heading)
         self.tables = filled(
             Navigator,
             position=gps.position,

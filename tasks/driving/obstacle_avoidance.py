@@ -9,12 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 from simwarp.tasks import Drawing, Ge, Le, Line, Positive, RewardWeights, filled, launch_over, register
 from simwarp.tasks.driving import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, RangeFan, outline
 
@@ -28,10 +28,6 @@ from .obstacle_avoidance_kernels import (
     measure_way,
     observe_way,
 )
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.sensors import Visuals
 
 PILLARS_X = (25.0, 50.0, 75.0)
 PILLAR_HALF = (1.0, 1.0, 5.0)
@@ -96,10 +92,8 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     # At no more cost it sees by dusk and in fog too: docs/results.md, "Driving: light, fog, delays, other vehicles"
     distilled_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}
 
-    def build_world(self, builder: ModelBuilder) -> None:
+    def build_world(self, builder: sw.ModelBuilder) -> None:
         """Three pillars; a reset moves them across the road."""
-        import simwarp as sw
-
         self.pillars = [
             builder.add_shape_box(
                 sw.WORLD, half=PILLAR_HALF, pose=sw.pose((x, 0.0, PILLAR_HALF[2])), name=f"pillar_{index}"
@@ -107,10 +101,8 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             for index, x in enumerate(PILLARS_X)
         ]
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Blue pillars on a grey road; nothing beside it."""
-        import simwarp as sw
-
         super().visuals(visuals)
         for pillar in self.pillars:
             visuals.show(pillar, color=PILLAR_COLOR, label=1)
@@ -139,7 +131,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             shape_x=model.shape_x,
             before=wp.zeros(worlds, dtype=wp.float64, device=str(device)),
         )
-        self._pillar_x = to_torch(model.shape_x)[:, self.pillars[0] : self.pillars[-1] + 1]
+        self._pillar_x = sw.to_torch(model.shape_x)[:, self.pillars[0] : self.pillars[-1] + 1]
         car, drive, state = self._car, self._drive, self.simulation.state.arrays
         self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 3))
         self._terms = torch.zeros(3, worlds, device=device)

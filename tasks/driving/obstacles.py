@@ -11,17 +11,13 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 
 from ..framework.drawing import Line
 from ..framework.recorded_launches import TensorFunction, filled
 from .obstacles_kernels import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 if TYPE_CHECKING:
-    from simwarp import Model, ModelBuilder
-    from simwarp.scenery import Visual
-    from simwarp.sensors import Scene, Visuals
-
     from ..randomisation.randomness import WorldRandom
 
 
@@ -29,7 +25,7 @@ if TYPE_CHECKING:
 class ObstacleKind:
     """A thing that may stand in the way, and how small or large it may be."""
 
-    visual: Visual
+    visual: sw.scenery.Visual
     scale: tuple[float, float]
 
 
@@ -60,10 +56,8 @@ class Obstacles:
     def __repr__(self) -> str:
         return f"Obstacles: {self.count} slots for {len(self.kinds)} kinds"
 
-    def build(self, builder: ModelBuilder) -> None:
+    def build(self, builder: sw.ModelBuilder) -> None:
         """Add the slots as shapes; they meet the groups of the mask."""
-        import simwarp as sw
-
         hulls = [kind.visual.hull for kind in self.kinds]
         self._hulls = [builder.add_hull_asset(hull) for hull in hulls]
         self.shapes = [
@@ -78,10 +72,8 @@ class Obstacles:
             for slot in range(self.count)
         ]
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show pictures in place of the hulls."""
-        import simwarp as sw
-
         visuals.hide(*self.shapes)
         self._visuals = [visuals.add_mesh_asset(kind.visual.mesh) for kind in self.kinds]
         self._instances = [
@@ -92,14 +84,14 @@ class Obstacles:
             for slot in range(self.count)
         ]  # fmt: skip
 
-    def bind(self, model: Model, random: WorldRandom) -> None:
+    def bind(self, model: sw.Model, random: WorldRandom) -> None:
         """Make tables of a model's slots; things are drawn from ``random``."""
         device, worlds = str(model.device), model.world_count
         hulls = [kind.visual.hull for kind in self.kinds]
         reach = [float(np.linalg.norm(hull[:, :2], axis=1).max()) for hull in hulls]
         place = wp.zeros((worlds, self.count), dtype=wp.vec2, device=device)
         radius = wp.full((worlds, self.count), -1.0, dtype=float, device=device)
-        self.place, self.radius = to_torch(place), to_torch(radius)
+        self.place, self.radius = sw.to_torch(place), sw.to_torch(radius)
         self.slots = filled(
             Slots,
             reach=wp.array(reach, dtype=float, device=device),
@@ -114,7 +106,7 @@ class Obstacles:
         assets: wp.array = wp.array(self._hulls, dtype=int, device=device)
         self._bound(filled(SlotArrays, first=self.shapes[0], assets=assets, **arrays), SlotArrays())
 
-    def bind_scene(self, scene: Scene) -> None:
+    def bind_scene(self, scene: sw.sensors.Scene) -> None:
         """Make tables of the slots of what cameras see."""
         arrays = {name: getattr(scene, name) for name in self.scene_arrays}
         assets: wp.array = wp.array(self._visuals, dtype=int, device=scene.x.device)

@@ -8,12 +8,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 from simwarp.tasks import Ge, Gt, Le, NotNegative
 
 from ..framework.config import RewardWeights, require
@@ -39,10 +39,6 @@ from .off_road_kernels import (
 )
 from .outlines import outline
 from .ranging import RangeFan
-
-if TYPE_CHECKING:
-    from simwarp import Model, ModelBuilder
-    from simwarp.sensors import Scene, Visuals
 
 _FIELDS = 8
 _SIDE = 160.0
@@ -153,29 +149,24 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     # ---- the world -----------------------------------------------------------------------------------------------
 
-    def build_world(self, builder: ModelBuilder) -> None:
+    def build_world(self, builder: sw.ModelBuilder) -> None:
         """Slots for obstacles; the ground, if it is not flat."""
-        from simwarp.scenery import ROCKS, bush, rock, tree
-
-        kinds = [ObstacleKind(rock(kind, seed), (0.6, 1.3)) for seed, kind in enumerate(ROCKS)]
-        kinds += [ObstacleKind(bush("round", 0), (0.7, 1.4))]
-        kinds += [ObstacleKind(tree(kind, 0), (0.6, 1.0)) for kind in ("spruce", "oak")]
+        kinds = [ObstacleKind(sw.scenery.rock(kind, seed), (0.6, 1.3)) for seed, kind in enumerate(sw.scenery.ROCKS)]
+        kinds += [ObstacleKind(sw.scenery.bush("round", 0), (0.7, 1.4))]
+        kinds += [ObstacleKind(sw.scenery.tree(kind, 0), (0.6, 1.0)) for kind in ("spruce", "oak")]
         self.obstacles = Obstacles(kinds, max(1, self.config.obstacles), group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
         self.hills = Hills(_FIELDS, _SIDE) if self.config.hills > 0.0 else None
         if self.hills is not None:
             self.hills.build(builder)
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Pictures of the obstacles, and textured ground."""
-        import simwarp as sw
-        from simwarp.scenery import ground_texture
-        from simwarp.sensors import ImageTexture
-
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
         self._textures = [
-            visuals.texture(ImageTexture(image=ground_texture(kind), metres=(6.0, 6.0))) for kind in GROUND_TEXTURES
+            visuals.texture(sw.sensors.ImageTexture(image=sw.scenery.ground_texture(kind), metres=(6.0, 6.0)))
+            for kind in GROUND_TEXTURES
         ]
         white = (1.0, 1.0, 1.0)
         if self.hills is None:
@@ -190,7 +181,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         """Obstacles and textures differ."""
         return (*Obstacles.scene_arrays, "texture")
 
-    def ground(self, model: Model) -> Any:
+    def ground(self, model: sw.Model) -> Any:
         """Flat, or hills."""
         return None if self.hills is None else self.hills.terrain(model)
 
@@ -199,7 +190,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         config, worlds, device = self.config, self.num_worlds, self.device
         self.terrain = self._make_ground()
         self.trip = zeros_of(Trip, self, last_action=self.action_size)
-        self.goal = to_torch(self.trip.goal)
+        self.goal = sw.to_torch(self.trip.goal)
         self.obstacles.bind(self.simulation.model, self.random)
         self._slopes = HillTables()
         if self.hills is not None:
@@ -248,7 +239,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
         )
 
-    def bind_scene(self, scene: Scene) -> None:
+    def bind_scene(self, scene: sw.sensors.Scene) -> None:
         """Show obstacles, and the ground's texture."""
         self.obstacles.bind_scene(scene)
         textures: wp.array = wp.array(self._textures, dtype=int, device=str(self.device))

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 
 from ..framework.drawing import Line
 from ..framework.recorded_launches import TensorLaunch, filled, launch_over, share_over
@@ -39,10 +39,6 @@ from .platoon_kernels import (
 )
 
 if TYPE_CHECKING:
-    from simwarp import Model, ModelBuilder
-    from simwarp.sensors import Scene, Visuals
-    from simwarp.vehicle import PathTracker, Vehicle, Vehicles
-
     from ..framework.recorded_launches import WorldLaunch
 
 APART = 8.0
@@ -65,7 +61,7 @@ class PlatoonTask(ConvoyTask):
     name: ClassVar[str] = "convoy"
     resting_action: float | Sequence[float] = BRAKE
 
-    vehicles: Vehicles
+    vehicles: sw.vehicle.Vehicles
     deviation: torch.Tensor
     touched: torch.Tensor
 
@@ -77,67 +73,59 @@ class PlatoonTask(ConvoyTask):
 
     # ---- the world -----------------------------------------------------------------------------------------------
 
-    def build(self, builder: ModelBuilder) -> None:
+    def build(self, builder: sw.ModelBuilder) -> None:
         """Add the vehicles, side by side, then the world's shapes."""
-        from simwarp import pose
-        from simwarp.vehicle import add_chassis_box, add_vehicle
-
         self._check_vehicle()
         self.spec = self.make_spec()
         count = self.config.leading + self.config.followers
-        places = [pose((0.0, APART * index, self.spec.start_height)) for index in range(count)]
+        places = [sw.pose((0.0, APART * index, self.spec.start_height)) for index in range(count)]
         self._parts = [
-            add_vehicle(builder, self.spec, at=place, prefix=f"v{index}_") for index, place in enumerate(places)
+            sw.vehicle.add_vehicle(builder, self.spec, at=place, prefix=f"v{index}_")
+            for index, place in enumerate(places)
         ]
         self._boxes = [
-            add_chassis_box(builder, parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP)
+            sw.vehicle.add_chassis_box(
+                builder, parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP
+            )
             for parts in self._parts
         ]
         self.parts, self.chassis_shape = self._parts[-1], self._boxes[-1]
         self.build_world(builder)
         self._builder = builder
-        self._scene: Scene | None = None
+        self._scene: sw.sensors.Scene | None = None
 
-    def make_vehicle(self, model: Model, ground: Any) -> Vehicles:
+    def make_vehicle(self, model: sw.Model, ground: Any) -> sw.vehicle.Vehicles:
         """Make all vehicles; ``vehicle`` is the last one."""
-        from simwarp.vehicle import Vehicles
-
-        self.vehicles = Vehicles(self._parts, model, ground=ground, randomised=True)
-        self.vehicle: Vehicle = self.vehicles[-1]
+        self.vehicles = sw.vehicle.Vehicles(self._parts, model, ground=ground, randomised=True)
+        self.vehicle: sw.vehicle.Vehicle = self.vehicles[-1]
         return self.vehicles
 
-    def more_elements(self, model: Model) -> list[Any]:
+    def more_elements(self, model: sw.Model) -> list[Any]:
         """Return the drivers of the vehicles at the head."""
-        from simwarp.vehicle import PathTracker, PathTrackingSpec, look_ahead_for
-
         # Until it has settled a vehicle stands on its brakes
-        spec = PathTrackingSpec(
-            paths=tuple(self.ways()[0]), speed=0.0, steering=look_ahead_for(self.spec), start=SETTLING
+        spec = sw.vehicle.PathTrackingSpec(
+            paths=tuple(self.ways()[0]), speed=0.0, steering=sw.vehicle.look_ahead_for(self.spec), start=SETTLING
         )
-        self._drivers: list[PathTracker] = [
-            PathTracker(self.vehicles[index], spec) for index in range(self.config.leading)
+        self._drivers: list[sw.vehicle.PathTracker] = [
+            sw.vehicle.PathTracker(self.vehicles[index], spec) for index in range(self.config.leading)
         ]
         return [*super().more_elements(model), *self._drivers]
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show what `convoy` shows, vehicles in place of leaders."""
-        from simwarp.scenery import has_body
-
-        self._has_body = has_body(self.looks_like or self.spec.name)
+        self._has_body = sw.scenery.has_body(self.looks_like or self.spec.name)
         if self._has_body:
             visuals.hide(*self._boxes[:-1])  # before others note the indices of what they add: those behind move up
         super().visuals(visuals)
 
-    def show_leading(self, visuals: Visuals) -> None:
+    def show_leading(self, visuals: sw.sensors.Visuals) -> None:
         """Show the other vehicles."""
-        from simwarp.scenery import add_vehicle_visual
-
         for parts, box in zip(self._parts[:-1], self._boxes[:-1], strict=True):
-            add_vehicle_visual(
+            sw.scenery.add_vehicle_visual(
                 visuals, parts, like=self.looks_like, color=(0.5, 0.05, 0.03), box=None if self._has_body else box
             )
 
-    def bind_scene(self, scene: Scene) -> None:
+    def bind_scene(self, scene: sw.sensors.Scene) -> None:
         """Show obstacles; the vehicles are bodies."""
         self.obstacles.bind_scene(scene)
 
@@ -266,7 +254,7 @@ class PlatoonTask(ConvoyTask):
 
     def vehicle_lines(self) -> list[Line]:
         """Return the vehicles' outlines, those that followers drive in orange."""
-        points, angles = to_torch(self.vehicles.position), to_torch(self.vehicles.angles)
+        points, angles = sw.to_torch(self.vehicles.position), sw.to_torch(self.vehicles.angles)
         colors = ["tab:red"] * self.config.leading + ["tab:orange"] * self.config.followers
         return [
             Line(outline(points[:, index], angles[:, index, 2], self.chassis_half), color, 2.0, only_maps=True)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 import warp as wp
 
+import simwarp as sw
+
 from ..framework.recorded_launches import TensorFunction, filled
 from .routes_kernels import RouteTables, find_route_places, locate_on_routes, measure_route_distances
-
-if TYPE_CHECKING:
-    from simwarp.vehicle import Path
 
 
 class Routes:
@@ -30,7 +28,7 @@ class Routes:
         tables: the paths, for kernels.
     """
 
-    def __init__(self, paths: Sequence[Path], step: float, device: torch.device) -> None:
+    def __init__(self, paths: Sequence[sw.vehicle.Path], step: float, device: torch.device) -> None:
         wp.init()
         counts = [max(4, math.ceil(path.length / step)) for path in paths]
         points = np.zeros((len(paths), max(counts) + 1, 3), np.float32)

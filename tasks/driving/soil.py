@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import torch
 
-from simwarp import to_torch
-from simwarp.soil import PAGE_SIDE, SoilParameter
+import simwarp as sw
 
 if TYPE_CHECKING:
-    from simwarp.sensors import Scene
-    from simwarp.soil import SoilSpec
-    from simwarp.vehicle import Vehicle, Vehicles
-
     from ..randomisation.randomness import WorldRandom
 
 RIGID_SHARE: Final = 0.2
@@ -34,11 +29,13 @@ GROUNDS: Final = ("hills", "ground")
 """Names of the plane or height field in a scene that shows the ground."""
 DRAWS: Final = 4
 """Numbers that a soil is drawn with."""
-LOGARITHMIC: Final = [SoilParameter.K_PHI, SoilParameter.ELASTIC]
+LOGARITHMIC: Final = [sw.soil.SoilParameter.K_PHI, sw.soil.SoilParameter.ELASTIC]
 """Parameters whose logarithm is uniform."""
 DRAW_OF: Final = tuple(
-    {SoilParameter.EXPONENT: 1, SoilParameter.COHESION: 2, SoilParameter.TAN_PHI: 3}.get(parameter, 0)
-    for parameter in SoilParameter
+    {sw.soil.SoilParameter.EXPONENT: 1, sw.soil.SoilParameter.COHESION: 2, sw.soil.SoilParameter.TAN_PHI: 3}.get(
+        parameter, 0
+    )
+    for parameter in sw.soil.SoilParameter
 )
 """Which number each parameter is drawn with: k_c, shear length, elastic and damping go with k_phi."""
 
@@ -67,17 +64,15 @@ def pages_for(time: float, spacing: float, wheels: int, width: float) -> int:
         wheels: number of them.
         width: of the widest wheel [m].
     """
-    side = PAGE_SIDE * spacing
+    side = sw.soil.PAGE_SIDE * spacing
     way = min(USUAL_SPEED * time, LONGEST_RUT)
     tracks = 0.5 * wheels * (4.0 / math.pi) * (1.0 + width / side) / side
     return math.ceil(tracks * way) + 4 * wheels
 
 
-def rigid_soil(friction: float) -> SoilSpec:
+def rigid_soil(friction: float) -> sw.soil.SoilSpec:
     """Return a soil that hardly gives way, with the friction of a road."""
-    from simwarp.soil import SoilSpec
-
-    return SoilSpec(
+    return sw.soil.SoilSpec(
         k_phi=RIGID_MODULUS, exponent=1.0, friction_angle=min(math.atan(friction), STEEPEST), elastic=RIGID_ELASTIC
     )
 
@@ -107,31 +102,29 @@ class DrivenSoil:
     """
 
     def __init__(
-        self, vehicle: Vehicle | Vehicles, kind: SoilKind, random: WorldRandom, *, ground: Any, friction: float,
-        spacing: float, pages: int | None, time: float,
+        self, vehicle: sw.vehicle.Vehicle | sw.vehicle.Vehicles, kind: SoilKind, random: WorldRandom, *, ground: Any,
+        friction: float, spacing: float, pages: int | None, time: float,
     ) -> None:  # fmt: skip
-        from simwarp.soil import PRESETS, soil_under
-
         parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
         widest = max(axle.tire.width for axle in parts[0].spec.axles)
         wheels = sum(len(each.sides) for each in parts)
-        settling = PRESETS["mid" if kind is SoilKind.RANDOM else kind.value]
-        self.element = soil_under(
+        settling = sw.soil.PRESETS["mid" if kind is SoilKind.RANDOM else kind.value]
+        self.element = sw.soil.soil_under(
             vehicle, settling, ground=ground, spacing=spacing, per_world=True,
             pages=pages or pages_for(time, spacing, wheels, widest),
         )  # fmt: skip
         self._parts = parts
-        self.parameter = to_torch(self.element.parameter)
+        self.parameter = sw.to_torch(self.element.parameter)
         self._random = random
         self._rigid = self._row(rigid_soil(friction))
-        self._preset = None if kind is SoilKind.RANDOM else self._row(PRESETS[kind.value])
-        self._low, self._high = (_spread(self._row(PRESETS[name])) for name in ("soft", "hard"))
+        self._preset = None if kind is SoilKind.RANDOM else self._row(sw.soil.PRESETS[kind.value])
+        self._low, self._high = (_spread(self._row(sw.soil.PRESETS[name])) for name in ("soft", "hard"))
         self._draw_of = torch.tensor(DRAW_OF, device=self.parameter.device)
         self._logarithmic = torch.zeros_like(self._low, dtype=torch.bool)
         self._logarithmic[LOGARITHMIC] = True
         self._shifts: torch.Tensor | None = None
 
-    def _row(self, soil: SoilSpec) -> torch.Tensor:
+    def _row(self, soil: sw.soil.SoilSpec) -> torch.Tensor:
         return torch.tensor(soil.values(), dtype=torch.float32, device=self.parameter.device)
 
     def draw(self, world_mask: torch.Tensor) -> None:
@@ -160,7 +153,7 @@ class DrivenSoil:
         """
         kept = self.element.resting_shifts(world_mask)
         if self._shifts is None:  # the same memory throughout
-            self._shifts = to_torch(kept)
+            self._shifts = sw.to_torch(kept)
         shifts = self._shifts.double()
         shifts = torch.where(world_mask.unsqueeze(1), shifts, torch.zeros_like(shifts))
         first = 0
@@ -170,7 +163,7 @@ class DrivenSoil:
             first = wheels.stop
         self.element.imprint(world_mask)
 
-    def show_in(self, scene: Scene) -> None:
+    def show_in(self, scene: sw.sensors.Scene) -> None:
         """Let a scene show the ruts, if one of `GROUNDS` is in it: roads and floors of other kinds stay as they are."""
         shown = [name for name in GROUNDS if name in scene.names]
         if shown:
@@ -181,7 +174,7 @@ class DrivenSoil:
         shares = self._random.uniform("soil", size=DRAWS + 1)
         rows = torch.lerp(self._low, self._high, shares.index_select(1, self._draw_of))
         rows = torch.where(self._logarithmic, rows.exp(), rows)
-        rows[:, SoilParameter.TAN_PHI] = rows[:, SoilParameter.TAN_PHI].tan()
+        rows[:, sw.soil.SoilParameter.TAN_PHI] = rows[:, sw.soil.SoilParameter.TAN_PHI].tan()
         return torch.where(shares[:, DRAWS:] < RIGID_SHARE, self._rigid, rows)
 
 
@@ -189,5 +182,5 @@ def _spread(row: torch.Tensor) -> torch.Tensor:
     """Return a row (8,) with logarithms and the angle in place of what is drawn by them."""
     spread = row.clone()
     spread[LOGARITHMIC] = row[LOGARITHMIC].log()
-    spread[SoilParameter.TAN_PHI] = row[SoilParameter.TAN_PHI].atan()
+    spread[sw.soil.SoilParameter.TAN_PHI] = row[sw.soil.SoilParameter.TAN_PHI].atan()
     return spread

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 import warp as wp
 
+import simwarp as sw
 from simwarp.core.fields import FieldGroup
 
 from ..randomisation.randomising import check_ranges, drawn_parameters
 from .config import TaskConfig
 from .errors import InputError
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder, SolverOptions
 
 _NON_FINITE_BIT = 1
 
@@ -71,16 +69,16 @@ def no_attachments(model: Any) -> Attachments:
 
 
 def build_physics(
-    build: Callable[[ModelBuilder], ModelBuilder | None],
+    build: Callable[[sw.ModelBuilder], sw.ModelBuilder | None],
     config: TaskConfig,
     num_worlds: int,
     device: str,
     *,
     per_world: Iterable[str] = (),
-    solver: SolverOptions | None = None,
+    solver: sw.SolverOptions | None = None,
     attach: Callable[[Any], Attachments] = no_attachments,
     elements: Callable[[Any], Sequence[Any]] | None = None,
-) -> tuple[Any, PhysicsViews, ModelBuilder]:
+) -> tuple[Any, PhysicsViews, sw.ModelBuilder]:
     """Build model and simulation from a task's ``build`` and its configuration; also returns the builder.
 
     Args:
@@ -93,9 +91,6 @@ def build_physics(
         attach: force elements and sensors for the finished model.
         elements: further force elements for it, which come last: of whoever looks on, not of the task.
     """
-    import simwarp as sw
-    from simwarp import to_torch
-
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, -getattr(config, "gravity", 9.81)))
     made = build(builder)
     if made is not None:
@@ -111,20 +106,20 @@ def build_physics(
     simulation.read_interval.asked_before_replay = True  # `at_start`, by whoever captures a control step
     state, control = simulation.state, simulation.control
     views = PhysicsViews(
-        joint_q=to_torch(state.joint_q),
-        joint_qd=to_torch(state.joint_qd),
-        joint_force=to_torch(control.joint_force),
-        body_force=to_torch(control.body_force),
-        body_torque=to_torch(control.body_torque),
-        body_q=to_torch(state.body_q),
-        body_v=to_torch(state.body_v),
-        body_omega=to_torch(state.body_omega),
-        world_status=to_torch(state.world_status),
+        joint_q=sw.to_torch(state.joint_q),
+        joint_qd=sw.to_torch(state.joint_qd),
+        joint_force=sw.to_torch(control.joint_force),
+        body_force=sw.to_torch(control.body_force),
+        body_torque=sw.to_torch(control.body_torque),
+        body_q=sw.to_torch(state.body_q),
+        body_v=sw.to_torch(state.body_v),
+        body_omega=sw.to_torch(state.body_omega),
+        world_status=sw.to_torch(state.world_status),
     )
     return simulation, views, builder
 
 
-def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
+def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, sw.ModelBuilder | None]:
     """Build what a task asks for; nothing where it has no physics.
 
     Raises:

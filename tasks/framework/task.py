@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NoReturn, TypeAlias, T
 
 import torch
 
+import simwarp as sw
 from simwarp.core.interop import shared_stream
 from simwarp.core.readable import Names, Readable, Row, array_text, plural
 
@@ -46,11 +47,7 @@ from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
 
 if TYPE_CHECKING:
-    from simwarp import Model, ModelBuilder, SolverOptions
-    from simwarp.sensors import Lighting, Scene, Visuals
     from simwarp.simulation.world_launches import WorldLaunch
-    from simwarp.viewer import Shot
-
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
 Groups: TypeAlias = dict[str, torch.Tensor]
@@ -115,7 +112,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
     distilled_in: ClassVar[Mapping[str, Any]] = {}
     """Those with which ``simwarp distill`` begins, such as ``{"tracks": 16}``."""
 
-    further_elements: Callable[[Model], Sequence[Any]] | None = None
+    further_elements: Callable[[sw.Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -166,15 +163,15 @@ class Task(Readable, ABC, Generic[ConfigT]):
         """Return ``module:Class``, a subclass that plays this configuration; None: the class itself. Optional."""
         return None
 
-    def build(self, builder: ModelBuilder) -> ModelBuilder | None:
+    def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder | None:
         """Add the bodies and joints of one world to ``builder``, or return a builder of your own."""
         raise NotImplementedError(f"{type(self).__name__} has no build(builder); set physics = False if it needs none")
 
-    def solver_options(self) -> SolverOptions | None:
+    def solver_options(self) -> sw.SolverOptions | None:
         """Return the numbers of the solver; None takes its defaults."""
         return None
 
-    def attach(self, model: Model) -> Attachments:
+    def attach(self, model: sw.Model) -> Attachments:
         """Return the elements of every physics step: force elements such as a vehicle, sensors. Optional."""
         return Attachments()
 
@@ -259,30 +256,25 @@ class Task(Readable, ABC, Generic[ConfigT]):
         """Return the agent's position, (W, 3) [m], for paths on a map: by default body 0's; None if it has none."""
         return None if self._views is None else self.views.body_q[:, 0, :3]
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional."""
 
-    def scene(self) -> Scene | None:
+    def scene(self) -> sw.sensors.Scene | None:
         """Return the scene of rendered pictures: bodies, as balls where none has a shape; None without. Optional."""
         if self.simulation is None or self.builder is None or not self.builder.bodies:
             return None
-        from simwarp.sensors import Visuals
-        from simwarp.viewer import add_bodies, paint
-
-        visuals = Visuals(self.builder)
+        visuals = sw.sensors.Visuals(self.builder)
         self.visuals(visuals)
         if all(instance.body < 0 for instance in visuals.instances):
-            add_bodies(visuals)
-        paint(visuals)
+            sw.viewer.add_bodies(visuals)
+        sw.viewer.paint(visuals)
         return visuals.finalize(self.simulation.model)
 
-    def shot(self) -> Shot:
+    def shot(self) -> sw.viewer.Shot:
         """Return the view of the camera of ``simwarp play``; by default it follows body 0."""
-        from simwarp.viewer import Shot
+        return sw.viewer.Shot()
 
-        return Shot()
-
-    def lighting(self) -> Lighting | None:
+    def lighting(self) -> sw.sensors.Lighting | None:
         """Return the lights that cameras and pictures see by; None: sun and sky."""
         return None
 

@@ -10,19 +10,16 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
 import warp as wp
 
+import simwarp as sw
 from simwarp.tasks import RewardWeights, TaskConfig, filled, launch_over, register
 from simwarp.tasks.locomotion import BASE, Orientation, Touching, WalkingConfig, WalkingTask
 
 from . import ant_kernels as kernels
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.sensors import Visuals
 
 _HIP_LIMIT = math.pi / 3.0
 _ANKLE_LIMITS = (-math.pi / 2.0, math.pi / 4.0)
@@ -116,11 +113,9 @@ class AntTask(WalkingTask[AntConfig]):
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.4, 1.0, 2.0, 5.0)
     training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.6}
 
-    def build(self, builder: ModelBuilder) -> ModelBuilder:
+    def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The ant of :mod:`simwarp.scenes`."""
-        from simwarp.scenes import ant
-
-        return ant()
+        return sw.scenes.ant()
 
     @property
     def lateral(self) -> bool:
@@ -166,9 +161,6 @@ class AntTask(WalkingTask[AntConfig]):
         """Return ``torso_contact``: the torso touches the ground, in any physics step."""
         return {"torso_contact": self._touched.clone()}
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show the legs as well, of which only the feet are collision shapes."""
-        from simwarp.scenes import ANT_LIMB_RADIUS
-        from simwarp.viewer import add_skeleton
-
-        add_skeleton(visuals, ANT_LIMB_RADIUS)
+        sw.viewer.add_skeleton(visuals, sw.scenes.ANT_LIMB_RADIUS)

@@ -10,19 +10,16 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
 import warp as wp
 
+import simwarp as sw
 from simwarp.tasks import Positive, RewardWeights, TaskConfig, filled, launch_over, register
 from simwarp.tasks.locomotion import BASE, Touching, WalkingConfig, WalkingTask
 
 from . import hexapod_kernels as kernels
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.sensors import Visuals
 
 _LEGS = 6
 
@@ -124,11 +121,9 @@ class HexapodTask(WalkingTask[HexapodConfig]):
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.15, 0.4, 1.0, 6.0)
     training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.3}
 
-    def build(self, builder: ModelBuilder) -> ModelBuilder:
+    def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The hexapod of :mod:`simwarp.scenes`."""
-        from simwarp.scenes import hexapod
-
-        return hexapod()
+        return sw.scenes.hexapod()
 
     @property
     def speed_limit(self) -> float:
@@ -145,8 +140,6 @@ class HexapodTask(WalkingTask[HexapodConfig]):
 
     def setup(self) -> None:
         """Store the height at the start, and record the reward."""
-        from simwarp.scenes import HEXAPOD_LIMIT
-
         super().setup()
         config, device, walks = self.config, str(self.device), self.config.reward is HexapodReward.WALK
         weights = config.reward_weights()
@@ -158,7 +151,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
             target_speed=config.target_speed,
             start_height=wp.array(self.simulation.state.body_x.numpy()[:, BASE, 2], dtype=float, device=device),
             middle=wp.zeros(self.action_size, dtype=float, device=device),
-            half=wp.full(self.action_size, HEXAPOD_LIMIT, dtype=float, device=device),
+            half=wp.full(self.action_size, sw.scenes.HEXAPOD_LIMIT, dtype=float, device=device),
         )
         self._terms = torch.zeros(len(weights), self.num_worlds, device=self.device)
         self._reward_terms = dict(zip(weights, self._terms, strict=True))
@@ -174,8 +167,6 @@ class HexapodTask(WalkingTask[HexapodConfig]):
         """Return ``contact``: anything but a foot touches the ground, in any physics step."""
         return {"contact": self._touched.clone()}
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show the links as rods between the hinges; the collision boxes are the servos."""
-        from simwarp.viewer import add_skeleton
-
-        add_skeleton(visuals, 0.008)
+        sw.viewer.add_skeleton(visuals, 0.008)

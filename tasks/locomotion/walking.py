@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 import torch
 import warp as wp
 
-from simwarp import to_torch
+import simwarp as sw
 from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
@@ -32,8 +32,6 @@ from .walking_kernels import (
 )
 
 if TYPE_CHECKING:
-    from simwarp import SolverOptions
-
     from ..framework.recorded_launches import WorldLaunch
 
 BASE = 0
@@ -154,11 +152,9 @@ class WalkingTask(Task[WalkingT]):
         """Joint speed beyond which a torque that would drive it on is cut off [rad/s]."""
         return math.inf
 
-    def solver_options(self) -> SolverOptions:
+    def solver_options(self) -> sw.SolverOptions:
         """Contacts to ``tolerance``: far below the speed of a foot, so that it does not change a gait."""
-        from simwarp import SolverOptions
-
-        return SolverOptions(tolerance=self.config.tolerance)
+        return sw.SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
         """Allocate the state of an episode, and record what a control step launches."""
@@ -166,7 +162,7 @@ class WalkingTask(Task[WalkingT]):
         state, torque = simulation.state.arrays, simulation.control.joint_force
         self.walk = zeros_of(WalkState, self, last_action=self.action_size)
         self._touched, self._aside, self._reached = (
-            to_torch(array) for array in (self.walk.touched, self.walk.aside, self.walk.reached)
+            sw.to_torch(array) for array in (self.walk.touched, self.walk.aside, self.walk.reached)
         )
         self.walker, width = self._make_walker()
         walker = self.walker

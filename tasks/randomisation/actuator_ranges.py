@@ -8,19 +8,17 @@ time.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
+import simwarp as sw
 from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
 from .uncertainty import Mode, Range
-
-if TYPE_CHECKING:
-    from simwarp.actuators import Actuators, ActuatorSpec
 
 STRENGTH, STIFFNESS, DAMPING, DELAY = "actuator_strength", "actuator_stiffness", "actuator_damping", "actuator_delay"
 ARRAYS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -66,16 +64,13 @@ class ActuatorNumbers:
     """
 
     def __init__(self, names: Iterable[str], simulation: Any, owner: str) -> None:
-        from simwarp import to_torch
-        from simwarp.actuators import Actuators
-
         wanted = list(names)
-        found = [element for element in simulation.elements if isinstance(element, Actuators)]
+        found = [element for element in simulation.elements if isinstance(element, sw.actuators.Actuators)]
         if len(found) != 1:
             raise InputError(
                 f"randomise '{wanted[0]}': {owner} must have one group of actuators, got {len(found)}; add it in attach"
             )
-        self.actuators: Actuators = found[0]
+        self.actuators: sw.actuators.Actuators = found[0]
         worlds = simulation.model.world_count
         for array in sorted(own_arrays(wanted)):
             if getattr(self.actuators, array).shape[0] != worlds:
@@ -83,7 +78,7 @@ class ActuatorNumbers:
                     f"randomise '{wanted[0]}': the actuators of {owner} share '{array}' among all worlds; make them "
                     f"with actuators_of, or with per_world=['{array}']"
                 )
-        self._arrays = {name: to_torch(getattr(self.actuators, name)) for name in own_arrays(wanted)}
+        self._arrays = {name: sw.to_torch(getattr(self.actuators, name)) for name in own_arrays(wanted)}
         self._built = {name: view.clone() for name, view in self._arrays.items()}
         size = (worlds, len(self.actuators))
         device = next(iter(self._arrays.values())).device
@@ -145,13 +140,11 @@ class ActuatorNumbers:
             self._arrays[name].copy_(torch.where(where, value, self._arrays[name]))
 
 
-def _acts(name: str, spec: ActuatorSpec) -> bool:
+def _acts(name: str, spec: sw.actuators.ActuatorSpec) -> bool:
     """True if what is drawn has an effect on an actuator."""
-    from simwarp.actuators import Law
-
     if name == DELAY:
         return spec.delay > 0.0
-    if spec.law is Law.SERVO:
+    if spec.law is sw.actuators.Law.SERVO:
         return False
     if name == STIFFNESS:
         return spec.bias[1] != 0.0 and spec.gain[0] == -spec.bias[1]

@@ -14,6 +14,8 @@ from typing import Any, Final
 import numpy as np
 import torch
 
+import simwarp as sw
+
 from ..framework.errors import InputError
 from ..framework.rotations import in_world_axes
 from .uncertainty import Mode, Range, When
@@ -46,9 +48,6 @@ class MassCentres:
     """
 
     def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
-        from simwarp import to_torch
-        from simwarp.actuators import Actuators
-
         model = self._model = simulation.model
         for name, spec in ranges.items():
             if spec.mode is Mode.SCALE:
@@ -56,14 +55,14 @@ class MassCentres:
             if spec.when is When.STEP:
                 raise InputError(f"randomise '{name}': a centre of mass jumps with its body; use when='episode'")
         self._simulation = simulation
-        others = [type(each).__name__ for each in simulation.elements if not isinstance(each, Actuators)]
+        others = [type(each).__name__ for each in simulation.elements if not isinstance(each, sw.actuators.Actuators)]
         if others:
             name = next(iter(ranges))
             raise InputError(
                 f"randomise '{name}': {others[0]} of {owner} has places on bodies that do not follow; leave it out"
             )
         topology = model.topology
-        device = to_torch(model.body_mass).device
+        device = sw.to_torch(model.body_mass).device
         size = (model.world_count, model.body_count)
         self.views = {name: torch.zeros(size, device=device) for name in ranges}
         owners = (topology.shape_body, topology.joint_body0, topology.joint_body1)
@@ -72,7 +71,7 @@ class MassCentres:
             on = bodies.numpy()
             columns = torch.from_numpy(np.flatnonzero(on >= 0)).to(device)
             if len(columns):
-                view = to_torch(getattr(model, name))
+                view = sw.to_torch(getattr(model, name))
                 body = torch.from_numpy(on[on >= 0].astype(np.int64)).to(device)
                 self._parts.append((view, columns, body, view[:, columns].clone()))
         link_body, link_joint = topology.link_body.numpy(), topology.link_joint.numpy()
@@ -80,7 +79,7 @@ class MassCentres:
         self._unplaced = torch.from_numpy(roots).to(device)
         """Bodies whose place in the world is no joint's: `set_joint_state` leaves them where they are."""
         state = simulation.state
-        self._motion = [to_torch(array) for array in (state.body_x, state.body_rot, state.body_v, state.body_omega)]
+        self._motion = [sw.to_torch(array) for array in (state.body_x, state.body_rot, state.body_v, state.body_omega)]
 
     def chosen(self, spec: Range, named: torch.Tensor) -> torch.Tensor:
         """Return which bodies a range moves the centres of, (B,) bool: those that are named and have mass.

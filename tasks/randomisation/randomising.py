@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+import simwarp as sw
 from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
@@ -60,9 +61,7 @@ class _Parameter:
 
 def _of_model(name: str, spec: Range, model: Any) -> _Parameter:
     """Return a parameter of the model."""
-    from simwarp import to_torch
-
-    view = to_torch(getattr(model, name))
+    view = sw.to_torch(getattr(model, name))
     return _Parameter(name, spec, view, _chosen(name, spec, model, view))
 
 
@@ -70,10 +69,8 @@ class _Inertia:
     """The inertia of bodies whose mass is scaled: it grows with it, as that of a denser body does."""
 
     def __init__(self, mass: _Parameter, model: Any) -> None:
-        from simwarp import to_torch
-
         self.mass = mass
-        self.view = to_torch(model.body_inertia_b)
+        self.view = sw.to_torch(model.body_inertia_b)
         self.built = self.view.clone()
 
     def follow(self, mask: torch.Tensor) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 import torch
 import warp as wp
 
+import simwarp as sw
 from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
 from simwarp.tasks import Ge, Le, NotNegative
 
@@ -46,9 +47,6 @@ from ..walking_ground_kernels import (
 from .height_scan import GridScan, ScanConfig
 
 if TYPE_CHECKING:
-    from simwarp import Material, ModelBuilder
-    from simwarp.sensors import Scene, Visuals
-
     from ...framework.task import Task
 
 __all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ScanConfig", "ground_of"]
@@ -139,10 +137,10 @@ class FlatGround:
 
     def __init__(self, scan: ScanConfig, stand: float) -> None:
         self.scanned, self.stand = scan, stand
-        self._scene: Scene | None = None
+        self._scene: sw.sensors.Scene | None = None
 
     def build(
-        self, builder: ModelBuilder, *, material: Material | None = None, group: int = 1, mask: int = 0x7FFFFFFF
+        self, builder: sw.ModelBuilder, *, material: sw.Material | None = None, group: int = 1, mask: int = 0x7FFFFFFF
     ) -> int:  # fmt: skip
         """Add the ground to the world; return the index of its shape.
 
@@ -207,25 +205,22 @@ class FlatGround:
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take it back, name -> (W, ...), and show the ground again."""
 
-    def scene(self, task: Task[Any]) -> Scene:
+    def scene(self, task: Task[Any]) -> sw.sensors.Scene:
         """Return the scene of a task's pictures, always the same, in which patches have the colour of their level."""
-        from simwarp.sensors import Visuals
-        from simwarp.viewer import paint
-
         if self._scene is None:
             assert task.builder is not None
-            visuals = Visuals(task.builder)
+            visuals = sw.sensors.Visuals(task.builder)
             self._paint(visuals)
             task.visuals(visuals)
-            paint(visuals)
+            sw.viewer.paint(visuals)
             self._scene = visuals.finalize(task.simulation.model, per_world=self.scene_arrays)
             self._show_in(self._scene, visuals)
         return self._scene
 
-    def _paint(self, visuals: Visuals) -> None:
+    def _paint(self, visuals: sw.sensors.Visuals) -> None:
         """Give the ground an appearance of its own, before the rest is painted."""
 
-    def _show_in(self, scene: Scene, visuals: Visuals) -> None:
+    def _show_in(self, scene: sw.sensors.Scene, visuals: sw.sensors.Visuals) -> None:
         """From now on colours of the ground follow its levels in a scene."""
 
 
@@ -279,11 +274,9 @@ class RoughGround(FlatGround):
         ]
 
     def build(
-        self, builder: ModelBuilder, *, material: Material | None = None, group: int = 1, mask: int = 0x7FFFFFFF
+        self, builder: sw.ModelBuilder, *, material: sw.Material | None = None, group: int = 1, mask: int = 0x7FFFFFFF
     ) -> int:  # fmt: skip
         """Add all patches as assets, and the ground as one shape that shows one of them; see :class:`FlatGround`."""
-        import simwarp as sw
-
         fields, size = self.fields(), (self.patch.side,) * 2
         self._assets = [builder.add_height_field_asset(field, size=size) for field in fields]
         self.shape = builder.add_shape_height_field(
@@ -413,14 +406,12 @@ class RoughGround(FlatGround):
         self._climbs = bool(self._state["climbing"].any())
         self._show.launch()
 
-    def _paint(self, visuals: Visuals) -> None:
+    def _paint(self, visuals: sw.sensors.Visuals) -> None:
         """A checker whose squares, half a metre wide, show how steep the ground is; levels give its colour."""
-        from simwarp.sensors import CheckerTexture
-
-        checker = CheckerTexture(colors=((0.85, 0.85, 0.85), (1.0, 1.0, 1.0)), metres=0.5)
+        checker = sw.sensors.CheckerTexture(colors=((0.85, 0.85, 0.85), (1.0, 1.0, 1.0)), metres=0.5)
         visuals.show(self.shape, color=(1.0, 1.0, 1.0), texture=visuals.texture(checker))
 
-    def _show_in(self, scene: Scene, visuals: Visuals) -> None:
+    def _show_in(self, scene: sw.sensors.Scene, visuals: sw.sensors.Visuals) -> None:
         fill(self._patches, color=scene.color, instance=visuals.index_of(self.shape))
         self._record_launches()
         self._show.launch()

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
 import warp as wp
 
+import simwarp as sw
 from simwarp.tasks import Ge, Le, Positive
 
 from ...framework.config_values import Settings
 from ...framework.recorded_launches import TensorLaunch
 from ..walking_ground_kernels import scan_rays
-
-if TYPE_CHECKING:
-    from simwarp import Simulation
-    from simwarp.sensors import Scene
 
 __all__ = ["GridScan", "RayScan", "ScanConfig"]
 
@@ -110,7 +107,13 @@ class RayScan:
     """
 
     def __init__(
-        self, scene: Scene, simulation: Simulation, scan: ScanConfig, stand: float, *, groups: int = 0x7FFFFFFF
+        self,
+        scene: sw.sensors.Scene,
+        simulation: sw.Simulation,
+        scan: ScanConfig,
+        stand: float,
+        *,
+        groups: int = 0x7FFFFFFF,
     ) -> None:
         model = simulation.model
         tables = scene.tables(groups)

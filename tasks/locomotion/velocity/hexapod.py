@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+import simwarp as sw
 from simwarp.core.types import PositionDrive
-from simwarp.scenes import HEXAPOD_STANCE, hexapod
 
 from ...framework.config import TaskConfig
 from ...framework.registry import register
 from ..walking import BASE
 from .config import VelocityConfig
 from .quadruped import QuadrupedVelocity
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.sensors import Visuals
 
 _LEGS = range(1, 7)
 _SERVO = PositionDrive(stiffness=10.0, damping=0.2, effort_limit=1.5)
@@ -52,16 +48,14 @@ class HexapodVelocity(QuadrupedVelocity):
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)
     stance: ClassVar[Mapping[str, float]] = {f"{k}_{leg}": 0.0 for k in ("hip", "femur", "tibia") for leg in _LEGS}
-    height: ClassVar[float] = HEXAPOD_STANCE
+    height: ClassVar[float] = sw.scenes.HEXAPOD_STANCE
 
-    def robot(self) -> ModelBuilder:
+    def robot(self) -> sw.ModelBuilder:
         """The PhantomX of :mod:`simwarp.scenes`, with servos."""
-        robot = hexapod(ground=False, drive=_SERVO)
-        robot.add_joint_free("base", BASE, anchor=(0.0, 0.0, HEXAPOD_STANCE))
+        robot = sw.scenes.hexapod(ground=False, drive=_SERVO)
+        robot.add_joint_free("base", BASE, anchor=(0.0, 0.0, sw.scenes.HEXAPOD_STANCE))
         return robot
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show the links as rods between the hinges; the collision boxes are the servos."""
-        from simwarp.viewer import add_skeleton
-
-        add_skeleton(visuals, 0.008)
+        sw.viewer.add_skeleton(visuals, 0.008)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import torch
 
-from simwarp import to_torch
+import simwarp as sw
 
 from ...framework.mirror import Mirror
 from ...framework.rotations import heading_of
@@ -18,10 +18,6 @@ from . import mdp
 from .config import VelocityConfig, VelocityObs
 from .ground import RoughGround, ground_of
 from .mirroring import mirror_of
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder, SolverOptions
-    from simwarp.sensors import Scene
 
 LeggedT = TypeVar("LeggedT", bound=VelocityConfig)
 
@@ -49,26 +45,22 @@ class LeggedTask(Task[LeggedT]):
     state_buffers: ClassVar[Mapping[str, str]] = {"before": "before", "rates_before": "rates_before"}
 
     @abstractmethod
-    def robot(self) -> ModelBuilder:
+    def robot(self) -> sw.ModelBuilder:
         """Return the robot without a ground, with position drives at the joints of `stance`.
 
         Its shapes meet those of group 2.
         """
 
-    def build(self, builder: ModelBuilder) -> ModelBuilder:
+    def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The robot on its ground."""
-        from simwarp import Material
-
         config, robot = self.config, self.robot()
         self.ground = ground_of(config.ground, self.height, rough=config.rough, scan=config.scan)
-        self.ground.build(robot, material=Material(friction=self.friction), group=2)
+        self.ground.build(robot, material=sw.Material(friction=self.friction), group=2)
         return robot
 
-    def solver_options(self) -> SolverOptions:
+    def solver_options(self) -> sw.SolverOptions:
         """Contacts to 1 mm/s, which no gait notices."""
-        from simwarp import SolverOptions
-
-        return SolverOptions(tolerance=1e-3)
+        return sw.SolverOptions(tolerance=1e-3)
 
     @property
     def action_joints(self) -> Sequence[str]:
@@ -107,7 +99,7 @@ class LeggedTask(Task[LeggedT]):
         self.on_trunk = self.contacts(self.trunk, threshold=light)
         self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
         self._stance = torch.tensor(self.default_positions, device=device)
-        self._targets = to_torch(self.simulation.control.joint_target_q)
+        self._targets = sw.to_torch(self.simulation.control.joint_target_q)
         self._place = model.dof(self.base)
         self._start = torch.zeros(self.num_worlds, model.dof_count, device=device)
         self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer
@@ -170,7 +162,7 @@ class LeggedTask(Task[LeggedT]):
         self.ground.climb()
         return {**told, **self.ground.metrics()}
 
-    def scene(self) -> Scene:
+    def scene(self) -> sw.sensors.Scene:
         """The ground with the colours of its levels, and the robot."""
         return self.ground.scene(self)
 

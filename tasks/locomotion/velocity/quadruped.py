@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
 
-from simwarp.scenes import QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT, quadruped, show_quadruped
+import simwarp as sw
 
 from ...framework.command import Command
 from ...framework.config import TaskConfig
@@ -15,10 +15,6 @@ from ...framework.registry import register
 from . import mdp
 from .config import VelocityConfig, VelocityObs
 from .legged import LeggedTask
-
-if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.sensors import Visuals
 
 
 @register("quadruped-velocity")
@@ -42,15 +38,20 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     state_buffers: ClassVar[Mapping[str, str]] = {
         name: name for name in ("before", "rates_before", "command", "heading", "errors", "error_sums", "past")
     }
-    trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
+    trunk, feet, stance, height = (
+        "trunk",
+        sw.scenes.QUADRUPED_FEET,
+        sw.scenes.QUADRUPED_STANCE,
+        sw.scenes.QUADRUPED_STANCE_HEIGHT,
+    )
 
-    def robot(self) -> ModelBuilder:
+    def robot(self) -> sw.ModelBuilder:
         """The quadruped of :mod:`simwarp.scenes`."""
-        return quadruped(ground=False)
+        return sw.scenes.quadruped(ground=False)
 
-    def visuals(self, visuals: Visuals) -> None:
+    def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Show its motors as well."""
-        show_quadruped(visuals)
+        sw.scenes.show_quadruped(visuals)
 
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
