@@ -64,6 +64,7 @@ class FastTask(Task[FastConfig]):
     def setup(self) -> None:
         """Allocate the state: (W, 2) position [m]."""
         self.position = torch.zeros(self.num_worlds, 2, device=self.device)
+        self.nearest = torch.full((self.num_worlds,), self.config.rewards.near, device=self.device)
 
     def apply(self, action: torch.Tensor) -> None:
         """Move the point."""
@@ -80,7 +81,7 @@ class FastTask(Task[FastConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``near``: one minus the distance from the origin."""
-        return {"near": self.config.rewards.near * (1.0 - self.position.norm(dim=1))}
+        return {"near": torch.sub(self.nearest, self.position.norm(dim=1), alpha=self.config.rewards.near)}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``out_of_bounds``."""

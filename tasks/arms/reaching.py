@@ -19,14 +19,21 @@ import simwarp as sw
 from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
 
 from ..framework.config import RewardWeights
-from ..framework.recorded_launches import filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import (
+    NamedRows,
+    TensorLaunch,
+    WorldLaunch,
+    filled,
+    launch_over,
+    share_over,
+    zeros_of,
+)
 from . import reach_kernels as kernels
 from .reach_kernels import ReachingArm, ReachState
 
 if TYPE_CHECKING:
     from simwarp.kinematics import InverseKinematics
 
-    from ..framework.recorded_launches import TensorLaunch, WorldLaunch
 
 _HALF_CUBE = 0.015
 _DRIVE_ERROR = 0.02
@@ -242,8 +249,6 @@ class ReachTask(Task[ReachConfig]):
         self._distance = torch.zeros(self.num_worlds, device=device)
         self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
         named = config.reward_weights()
-        self._terms = torch.zeros(len(named), self.num_worlds, device=device)
-        self._reward_terms = dict(zip(named, self._terms, strict=True))
         variant = kernels.SHAPED if config.reward is ReachReward.SHAPED else kernels.THESIS
         weights = filled(kernels.ReachRewardWeights, variant=variant, **named)
         hold_steps = round(config.hold_time / config.dt)
@@ -256,8 +261,8 @@ class ReachTask(Task[ReachConfig]):
         self._drive = launch_over(self, kernels.turn_joints, self.action, self.reaching, state, torque)
         self._finish = launch_over(self, kernels.finish_reach, self.action, *moved, torque)
         self._observe = launch_over(self, kernels.observe_reach, *moved, self._policy)
-        self._compute_rewards = launch_over(
-            self, kernels.compute_reach_rewards, weights, float(config.decimation), self.action, *moved, self._terms
+        self._compute_rewards = NamedRows(
+            self, kernels.compute_reach_rewards, named, weights, float(config.decimation), self.action, *moved
         )
         self._measure = launch_over(self, kernels.measure_reach, hold_steps, *moved, self._success, self._distance)
         self._start = launch_over(
@@ -352,8 +357,7 @@ class ReachTask(Task[ReachConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        self._compute_rewards.launch()
-        return dict(self._reward_terms)
+        return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``contact``: base, upper arm or forearm touch anything, in any physics step."""

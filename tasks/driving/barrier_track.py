@@ -14,7 +14,7 @@ import torch
 
 import simwarp as sw
 
-from ..framework.recorded_launches import TensorFunction, launch_over
+from ..framework.recorded_launches import NamedRows, TensorFunction
 from ..framework.registry import register
 from .barrier_track_kernels import find_corners_outside, reward_lane_offset
 from .base import PEDALS_BY_CAMERA, DrivingConfig
@@ -121,13 +121,11 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         where = [self._car, self.simulation.state.arrays, self.routes.tables, self.lap]
         fixed = [0.5 * WIDTH, corners(self.chassis_half, self.device), *where]
         self._tell_outside = TensorFunction(find_corners_outside, fixed, [(torch.bool, ())], self.device)
-        self._aside_term = torch.zeros(self.num_worlds, device=self.device)
-        self._pay_aside = launch_over(self, reward_lane_offset, self.config.rewards.aside, *where, self._aside_term)
+        self._reward_offset = NamedRows(self, reward_lane_offset, ("aside",), self.config.rewards.aside, *where)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap``, ``failure`` and how far ``aside`` of the middle the car drives."""
-        self._pay_aside.launch()
-        return super().rewards() | {"aside": self._aside_term}
+        return super().rewards() | self._reward_offset()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``collision`` with a barrier, ``upset`` and ``lap``."""

@@ -33,9 +33,9 @@ def find_corners_outside(
 
 @wp.kernel
 def reward_lane_offset(
-    weight: float, car: Car, state: StateArrays, routes: RouteTables, lap: Lap, term: wp.array[float]
+    weight: float, car: Car, state: StateArrays, routes: RouteTables, lap: Lap, terms: wp.array2d[float]
 ):
-    """Term of the reward for the distance from the middle of the lane."""
+    """Term of the reward for the distance from the middle of the lane: (1, W)."""
     world = wp.tid()
     aside = locate(int(lap.route[world]), plane(point_of(world, car, state)), routes)[1]
-    term[world] = weight * wp.abs(aside)
+    terms[0, world] = weight * wp.abs(aside)

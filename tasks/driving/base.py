@@ -7,7 +7,7 @@ import enum
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
 from ..framework.config import require
 from ..framework.errors import InputError, TaskError
-from ..framework.recorded_launches import TensorFunction, filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import TensorFunction, WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
 from ..randomisation.uncertainty import Uncertainty
@@ -41,9 +41,6 @@ from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
-
-if TYPE_CHECKING:
-    from ..framework.recorded_launches import WorldLaunch
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""

@@ -11,11 +11,10 @@ import warp as wp
 
 import simwarp as sw
 
-from ..framework.recorded_launches import filled, share_over
+from ..framework.recorded_launches import WorldLaunch, filled, share_over
 from .camera_images_kernels import Disturbance, disturb_images
 
 if TYPE_CHECKING:
-    from ..framework.recorded_launches import WorldLaunch
     from ..randomisation.randomness import WorldRandom
 
 RAYLEIGH: Final = (0.046, 0.108, 0.265)

@@ -11,7 +11,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
@@ -23,7 +23,17 @@ from simwarp.tasks import Ge, Gt, Le, Positive
 from ..framework.agents import lead_of
 from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
-from ..framework.recorded_launches import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import (
+    NamedRows,
+    TensorFunction,
+    TensorLaunch,
+    WorldLaunch,
+    fill,
+    filled,
+    launch_over,
+    share_over,
+    zeros_of,
+)
 from ..framework.registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
 from .convoy_kernels import (
@@ -50,11 +60,10 @@ from .outlines import outline
 from .ranging import RangeFan
 from .routes import Routes
 
-if TYPE_CHECKING:
-    from ..framework.recorded_launches import WorldLaunch
-
 LARGE = 4
 """Large obstacles that generated paths pass."""
+ENDS = ("collision", "bumped", "lost", "upset", "goal")
+METRICS = ("distance", "path_deviation", "obstacle_hits")
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
 
@@ -212,13 +221,14 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         super().setup()
         if self.camera is not None:
             self.column.frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
-        self._names = ("following", "failure", "speed")[: 3 if self.config.rewards.speed != 0.0 else 2]
         lead, device = lead_of(self), self.device
         self._policy, self._measured = (torch.zeros(*lead, size, device=device) for size in (17 + _RAYS, 6))
-        self._terms = torch.zeros(len(self._names), *lead, device=device)
-        self._ends = torch.zeros(5, *lead, dtype=torch.bool, device=device)
-        self._distance, self._hits = (torch.zeros(lead, device=device) for _ in range(2))
         self.record_world()
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Names of the reward terms, that of the speed only where it counts."""
+        return ("following", "failure", "speed")[: 3 if self.config.rewards.speed != 0.0 else 2]
 
     def ways(self) -> tuple[list[sw.vehicle.Path], np.ndarray[Any, np.dtype[np.float32]]]:
         """Return K paths, and the obstacles that generated ones pass, (K, L, 3): x, y and radius [m]."""
@@ -277,9 +287,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._measure = launch_over(self, measure_column, *estimated) if self.navigation is not None else None
         seen = [column, car, state, self.action, routes, follow, slots, self._policy]
         self._observe = launch_over(self, observe_column, *seen)
-        self._pay = launch_over(self, compute_convoy_rewards, *where, self._terms)
-        self._end = launch_over(self, end_column, *where, self._ends)
-        self._tell = launch_over(self, write_convoy_metrics, *where, self._distance, self._hits)
+        self._compute_rewards = NamedRows(self, compute_convoy_rewards, self.term_names, *where)
+        self._find_ends = NamedRows(self, end_column, ENDS, *where, dtype=torch.bool)
+        self._measure_metrics = NamedRows(self, write_convoy_metrics, METRICS, *where)
         places = [(torch.float32, (LEADERS, 3))]
         self._leaders_at = TensorFunction(place_leaders, [routes, follow], places, self.device)
 
@@ -366,18 +376,15 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``following``, ``failure`` and, if it counts, the difference in ``speed``."""
-        self._pay.launch()
-        return dict(zip(self._names, self._terms, strict=True))
+        return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with an obstacle, ``bumped`` into a leader, ``lost`` it, and ``upset``."""
-        self._end.launch()
-        return dict(zip(("collision", "bumped", "lost", "upset", "goal"), self._ends, strict=True))
+        return self._find_ends()
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` to the leader, the mean ``path_deviation`` [m] and ``obstacle_hits``."""
-        self._tell.launch()
-        return {"distance": self._distance, "path_deviation": self._deviation, "obstacle_hits": self._hits}
+        return self._measure_metrics()
 
     # ---- pictures ------------------------------------------------------------------------------------------------
 

@@ -423,9 +423,10 @@ def end_column(
 @wp.kernel
 def write_convoy_metrics(
     column: Column, car: Car, drive: Drive, state: StateArrays, routes: RouteTables, follow: Follow,
-    distance: wp.array[float], hits: wp.array[float],
+    metrics: wp.array2d[float],
 ):  # fmt: skip
-    """Distance from the leader, and whether an obstacle was hit."""
+    """Distance from the leader, mean distance from the path, and whether an obstacle was hit: (3, W)."""
     world = wp.tid()
-    distance[world] = wp.length(behind_leader(world, column, car, state, routes, follow))
-    hits[world] = float(drive.hit[world])
+    metrics[0, world] = wp.length(behind_leader(world, column, car, state, routes, follow))
+    metrics[1, world] = follow.deviation[world]
+    metrics[2, world] = float(drive.hit[world])

@@ -9,21 +9,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
 import warp as wp
 
 import simwarp as sw
 
-from ..framework.recorded_launches import filled, launch_over, share_over
+from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over
 from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig
 from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
 from .lapping import LappingConfig, LappingRewards, LappingTask
-
-if TYPE_CHECKING:
-    from ..framework.recorded_launches import WorldLaunch
 
 WIDTH = 1.1
 """Of the lane between the cones [m]."""

@@ -17,7 +17,7 @@ from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.config import RewardWeights
 from ..framework.drawing import Drawing, Line
-from ..framework.recorded_launches import TensorFunction, fill, filled, launch_over, zeros_of
+from ..framework.recorded_launches import NamedRows, TensorFunction, fill, filled, launch_over, zeros_of
 from .base import DrivingConfig, DrivingTask
 from .lapping_kernels import (
     PREVIEW,
@@ -132,18 +132,18 @@ class LappingTask(DrivingTask[LappingT]):
         worlds, device, number = self.num_worlds, self.device, (torch.float32, ())
         width = 3 + 2 * PREVIEW + 3 + self.action_size
         self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (width, 3))
-        self._terms = torch.zeros(3, worlds, device=device)
-        self._ends = torch.zeros(3, worlds, dtype=torch.bool, device=device)
-        self._slow = torch.zeros(worlds, dtype=torch.bool, device=device)
-        self._laps, self._aside = (torch.zeros(worlds, device=device) for _ in range(2))
+        outside = torch.zeros(worlds, dtype=torch.bool, device=device)
         self._start = launch_over(self, start_lap, self._every_world, car, self._navigator, state, routes, lap)
         self._advance_lap = launch_over(self, advance_lap, car, state, routes, lap)
         self._measure = launch_over(self, measure_lap, car, state, course, self.action, self._measured)
         self._observe = launch_over(self, observe_lap, car, state, course, routes, lap, self.action, self._policy)
-        self._pay = launch_over(self, compute_lap_rewards, self._slow, car, state, course, routes, lap, self._terms)
-        self._end = launch_over(self, end_lap, self._slow, car, state, routes, lap, self._ends)
-        self._find_slow = launch_over(self, find_slow, self.episode_clock, course, lap, self._slow)
-        self._tell_lap = launch_over(self, write_lap_metrics, car, state, routes, lap, self._laps, self._aside)
+        driven = [outside, car, state, course, routes, lap]
+        self._compute_rewards = NamedRows(self, compute_lap_rewards, ("progress", "lap", "failure"), *driven)
+        ends, ended = ("off_lane", "upset", "lap"), [outside, car, state, routes, lap]
+        self._find_ends = NamedRows(self, end_lap, ends, *ended, dtype=torch.bool)
+        timed = [self.episode_clock, course, lap]
+        self._find_slow = NamedRows(self, find_slow, ("too_slow",), *timed, dtype=torch.bool)
+        self._measure_metrics = NamedRows(self, write_lap_metrics, ("laps", "aside"), car, state, routes, lap)
         fixed = [car, state, course, routes, lap]
         self._tell_lane = TensorFunction(measure_lane, fixed, [number, number, (torch.float32, (PREVIEW, 2))], device)
         self._tell_outside = TensorFunction(find_lane_departures, fixed, [(torch.bool, ())], device)
@@ -233,13 +233,11 @@ class LappingTask(DrivingTask[LappingT]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap`` and ``failure``, (W,) each."""
-        self._pay.on(self.outside())
-        return dict(zip(("progress", "lap", "failure"), self._terms, strict=True))
+        return self._compute_rewards(self.outside())
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``off_lane``, ``upset`` and ``lap``, (W,) bool each."""
-        self._end.on(self.outside())
-        return dict(zip(("off_lane", "upset", "lap"), self._ends, strict=True))
+        return self._find_ends(self.outside())
 
     def step_limit(self) -> torch.Tensor:
         """Return (W,) int64, what a lap may take: the lesser of both limits."""
@@ -248,13 +246,11 @@ class LappingTask(DrivingTask[LappingT]):
 
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return ``too_slow`` (W,) bool: the time for a lap is over."""
-        self._find_slow.launch()
-        return {"too_slow": self._slow}
+        return self._find_slow()
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return ``laps`` (W,), the share of the lap, and ``aside`` (W,), the distance from the lane's middle [m]."""
-        self._tell_lap.launch()
-        return {"laps": self._laps, "aside": self._aside}
+        return self._measure_metrics()
 
     def drawing(self) -> Drawing:
         """Draw both sides of the lane and the vehicle from above."""

@@ -221,17 +221,17 @@ def end_lap(
 
 
 @wp.kernel
-def find_slow(clock: wp.array[wp.int64], course: Course, lap: Lap, slow: wp.array[wp.bool]):
-    """Whether the time for a lap is over."""
+def find_slow(clock: wp.array[wp.int64], course: Course, lap: Lap, cuts: wp.array2d[wp.bool]):
+    """Whether the time for a lap is over: (1, W)."""
     world = wp.tid()
-    slow[world] = clock[world] >= course.limits[int(lap.route[world])]
+    cuts[0, world] = clock[world] >= course.limits[int(lap.route[world])]
 
 
 @wp.kernel
 def write_lap_metrics(
-    car: Car, state: StateArrays, routes: RouteTables, lap: Lap, laps: wp.array[float], aside: wp.array[float]
+    car: Car, state: StateArrays, routes: RouteTables, lap: Lap, metrics: wp.array2d[float]
 ):  # fmt: skip
-    """Share of the lap, and the distance from the middle of the lane."""
+    """Share of the lap, and the distance from the middle of the lane: (2, W)."""
     world = wp.tid()
-    laps[world] = lap.progress[world] / routes.length[int(lap.route[world])]
-    aside[world] = wp.abs(locate(int(lap.route[world]), plane(point_of(world, car, state)), routes)[1])
+    metrics[0, world] = lap.progress[world] / routes.length[int(lap.route[world])]
+    metrics[1, world] = wp.abs(locate(int(lap.route[world]), plane(point_of(world, car, state)), routes)[1])

@@ -15,7 +15,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import Drawing, Ge, Le, Line, Positive, RewardWeights, filled, launch_over, register
+from simwarp.tasks import Drawing, Ge, Le, Line, NamedRows, Positive, RewardWeights, filled, launch_over, register
 from simwarp.tasks.driving import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, RangeFan, outline
 
 from .obstacle_avoidance_kernels import (
@@ -134,16 +134,15 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         self._pillar_x = sw.to_torch(model.shape_x)[:, self.pillars[0] : self.pillars[-1] + 1]
         car, drive, state = self._car, self._drive, self.simulation.state.arrays
         self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 3))
-        self._terms = torch.zeros(3, worlds, device=device)
-        self._ends = torch.zeros(3, worlds, dtype=torch.bool, device=device)
-        self._distance = torch.zeros(worlds, device=device)
         self._draw = launch_over(self, draw_pillars, self._every_world, road, self.random.draws)
         self._begin_way = launch_over(self, begin_way, road, car, state)
         self._measure = launch_over(self, measure_way, car, state, self.action, self._measured)
         self._observe = launch_over(self, observe_way, road, car, state, self.action, self._policy)
-        self._pay = launch_over(self, compute_road_rewards, road, car, drive, state, self._terms)
-        self._end = launch_over(self, end_way, road, car, drive, state, self._ends)
-        self._tell_way = launch_over(self, measure_road_distance, car, state, self._distance)
+        moving = [road, car, drive, state]
+        self._compute_rewards = NamedRows(self, compute_road_rewards, ("failure", "progress", "goal"), *moving)
+        ends = ("goal", "collision", "off_road")
+        self._find_ends = NamedRows(self, end_way, ends, *moving, dtype=torch.bool)
+        self._measure_distance = NamedRows(self, measure_road_distance, ("distance",), car, state)
 
     def begin_step(self) -> None:
         """Store the distance to the end."""
@@ -164,13 +163,11 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the penalty of a ``failure``, ``progress`` towards the end, and the ``goal``'s bonus."""
-        self._pay.launch()
-        return dict(zip(("failure", "progress", "goal"), self._terms, strict=True))
+        return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with a pillar, and ``off_road``."""
-        self._end.launch()
-        return dict(zip(("goal", "collision", "off_road"), self._ends, strict=True))
+        return self._find_ends()
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Pillars anywhere across the road."""
@@ -181,8 +178,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` along the road [m]."""
-        self._tell_way.launch()
-        return {"distance": self._distance}
+        return self._measure_distance()
 
     def drawing(self) -> Drawing:
         """Draw road, pillars and truck from above, and the line to reach."""

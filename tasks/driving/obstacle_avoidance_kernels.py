@@ -161,7 +161,7 @@ def end_way(road: Road, car: Car, drive: Drive, state: StateArrays, ends: wp.arr
 
 
 @wp.kernel
-def measure_road_distance(car: Car, state: StateArrays, distance: wp.array[float]):
-    """Distance along the road."""
+def measure_road_distance(car: Car, state: StateArrays, metrics: wp.array2d[float]):
+    """Distance along the road: (1, W)."""
     world = wp.tid()
-    distance[world] = float(point_of(world, car, state)[0])
+    metrics[0, world] = float(point_of(world, car, state)[0])

@@ -18,7 +18,7 @@ from simwarp.tasks import Ge, Gt, Le, NotNegative
 
 from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
-from ..framework.recorded_launches import TensorLaunch, fill, filled, launch_over, zeros_of
+from ..framework.recorded_launches import NamedRows, TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
 from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
 from .hills import Hills
@@ -198,11 +198,8 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             self._slopes = self.hills.tables
         super().setup()
         terrain, car, drive, state, trip = self.terrain, self._car, self._drive, self.simulation.state.arrays, self.trip
-        self._names = ("progress", "goal", "failure", "change")[: 4 if config.rewards.change != 0.0 else 3]
+        terms = ("progress", "goal", "failure", "change")[: 4 if config.rewards.change != 0.0 else 3]
         self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 6))
-        self._terms = torch.zeros(len(self._names), worlds, device=device)
-        self._ends = torch.zeros(4, worlds, dtype=torch.bool, device=device)
-        self._distance, self._present = (torch.zeros(worlds, device=device) for _ in range(2))
         slots = self.obstacles.slots
         self._start = launch_over(
             self, start_trip, self._every_world, terrain, self.random.draws, self._slopes, car, self._navigator, state,
@@ -212,9 +209,12 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._observe = launch_over(self, observe_trip, terrain, car, state, self.action, slots, trip, self._policy)
         estimated = [terrain, self._navigator, self.random.draws, trip, self._measured]
         self._measure = launch_over(self, measure_trip, *estimated) if self.navigation is not None else None
-        self._pay = launch_over(self, compute_trip_rewards, terrain, car, drive, state, self.action, trip, self._terms)
-        self._end = launch_over(self, end_trip, terrain, car, drive, state, trip, self._ends)
-        self._tell = launch_over(self, write_trip_metrics, car, state, slots, trip, self._distance, self._present)
+        moving = [terrain, car, drive, state]
+        self._compute_rewards = NamedRows(self, compute_trip_rewards, terms, *moving, self.action, trip)
+        ends = ("goal", "collision", "off_map", "upset")
+        self._find_ends = NamedRows(self, end_trip, ends, *moving, trip, dtype=torch.bool)
+        metrics = ("distance", "obstacles_present")
+        self._measure_metrics = NamedRows(self, write_trip_metrics, metrics, car, state, slots, trip)
         self.record_world()
 
     def _make_ground(self) -> Ground:
@@ -297,18 +297,15 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``goal``, ``failure`` and, if it counts, ``change`` of the action."""
-        self._pay.launch()
-        return dict(zip(self._names, self._terms, strict=True))
+        return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with an obstacle, ``off_map`` and ``upset``."""
-        self._end.launch()
-        return dict(zip(("goal", "collision", "off_map", "upset"), self._ends, strict=True))
+        return self._find_ends()
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` to the goal [m], and how many obstacles there are: the rest found no room."""
-        self._tell.launch()
-        return {"distance": self._distance, "obstacles_present": self._present}
+        return self._measure_metrics()
 
     # ---- pictures ------------------------------------------------------------------------------------------------
 

@@ -305,13 +305,13 @@ def end_trip(
 
 @wp.kernel
 def write_trip_metrics(
-    car: Car, state: StateArrays, slots: Slots, trip: Trip, distance: wp.array[float], present: wp.array[float]
+    car: Car, state: StateArrays, slots: Slots, trip: Trip, metrics: wp.array2d[float]
 ):  # fmt: skip
-    """Distance from the goal, and the number of obstacles."""
+    """Distance from the goal, and the number of obstacles: (2, W)."""
     world = wp.tid()
-    distance[world] = float(goal_distance(world, car, state, trip))
+    metrics[0, world] = float(goal_distance(world, car, state, trip))
     count = float(0.0)
     for slot in range(slots.radius.shape[1]):
         if slots.radius[world, slot] >= 0.0:
             count += 1.0
-    present[world] = count
+    metrics[1, world] = count

@@ -8,7 +8,7 @@ path stands for those ahead of the first.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -16,10 +16,11 @@ import warp as wp
 
 import simwarp as sw
 
+from ..framework.agents import lead_of
 from ..framework.drawing import Line
-from ..framework.recorded_launches import TensorLaunch, filled, launch_over, share_over
+from ..framework.recorded_launches import NamedRows, TensorLaunch, WorldLaunch, filled, launch_over, share_over
 from .base import CHASSIS_GROUP, SETTLING
-from .convoy import ConvoyTask
+from .convoy import ENDS, METRICS, ConvoyTask
 from .outlines import outline
 from .platoon_kernels import (
     Platoon,
@@ -37,9 +38,6 @@ from .platoon_kernels import (
     steer_platoon,
     write_platoon_metrics,
 )
-
-if TYPE_CHECKING:
-    from ..framework.recorded_launches import WorldLaunch
 
 APART = 8.0
 """Distance at which vehicles settle beside each other [m]."""
@@ -182,20 +180,18 @@ class PlatoonTask(ConvoyTask):
             for index, driver in enumerate(self._drivers)
         ]
         shape = (self.num_worlds, self.agents)
-
-        def each(kernel: wp.Kernel, *arguments: Any) -> TensorLaunch:
-            return TensorLaunch(kernel, shape, list(arguments), device)
-
         if self.navigation is not None:
             seen = [column, state, self._navigator, self.random.draws, platoon, self._measured]
             self._measure = launch_over(self, measure_platoon, *seen)
         rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
-        self._observe = each(observe_platoon, column, state, rows, routes, follow, slots, platoon, policy)
-        self._pay = each(compute_platoon_rewards, column, state, platoon, self._terms.view(len(self._terms), -1))
-        self._end = each(end_platoon, column, state, follow, platoon, self._ends.view(len(self._ends), -1))
-        self._followers_deviation = torch.zeros(shape, device=device)
-        told = (self._distance.view(shape), self._hits.view(shape), self._followers_deviation)
-        self._tell = each(write_platoon_metrics, column, state, platoon, *told)
+        arguments = [column, state, rows, routes, follow, slots, platoon, policy]
+        self._observe = TensorLaunch(observe_platoon, shape, arguments, device)
+        of_agents: dict[str, Any] = {"shape": lead_of(self), "threads": shape}
+        seen = [column, state, platoon]
+        self._compute_rewards = NamedRows(self, compute_platoon_rewards, self.term_names, *seen, **of_agents)
+        ends = [column, state, follow, platoon]
+        self._find_ends = NamedRows(self, end_platoon, ENDS, *ends, dtype=torch.bool, **of_agents)
+        self._measure_metrics = NamedRows(self, write_platoon_metrics, METRICS, *seen, **of_agents)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 
@@ -244,11 +240,6 @@ class PlatoonTask(ConvoyTask):
             segment = driver.memory["segment"].numpy()
             begin.on(self._every_world)
             driver.memory["segment"].assign(segment)
-
-    def metrics(self) -> dict[str, torch.Tensor]:
-        """Return of each follower ``distance`` to its leader, mean ``path_deviation`` [m] and ``obstacle_hits``."""
-        told = super().metrics()
-        return told | {"path_deviation": self._followers_deviation.view(self._distance.shape)}
 
     # ---- pictures ------------------------------------------------------------------------------------------------
 

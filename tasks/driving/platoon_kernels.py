@@ -323,13 +323,16 @@ def end_platoon(column: Column, state: StateArrays, follow: Follow, platoon: Pla
 
 @wp.kernel
 def write_platoon_metrics(
-    column: Column, state: StateArrays, platoon: Platoon, distance: wp.array2d[float], hits: wp.array2d[float],
-    deviation: wp.array2d[float],
+    column: Column, state: StateArrays, platoon: Platoon, metrics: wp.array2d[float]
 ):  # fmt: skip
-    """Of each follower: distance from its leader, whether an obstacle was hit, mean distance from the path."""
+    """Of each follower: distance from its leader, mean distance from the path, and whether an obstacle was hit.
+
+    Args: column, state, platoon; rows (3, W * N).
+    """
     world, agent = wp.tid()
     vehicle = platoon.leading + agent
     other = touches_from(world, vehicle, 0, platoon.chassis.shape[0], column, platoon, state)
-    distance[world, agent] = wp.length(behind_vehicle(world, vehicle, platoon, state))
-    hits[world, agent] = float(platoon.hit[world, vehicle] and not other)
-    deviation[world, agent] = platoon.deviation[world, vehicle]
+    row = world * (platoon.chassis.shape[0] - platoon.leading) + agent
+    metrics[0, row] = wp.length(behind_vehicle(world, vehicle, platoon, state))
+    metrics[1, row] = platoon.deviation[world, vehicle]
+    metrics[2, row] = float(platoon.hit[world, vehicle] and not other)

@@ -32,7 +32,7 @@ def _path(keys: Keys) -> str:
     return text
 
 
-def _tell(fault: Fault) -> str:
+def _fault_line(fault: Fault) -> str:
     path = _path(fault.keys)
     return f"{path}{' ' if fault.kind == 'value' else ': ' if path else ''}{fault.what}"
 
@@ -40,7 +40,7 @@ def _tell(fault: Fault) -> str:
 def _fault_text_of(fault: Fault, kind: type) -> str:
     """A fault in a configuration that is made in Python."""
     owner = f" of a {kind.__name__}" if getattr(kind, "NAMED", False) else ""
-    return _tell(fault) if fault.kind != "value" else f"{_path(fault.keys)}{owner} {fault.what}"
+    return _fault_line(fault) if fault.kind != "value" else f"{_path(fault.keys)}{owner} {fault.what}"
 
 
 CONFIGS: Final = Schema(InputError, longest=LONGEST_TEXT, describe=_fault_text_of)
@@ -87,11 +87,11 @@ def config_from_plain(kind: type[KindT], plain: object, where: str = "") -> Kind
         InputError: a name is unknown, or a value is of a wrong type or breaks its field's rule.
     """
 
-    def tell(fault: Fault) -> str:
-        line = _tell(fault) if fault.keys or fault.kind == "check" else f"{kind.__name__}{_tell(fault)}"
+    def describe(fault: Fault) -> str:
+        line = _fault_line(fault) if fault.keys or fault.kind == "check" else f"{kind.__name__}{_fault_line(fault)}"
         return f"{where}: {line}" if where else line
 
-    return cast(KindT, CONFIGS.load(kind, _with_defaults(kind, plain), tell))
+    return cast(KindT, CONFIGS.load(kind, _with_defaults(kind, plain), describe))
 
 
 def _with_defaults(kind: Any, plain: object) -> object:
@@ -124,4 +124,4 @@ def typed(hint: Any, value: object, name: str) -> Any:
     Raises:
         InputError: it is not of that type.
     """
-    return CONFIGS.load(hint, value, lambda fault: f"{name}{'.' if fault.keys else ''}{_tell(fault)}")
+    return CONFIGS.load(hint, value, lambda fault: f"{name}{'.' if fault.keys else ''}{_fault_line(fault)}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Final, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 import torch
 
@@ -28,34 +28,6 @@ _ALWAYS: Final = "return all of them always"
 _FULL: Final = "return the same in every step"
 
 
-class Author(Worlds, Protocol):
-    """The methods of a task that return something: see `Task`."""
-
-    def observations(self) -> dict[str, torch.Tensor]: ...  # noqa: D102
-
-    def privileged(self) -> torch.Tensor | None: ...  # noqa: D102
-
-    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None: ...  # noqa: D102
-
-    def rewards(self) -> dict[str, torch.Tensor]: ...  # noqa: D102
-
-    def terminations(self) -> dict[str, torch.Tensor]: ...  # noqa: D102
-
-    def truncations(self) -> dict[str, torch.Tensor]: ...  # noqa: D102
-
-    def metrics(self) -> dict[str, torch.Tensor]: ...  # noqa: D102
-
-    def extra_state(self) -> dict[str, torch.Tensor]: ...  # noqa: D102
-
-    def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor] | None: ...  # noqa: D102
-
-    def step_limit(self) -> torch.Tensor: ...  # noqa: D102
-
-    def map_position(self) -> torch.Tensor | None: ...  # noqa: D102
-
-    def drawing(self) -> Drawing: ...  # noqa: D102
-
-
 class Contract:
     """Calls the methods of a task that return something, and holds the results to their form.
 
@@ -72,7 +44,7 @@ class Contract:
     HOST_STATE: ClassVar[frozenset[str]] = frozenset({"step", "_forms"})
     """Attributes that no captured step reads: shapes cannot change in one."""
 
-    def __init__(self, task: Author) -> None:
+    def __init__(self, task: Any) -> None:
         self.step = 0
         self._task = task
         self._forms: dict[str, dict[str, Form]] = {}
@@ -146,7 +118,7 @@ class Contract:
         for line in drawing.lines:
             points = line.points
             if not isinstance(points, torch.Tensor) or points.dim() != 3 or points.shape[::2] != (worlds, 3):
-                raise self._error("drawing", f"points of a line must be ({worlds}, P, 3), got {_told(points)}")
+                raise self._error("drawing", f"points of a line must be ({worlds}, P, 3), got {_form_of(points)}")
         return drawing
 
     def _held(
@@ -169,7 +141,7 @@ class Contract:
             return checked
         if type(values) is not dict:
             if not isinstance(values, Mapping):
-                raise self._error(method, f"must return a dict of {kind}s, got {_told(values)}; {_FULL}")
+                raise self._error(method, f"must return a dict of {kind}s, got {_form_of(values)}; {_FULL}")
             values = dict(values)
         if values.keys() != known.keys() or (ordered and list(values) != list(known)):
             zeros = ", of zeros where they do not count" if ordered else ""
@@ -183,8 +155,8 @@ class Contract:
                 and value.dtype is dtype
                 and value.device == device
             ):
-                told = f"must stay {_form(shape, dtype, device)}, got {_told(value)}"
-                raise self._error(method, f"{kind} '{name}' {told}; {_FULL}")
+                rule = f"must stay {_form(shape, dtype, device)}, got {_form_of(value)}"
+                raise self._error(method, f"{kind} '{name}' {rule}; {_FULL}")
         found: dict[str, torch.Tensor] = values
         return found
 
@@ -217,7 +189,7 @@ def _form(shape: torch.Size, dtype: torch.dtype, device: torch.device) -> str:
     return f"{str(dtype).removeprefix('torch.')} {tuple(shape)} on {device}"
 
 
-def _told(value: Any) -> str:
+def _form_of(value: Any) -> str:
     if isinstance(value, torch.Tensor):
         return _form(value.shape, value.dtype, value.device)
     return "None" if value is None else f"{type(value).__name__} {shown(value)}"
@@ -253,12 +225,12 @@ def _check_logged(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
 def _check_limit(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
     value = values["step_limit"]
     if not isinstance(value, torch.Tensor) or value.shape != (task.num_worlds,) or value.dtype.is_complex:
-        raise TaskError(f"task '{task.name}': step_limit() must be ({task.num_worlds},) numbers, got {_told(value)}")
+        raise TaskError(f"task '{task.name}': step_limit() must be ({task.num_worlds},) numbers, got {_form_of(value)}")
     return {"step_limit": value}
 
 
 def _check_position(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
     value = values["map_position"]
     if not isinstance(value, torch.Tensor) or value.shape != (task.num_worlds, 3):
-        raise TaskError(f"task '{task.name}': map_position() must be ({task.num_worlds}, 3), got {_told(value)}")
+        raise TaskError(f"task '{task.name}': map_position() must be ({task.num_worlds}, 3), got {_form_of(value)}")
     return {"map_position": value}

@@ -11,7 +11,7 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Protocol, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import torch
@@ -22,13 +22,10 @@ from simwarp.core.files import FileError, OutputError
 from simwarp.core.interop import TensorLaunch, from_torch
 
 from ..randomisation.randomising import drawn_parameters
-from ..randomisation.randomness import WorldRandom
 from .argument_checks import check_room
 from .config import require
 from .config_values import Settings, config_to_plain
-from .contract import Contract
 from .control_step_kernels import Recording, keep_bytes, keep_words
-from .interface_checks import Worlds
 from .npz import write_arrays
 from .recorded_launches import filled
 from .simulation_access import arrays_of, pack_snapshot
@@ -80,48 +77,6 @@ class DumpAbout(Settings):
         require(not self.from_reset or self.replay_steps == self.episode_steps, self, "from_reset", "of all steps")
 
 
-class Guarded(Worlds, Protocol):
-    """Parts of a task that are recorded: see the attributes of `Task`."""
-
-    action: torch.Tensor
-    level: torch.Tensor
-    episode_index: torch.Tensor
-    episode_steps: torch.Tensor
-    random: WorldRandom
-    first_world: int
-    iteration: int
-
-    @property
-    def simulation(self) -> Any:
-        """Of all worlds."""
-        ...
-
-    @property
-    def views(self) -> Any:
-        """Torch views of its arrays."""
-        ...
-
-    @property
-    def config(self) -> Any:
-        """Of the task."""
-        ...
-
-    @property
-    def task_file(self) -> str:
-        """File and class, of a task that is not installed."""
-        ...
-
-    @property
-    def per_world(self) -> tuple[str, ...]:
-        """Parameters of which every world has its own."""
-        ...
-
-    @property
-    def contract(self) -> Contract:
-        """Calls its methods."""
-        ...
-
-
 class _Keep:
     """A snapshot of all worlds, and what the task adds to the simulation's state.
 
@@ -130,7 +85,7 @@ class _Keep:
         recording: in worlds that broke down nothing is taken any more.
     """
 
-    def __init__(self, task: Guarded, recording: Recording) -> None:
+    def __init__(self, task: Any, recording: Recording) -> None:
         self.simulation = task.simulation.snapshot()
         self.action = task.action.clone()
         self.extra: dict[str, torch.Tensor] = {}
@@ -140,7 +95,7 @@ class _Keep:
             _copying(recording.broken_at, present, copy, task.device) for present, copy in pairs if present.size
         ]
 
-    def take(self, task: Guarded, sound: torch.Tensor) -> None:
+    def update(self, task: Any, sound: torch.Tensor) -> None:
         """Bring it up to date in the worlds of a mask (W,) bool: those that have not broken down."""
         for launch in self._launches:
             launch.launch()
@@ -149,7 +104,7 @@ class _Keep:
             kept.copy_(torch.where(sound.view(-1, *(1,) * (value.dim() - 1)), value, kept))
 
 
-def _rows(task: Guarded) -> dict[str, torch.Tensor]:
+def _rows(task: Any) -> dict[str, torch.Tensor]:
     """Return the task's own state that each world has a row of."""
     return {name: value for name, value in task.contract.extra_state().items() if value.shape[:1] == (task.num_worlds,)}
 
@@ -186,7 +141,7 @@ class Guard:
     )
     """Attributes that no captured step reads."""
 
-    def __init__(self, task: Guarded, steps: int) -> None:
+    def __init__(self, task: Any, steps: int) -> None:
         self.path: Path | None = None
         self.dump: dict[str, np.ndarray[Any, Any]] | None = None
         self.values: list[str] = []
@@ -230,7 +185,7 @@ class Guard:
     def before_step(self) -> None:
         """Take a snapshot, if one is due: never twice within as many steps as it is to reach back."""
         if self._until == 0:
-            self._keeps[self._turn].take(self._task, self._broken_at < 0)
+            self._keeps[self._turn].update(self._task, self._broken_at < 0)
             self._turn = 1 - self._turn
             self._until = self._half
         self._until -= 1

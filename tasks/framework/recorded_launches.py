@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import torch
@@ -86,6 +86,42 @@ def fill(struct: Any, **values: Any) -> None:
     """Write numbers, arrays and tensors into a Warp struct; launches recorded before keep what they have."""
     for name, value in values.items():
         setattr(struct, name, from_torch(value) if isinstance(value, torch.Tensor) else value)
+
+
+class NamedRows:
+    """A kernel whose last argument is rows (R, W), and what it writes there by name, such as terms of a reward.
+
+    Args:
+        batch: the worlds.
+        kernel: with a thread for each world.
+        names: of the rows.
+        arguments: of the kernel but the last one; tensors may stand for arrays.
+        dtype: of the rows.
+        shape: of a row, (W, N) of several agents; the kernel has it flat. None: (W,).
+        threads: of the kernel, such as (W, N). None: one for each world.
+    """
+
+    def __init__(
+        self, batch: Batch, kernel: wp.Kernel, names: Iterable[str], *arguments: Any,
+        dtype: torch.dtype = torch.float32, shape: tuple[int, ...] | None = None,
+        threads: tuple[int, ...] | None = None,
+    ) -> None:  # fmt: skip
+        names, worlds = tuple(names), (batch.num_worlds,)
+        rows = torch.zeros(len(names), *(shape or worlds), dtype=dtype, device=batch.device)
+        self._named = dict(zip(names, rows, strict=True))
+        self._launch = TensorLaunch(kernel, threads or worlds, [*arguments, rows.view(len(names), -1)], batch.device)
+
+    def __repr__(self) -> str:
+        return f"NamedRows: {', '.join(self._named)}"
+
+    def __call__(self, *tensors: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Return the rows (W,) by name, the buffer itself.
+
+        Args:
+            tensors: first arguments of the kernel that are new ones, as for :meth:`TensorLaunch.on`.
+        """
+        self._launch.on(*tensors)
+        return dict(self._named)
 
 
 class TensorFunction:

@@ -9,40 +9,23 @@ import torch
 
 from simwarp.core.interop import TensorLaunch
 
-from ..randomisation.uncertainty import Curriculum
 from .agents import Agents
+from .config import TaskConfig
 from .control_step_kernels import Clocks, Recording, Rules, Verdict, judge, judge_agents
 from .recorded_launches import filled
 from .statistics import EpisodeStatistics
 from .step_result import VerdictViews, block_size
 
 
-@dataclasses.dataclass(frozen=True)
-class Terms:
-    """What a task judges by.
-
-    Attributes:
-        terminations: number of its reasons that are ends.
-        truncations: number of those that cut off.
-        winning: for every reason, also those of the base class, whether it counts as a success.
-        step_limit: control steps of an episode.
-        own_success: a metric of the task tells success.
-        curriculum: what moves the level.
-    """
-
-    terminations: int
-    truncations: int
-    winning: Sequence[bool]
-    step_limit: int
-    own_success: bool
-    curriculum: Curriculum
-
-
 class RewardsAndEnds:
     """Device memory of the verdicts, and the launch that writes them.
 
     Args:
-        terms: what is judged by.
+        config: step limit and curriculum of the task.
+        terminations: number of its reasons that are ends.
+        truncations: number of those that cut off.
+        winning: for every reason, also those of the base class, whether it counts as a success.
+        own_success: a metric of the task decides about success.
         status: (W,) int32, of the physics; of no length without.
         clocks: counters of the episodes.
         level: (W,) float32, the curriculum's; moved where it climbs.
@@ -56,8 +39,9 @@ class RewardsAndEnds:
     """
 
     def __init__(
-        self, terms: Terms, status: torch.Tensor, clocks: Clocks, level: torch.Tensor, statistics: EpisodeStatistics,
-        agents: Agents, recording: Recording,
+        self, config: TaskConfig, terminations: int, truncations: int, winning: Sequence[bool], own_success: bool,
+        status: torch.Tensor, clocks: Clocks, level: torch.Tensor, statistics: EpisodeStatistics, agents: Agents,
+        recording: Recording,
     ) -> None:  # fmt: skip
         worlds, device, count = len(level), level.device, len(statistics.terms)
         self._lead = tuple(agents.done.shape) if agents.several else (worlds,)
@@ -65,7 +49,7 @@ class RewardsAndEnds:
         self._block = torch.zeros(block_size(rows, count), dtype=torch.uint8, device=device)
         self.views = VerdictViews.of(self._block, (rows,), count)
         self.ended = torch.zeros(worlds, dtype=torch.bool, device=device)
-        shape = (rows, terms.terminations + terms.truncations)
+        shape = (rows, terminations + truncations)
         self._flags = torch.zeros(shape, dtype=torch.bool, device=device)
         self._won = torch.zeros(rows, dtype=torch.bool, device=device)
         self._climbing = torch.zeros(1, dtype=torch.int32, device=device)
@@ -73,13 +57,13 @@ class RewardsAndEnds:
         verdict = filled(Verdict, ended=self.ended, terms=named.pop("reward_terms"), **named)
         rules = filled(
             Rules,
-            terminal_count=1 + terms.terminations,
-            step_limit=terms.step_limit,
-            winning=torch.tensor(terms.winning, device=device),
-            judged=int(terms.own_success),
+            terminal_count=1 + terminations,
+            step_limit=config.max_episode_steps,
+            winning=torch.tensor(winning, device=device),
+            judged=int(own_success),
             climbing=self._climbing,
-            up=terms.curriculum.up,
-            down=terms.curriculum.down,
+            up=config.curriculum.up,
+            down=config.curriculum.down,
         )
         arguments = [status, self._flags, self._won, rules, clocks, level, verdict, statistics.tally]
         arguments += [statistics.bad, recording]

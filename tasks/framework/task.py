@@ -27,20 +27,19 @@ from .agents import Agents, lead_of
 from .argument_checks import check_room, checked_level, whole
 from .capture import StepCapture, recorder_of
 from .command import Command
-from .config import TaskConfig
+from .config import TaskConfig, obs_of
 from .contract import Contract, bad_value
 from .control_step_kernels import Clocks, Recording, begin_episodes, count_step
 from .drawing import Drawing
-from .errors import TaskError
+from .errors import InputError, TaskError
 from .escapes import ESCAPES, raise_named
 from .finite_observations import FiniteObservations
 from .guard import Guard
 from .interface_checks import check_action, check_names, check_physics_flag, check_reasons
 from .mirror import Mirror
 from .named_contacts import ContactTracker, NamedContacts
-from .other_observations import observed_as
 from .recorded_launches import filled, launch_over
-from .rewards_and_ends import RewardsAndEnds, Terms
+from .rewards_and_ends import RewardsAndEnds
 from .saved_task import load_task_state, task_state
 from .simulation_access import Attachments, PhysicsViews, physics_of
 from .statistics import EpisodeStatistics, EpisodeSummary
@@ -397,8 +396,16 @@ class Task(Readable, ABC, Generic[ConfigT]):
         Raises:
             InputError: the task does not offer them in this configuration.
         """
+        own = obs_of(self.config)
         with self._acting():
-            return observed_as(self, obs)
+            groups = self.contract.observations() if obs in (None, own) else self.contract.observations_of(obs)
+        if groups is None:
+            besides = "" if own is None else f" with '{own}' observations"
+            raise InputError(
+                f"task '{self.name}'{besides} does not offer '{obs}' ones beside them: "
+                f"its observations_of('{obs}') returns None"
+            )
+        return groups
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1]; (W, N, A) of agents.
@@ -625,12 +632,10 @@ class Task(Readable, ABC, Generic[ConfigT]):
         check_reasons(self, metrics, reasons)
         self._statistics = EpisodeStatistics(self._agents.done.numel(), terms, reasons, list(groups), self.device)
         wins = [reason in self.success_reasons for reason in reasons]
-        judged = Terms(
-            len(terminations), len(truncations), wins, self.config.max_episode_steps, "success" in metrics,
-            self.config.curriculum,
+        self._outcome = RewardsAndEnds(
+            self.config, len(terminations), len(truncations), wins, "success" in metrics, self._status, self._clocks,
+            self.level, self._statistics, self._agents, self._recording,
         )  # fmt: skip
-        kept = (self._statistics, self._agents, self._recording)
-        self._outcome = RewardsAndEnds(judged, self._status, self._clocks, self.level, *kept)
         self._finite = FiniteObservations(groups, self._statistics, self._clocks, self._recording)
         if self.guard is not None:
             self.guard.values = self._statistics.values

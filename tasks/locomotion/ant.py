@@ -16,7 +16,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import RewardWeights, TaskConfig, filled, launch_over, register
+from simwarp.tasks import NamedRows, RewardWeights, TaskConfig, filled, register
 from simwarp.tasks.locomotion import BASE, Orientation, Touching, WalkingConfig, WalkingTask
 
 from . import ant_kernels as kernels
@@ -147,15 +147,12 @@ class AntTask(WalkingTask[AntConfig]):
             half=wp.array([0.5 * (high - low) for low, high in zip(lower, upper, strict=True)], dtype=float,
                           device=device),
         )  # fmt: skip
-        self._terms = torch.zeros(len(weights), self.num_worlds, device=self.device)
-        self._reward_terms = dict(zip(weights, self._terms, strict=True))
-        arguments = [numbers, self.action, self.simulation.state.arrays, self.walk, self._terms]
-        self._compute_rewards = launch_over(self, kernels.compute_ant_rewards, *arguments)
+        arguments = [numbers, self.action, self.simulation.state.arrays, self.walk]
+        self._compute_rewards = NamedRows(self, kernels.compute_ant_rewards, weights, *arguments)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        self._compute_rewards.launch()
-        return dict(self._reward_terms)
+        return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``torso_contact``: the torso touches the ground, in any physics step."""

@@ -16,7 +16,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import Positive, RewardWeights, TaskConfig, filled, launch_over, register
+from simwarp.tasks import NamedRows, Positive, RewardWeights, TaskConfig, filled, register
 from simwarp.tasks.locomotion import BASE, Touching, WalkingConfig, WalkingTask
 
 from . import hexapod_kernels as kernels
@@ -153,15 +153,12 @@ class HexapodTask(WalkingTask[HexapodConfig]):
             middle=wp.zeros(self.action_size, dtype=float, device=device),
             half=wp.full(self.action_size, sw.scenes.HEXAPOD_LIMIT, dtype=float, device=device),
         )
-        self._terms = torch.zeros(len(weights), self.num_worlds, device=self.device)
-        self._reward_terms = dict(zip(weights, self._terms, strict=True))
-        arguments = [numbers, self.action, self.simulation.state.arrays, self.walk, self._terms]
-        self._compute_rewards = launch_over(self, kernels.compute_hexapod_rewards, *arguments)
+        arguments = [numbers, self.action, self.simulation.state.arrays, self.walk]
+        self._compute_rewards = NamedRows(self, kernels.compute_hexapod_rewards, weights, *arguments)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        self._compute_rewards.launch()
-        return dict(self._reward_terms)
+        return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``contact``: anything but a foot touches the ground, in any physics step."""

@@ -6,7 +6,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import torch
 import warp as wp
@@ -15,7 +15,7 @@ import simwarp as sw
 from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
-from ..framework.recorded_launches import filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 from .walking_kernels import (
     FORCE_CLIP,
@@ -30,9 +30,6 @@ from .walking_kernels import (
     observe_walk,
     walk_on,
 )
-
-if TYPE_CHECKING:
-    from ..framework.recorded_launches import WorldLaunch
 
 BASE = 0
 """Body that carries the legs."""
