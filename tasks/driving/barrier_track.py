@@ -120,7 +120,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         super().setup()
         where = [self._car, self.simulation.state.arrays, self.routes.tables, self.lap]
         fixed = [0.5 * WIDTH, corners(self.chassis_half, self.device), *where]
-        self._tell_outside = TensorFunction(find_corners_outside, fixed, [(torch.bool, ())], self.device)
+        self._find_outside = TensorFunction(find_corners_outside, fixed, [(torch.bool, ())], self.device)
         self._reward_offset = NamedRows(self, reward_lane_offset, ("aside",), self.config.rewards.aside, *where)
 
     def rewards(self) -> dict[str, torch.Tensor]:

@@ -430,10 +430,10 @@ class DrivingTask(Task[DrivingT]):
         """Record what every driving task launches."""
         car, drive, state, device = self._car, self._drive, self.simulation.state.arrays, self.device
         flag, point, turn = (torch.bool, ()), (torch.float64, (3,)), (torch.float32, ())
-        self._tell_pose = TensorFunction(measure_pose, [car, state], [point, turn], device)
-        self._tell_motion = TensorFunction(measure_motion, [car, state], [(torch.float32, (3,))], device)
-        self._tell_tilt = TensorFunction(measure_tilt, [car, state], [(torch.float32, (2,))], device)
-        self._tell_upset = TensorFunction(find_upset, [car, state], [flag], device)
+        self._measure_pose = TensorFunction(measure_pose, [car, state], [point, turn], device)
+        self._measure_motion = TensorFunction(measure_motion, [car, state], [(torch.float32, (3,))], device)
+        self._measure_tilt = TensorFunction(measure_tilt, [car, state], [(torch.float32, (2,))], device)
+        self._find_upset = TensorFunction(find_upset, [car, state], [flag], device)
         self._navigator = Navigator() if self.navigation is None else self.navigation.tables
         self._place = TensorFunction(place_cars, [car, self._navigator, state], [], device)
         self._level_ground = torch.zeros(self.num_worlds, 3, dtype=torch.float64, device=device)
@@ -562,17 +562,17 @@ class DrivingTask(Task[DrivingT]):
 
     def pose(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the reference point, (W, 3) float64, world [m], and the heading, (W,) float32 in [-pi, pi] [rad]."""
-        point, heading = self._tell_pose(shape=(self.num_worlds,))
+        point, heading = self._measure_pose(shape=(self.num_worlds,))
         return point, heading
 
     def motion(self) -> torch.Tensor:
         """Return (W, 3) float32: speed ahead and to the left [m/s], yaw rate [rad/s], in axes of the heading."""
-        return self._tell_motion(shape=(self.num_worlds,))[0]
+        return self._measure_motion(shape=(self.num_worlds,))[0]
 
     def tilt(self) -> torch.Tensor:
         """Return (W, 2) float32: how far the chassis' axes ahead and to the left rise, as sines; 0 on level ground."""
-        return self._tell_tilt(shape=(self.num_worlds,))[0]
+        return self._measure_tilt(shape=(self.num_worlds,))[0]
 
     def upset(self) -> torch.Tensor:
         """Return (W,) bool: the chassis leans more than 60 degrees."""
-        return self._tell_upset(shape=(self.num_worlds,))[0]
+        return self._find_upset(shape=(self.num_worlds,))[0]

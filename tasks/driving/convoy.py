@@ -357,7 +357,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._deviation.copy_(state["deviation"])
         self.show_leaders(self.time())
 
-    # ---- what a policy sees and is paid for ----------------------------------------------------------------------
+    # ---- what a policy observes and is rewarded for ------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:
         """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed; the buffer

@@ -145,8 +145,10 @@ class LappingTask(DrivingTask[LappingT]):
         self._find_slow = NamedRows(self, find_slow, ("too_slow",), *timed, dtype=torch.bool)
         self._measure_metrics = NamedRows(self, write_lap_metrics, ("laps", "aside"), car, state, routes, lap)
         fixed = [car, state, course, routes, lap]
-        self._tell_lane = TensorFunction(measure_lane, fixed, [number, number, (torch.float32, (PREVIEW, 2))], device)
-        self._tell_outside = TensorFunction(find_lane_departures, fixed, [(torch.bool, ())], device)
+        self._measure_lane = TensorFunction(
+            measure_lane, fixed, [number, number, (torch.float32, (PREVIEW, 2))], device
+        )
+        self._find_outside = TensorFunction(find_lane_departures, fixed, [(torch.bool, ())], device)
         self.record_world()
 
     def _make_course(self) -> Course:
@@ -199,13 +201,13 @@ class LappingTask(DrivingTask[LappingT]):
         """Measure how far the vehicle has come."""
         self._advance_lap.launch()
 
-    # ---- what a policy sees and is paid for ----------------------------------------------------------------------
+    # ---- what a policy observes and is rewarded for ------------------------------------------------------------------
 
     def lane(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return the vehicle's pose in the lane: (W,) aside of its middle [m] and heading off it [rad]; and (W, 5, 2)
         points of the middle ahead, in axes of the vehicle [m].
         """
-        aside, turn, ahead = self._tell_lane(shape=(self.num_worlds,))
+        aside, turn, ahead = self._measure_lane(shape=(self.num_worlds,))
         return aside, turn, ahead
 
     @property
@@ -229,7 +231,7 @@ class LappingTask(DrivingTask[LappingT]):
 
     def outside(self) -> torch.Tensor:
         """Return (W,) bool: the vehicle has left its lane."""
-        return self._tell_outside(shape=(self.num_worlds,))[0]
+        return self._find_outside(shape=(self.num_worlds,))[0]
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap`` and ``failure``, (W,) each."""

@@ -131,7 +131,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
-    # Over hills the goal is 90 steps away: a discount of 0.99 pays for hurry
+    # Over hills the goal is 90 steps away: a discount of 0.99 rewards hurry
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {**DrivingTask.training_by_obs["state"], "iterations": 600, "ppo.gamma": 0.997},
         "camera": PEDALS_BY_CAMERA,

@@ -28,8 +28,8 @@ class StepResult(Readable):
         final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
         acting: (W, N) bool, of several agents those that were not done before this step; None of single ones.
 
-    Where a world has N > 1 agents, ``(W,)`` above is (W, N). An agent that is done is judged no more: nothing is paid,
-    and its ``end_reason`` is -1, until all of its world are done and the world begins anew.
+    Where a world has N > 1 agents, ``(W,)`` above is (W, N). An agent that is done is judged no more: its rewards are
+    0 and its ``end_reason`` is -1, until all of its world are done and the world begins anew.
     """
 
     observations: dict[str, torch.Tensor]

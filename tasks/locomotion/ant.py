@@ -28,7 +28,7 @@ _ANKLE_LIMITS = (-math.pi / 2.0, math.pi / 4.0)
 class AntReward(enum.Enum):
     """Variants of the reward.
 
-    ``walk`` is this project's own: a speed that is enough, along the line. ``code`` is what the original's code pays,
+    ``walk`` is this project's own: a speed that is enough, along the line. ``code`` is that of the original's code,
     ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts), but for the limits: the printed term
     is + 3 per limit, a reward for what the text wants avoided. Here each takes 0.6 away, as in the code.
     """
@@ -87,7 +87,7 @@ class AntConfig(WalkingConfig):
     rewards: AntRewards = AntRewards()
     """Weights of the reward."""
     target_speed: float = 1.3
-    """Speed along X for which the walk reward pays most [m/s]."""
+    """Speed along X for which the walk reward is largest [m/s]."""
     orientation: Orientation = Orientation.EULER
     """Observation of the torso's orientation: 30 observations with Euler angles, 31 with a quaternion."""
     lateral: bool = False

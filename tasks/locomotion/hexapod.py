@@ -28,7 +28,7 @@ class HexapodReward(enum.Enum):
     """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line, level and without trembling. ``code`` is
-    what the original's code pays.
+    that of the original's code.
     """
 
     WALK = "walk"
@@ -92,7 +92,7 @@ class HexapodConfig(WalkingConfig):
     rewards: HexapodRewards = HexapodRewards()
     """Weights of the reward."""
     target_speed: float = 0.4
-    """Speed along X for which the walk reward pays most [m/s]."""
+    """Speed along X for which the walk reward is largest [m/s]."""
     start_angle: float = 0.05
     """Half-width of the uniform start angles of the joints and of the heading [rad]."""
     goal_distance: float = 2.0

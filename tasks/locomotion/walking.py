@@ -53,7 +53,7 @@ class WalkingConfig(TaskConfig):
     torque: Positive = 1.0
     """Joint torque of a full action [N·m]."""
     target_speed: Positive = 1.0
-    """Speed along X for which the walk reward pays most [m/s]."""
+    """Speed along X for which the walk reward is largest [m/s]."""
     orientation: Orientation = Orientation.QUATERNION
     """Observation of the orientation: three Euler angles or the four numbers of a quaternion."""
     scaled: bool = False

@@ -15,8 +15,8 @@ from .ground import Ground, RoughConfig, ScanConfig
 class VelocityObs(enum.Enum):
     """Observations of a policy.
 
-    ``state``: the trunk's velocity, what the robot feels, and the command. ``scan``: also heights of the ground around.
-    ``history``: what the robot feels, and the command, of the last control steps: no more than a real robot has.
+    ``state``: the trunk's velocity, proprioception, and the command. ``scan``: also heights of the ground around.
+    ``history``: proprioception and the command of the last control steps: no more than a real robot has.
     """
 
     STATE = "state"
@@ -63,8 +63,8 @@ class VelocityConfig(TaskConfig):
     max_episode_steps: int = 1000
     """Control steps after which an episode is truncated: 20 s."""
     obs: VelocityObs = VelocityObs.STATE
-    """state: the trunk's velocity, what the robot feels, and the command. scan: also heights of the ground around.
-    history: what the robot feels, and the command, of the last control steps: no more than a real robot has."""
+    """state: the trunk's velocity, proprioception, and the command. scan: also heights of the ground around.
+    history: proprioception and the command of the last control steps: no more than a real robot has."""
     history: Annotated[int, Ge(1), Le(50)] = 6
     """Control steps that observations with a history tell of."""
     rewards: VelocityRewards = VelocityRewards()

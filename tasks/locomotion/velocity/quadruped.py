@@ -19,11 +19,9 @@ from .legged import LeggedTask
 
 @register("quadruped-velocity")
 class QuadrupedVelocity(LeggedTask[VelocityConfig]):
-    """What the robot feels (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes;
-    the command; angles from the stance, rates; last action.
-
-    Observation ``policy``: velocity of the trunk in its axes, and that; with ``scan`` heights of the ground around as
-    well; with ``history`` what the robot feels now and felt in the control steps before.
+    """Proprioception (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes; the
+    command; angles from the stance, rates; last action. Observation ``policy``: velocity of the trunk in its axes, and
+    that; with ``scan`` heights of the ground around as well; with ``history`` that of now and of the steps before.
     """
 
     summary: ClassVar[str] = "quadruped: four legs follow commanded velocities and turns, 12 position drives"
