@@ -155,7 +155,7 @@ class TaskConfig(Settings):
         given = {name: weight for name, weight in given.items() if weight is not None}
         for name in given.keys() - usual.keys() if usual else ():
             option = f"rewards.{name.replace('_', '-')}"
-            raise InputError(f"{option}: this variant of the reward has no such term{near_names(name, usual)}")
+            raise InputError(f"{option}: this variant of the reward has no such term; known: {', '.join(usual)}")
         return {**usual, **given}
 
     @property

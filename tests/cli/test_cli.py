@@ -40,6 +40,7 @@ def test_train_writes_the_keys_of_the_contract_and_says_where_things_are(folder,
     code, out, err = simwarp("train", "fast", "--resume", result["run"], "--iterations", "3")
     assert (code, err) == (0, "")
     assert re.search(r"iteration 3/3 .*reward .*episode .*env steps/s.*ETA", out)
+    assert "\nrewards near 1\n" in out
     assert f"run folder      {result['run']}" in out
     assert "learning_curve.png" in out
     # The configuration of the run is the default: 8 worlds, not the task's 128

@@ -106,7 +106,7 @@ def test_what_is_no_weight_is_refused_in_one_line():
         with pytest.raises(InputError, match=rf"turn of a VelocityRewards must be a finite number, got {value}"):
             replace_fields(kind(), {"rewards.turn": value})
     with pytest.raises(
-        InputError, match=r"rewards\.heading: this variant of the reward has no such term; known: alive, energy"
+        InputError, match=r"rewards\.heading: this variant .* has no such term; known: progress, alive, energy"
     ):
         AntConfig(reward=AntReward.CODE, rewards=AntRewards(heading=1.0))
 

@@ -182,10 +182,12 @@ def _worlds(
     console.print(f"building {config.num_envs} worlds of '{task_name}' on {device} ...", highlight=False)
     first_world = group.rank * config.num_envs
     with default_threads(config.threads):
-        return make(
+        task = make(
             task_name, config.num_envs, device=device, seed=config.seed, config=task_config, first_world=first_world,
             capture=config.capture,
         )  # fmt: skip
+    console.print(f"rewards {', '.join(task.weighted_terms)}", highlight=False, soft_wrap=True)
+    return task
 
 
 def _lesson_of_run(resume: Path, saved: tuple[Path, dict[str, Any]] | None) -> Lesson | None:
