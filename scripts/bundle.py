@@ -5,8 +5,8 @@ result appears whole or not at all.
 """
 
 import argparse
+import contextlib
 import hashlib
-import io
 import json
 import os
 import platform
@@ -64,39 +64,6 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message)
 
 
-class Parts(io.RawIOBase):
-    """A stream that goes on in the next numbered file when one is full."""
-
-    def __init__(self, stem: Path, limit: int) -> None:
-        self.stem, self.limit = stem, limit
-        self.count = self.room = 0
-        self.file: io.BufferedWriter | None = None
-
-    def writable(self) -> bool:
-        """It is."""
-        return True
-
-    def write(self, data: bytes) -> int:  # type: ignore[override]
-        """Write all of it, over as many files as it takes."""
-        rest = memoryview(data)
-        while rest:
-            if self.room == 0:
-                self.close()
-                self.count += 1
-                self.file = self.stem.with_suffix(f".tar.{self.count:03d}").open("wb")
-                self.room = self.limit
-            assert self.file is not None
-            taken = self.file.write(rest[: self.room])
-            rest, self.room = rest[taken:], self.room - taken
-        return len(data)
-
-    def close(self) -> None:
-        """Finish the file that is open."""
-        if self.file is not None:
-            self.file.close()
-            self.file = None
-
-
 def say(stage: int, text: str) -> None:
     """One line per stage."""
     print(f"[{stage}/3] {text}", flush=True)
@@ -152,15 +119,27 @@ def fill_shelf(own: Path, target: Target, without: frozenset[str], cuda: bool) -
 
 
 def pack(wheels: Iterable[Path], folder: Path) -> int:
-    """Write the wheels into numbered parts of one tar archive; how many. The same wheels give the same parts."""
-    parts = Parts(folder / "wheels", PART_BYTES)
-    with parts, tarfile.open(fileobj=parts, mode="w|") as archive:
-        for wheel in wheels:
-            entry = tarfile.TarInfo(wheel.name)
-            entry.size = wheel.stat().st_size
-            with wheel.open("rb") as file:
-                archive.addfile(entry, file)
-    return parts.count
+    """Write the wheels into numbered parts of one tar archive; how many. The same wheels give the same parts.
+
+    Raises:
+        BundleError: If the disk does not take them.
+    """
+    command = ["split", "-b", str(PART_BYTES), "-d", "-a", "3", "-", str(folder / "wheels.tar.")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as split:
+        assert split.stdin is not None
+        assert split.stderr is not None
+        with contextlib.suppress(BrokenPipeError), tarfile.open(fileobj=split.stdin, mode="w|") as archive:
+            for wheel in wheels:
+                entry = tarfile.TarInfo(wheel.name)
+                entry.size = wheel.stat().st_size
+                with wheel.open("rb") as file:
+                    archive.addfile(entry, file)
+        with contextlib.suppress(BrokenPipeError):
+            split.stdin.close()
+        reason = split.stderr.read().decode(errors="replace").strip()
+    if split.returncode:
+        raise BundleError(f"could not write the parts: {reason[-300:]}")
+    return len(list(folder.glob("wheels.tar.*")))
 
 
 def write_bundle(folder: Path, own: Path, wheels: Sequence[Path], about: dict[str, Any]) -> int:

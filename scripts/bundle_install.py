@@ -7,7 +7,6 @@ Only the standard library is used.
 import argparse
 import contextlib
 import hashlib
-import io
 import json
 import os
 import platform
@@ -63,39 +62,16 @@ def checked_files(bundle: Path) -> list[str]:
     return sorted(wanted)
 
 
-class Joined(io.RawIOBase):
-    """The parts, read one after the other."""
-
-    def __init__(self, parts: Sequence[Path]) -> None:
-        self.parts = list(parts)
-        self.file = self.parts.pop(0).open("rb")
-
-    def readable(self) -> bool:
-        """It is."""
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        """Up to `size` bytes; none at the end of the last part."""
-        data = self.file.read(size)
-        while not data and self.parts:
-            self.file.close()
-            self.file = self.parts.pop(0).open("rb")
-            data = self.file.read(size)
-        return data
-
-    def close(self) -> None:
-        """Close the part that is open."""
-        self.file.close()
-        super().close()
-
-
 @contextlib.contextmanager
 def wheels_beside(target: Path, files: Sequence[str]) -> Iterator[Path]:
     """A folder with all wheels, on the disk that the target is on, gone afterwards."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".simwarp-wheels-", dir=target.parent) as folder:
         parts = [BUNDLE / name for name in files if name.startswith("wheels.tar.")]
-        with Joined(parts) as joined, tarfile.open(fileobj=joined, mode="r|") as archive:
+        with (
+            subprocess.Popen(["cat", *parts], stdout=subprocess.PIPE) as joined,
+            tarfile.open(fileobj=joined.stdout, mode="r|") as archive,
+        ):
             archive.extractall(folder, filter="data")
         for name in files:
             if name.endswith(".whl"):
