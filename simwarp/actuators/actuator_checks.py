@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull
-from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, numbers, shown
+from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, formatted, numbers
 from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
 from simwarp.model.effort_routing import EffortRoute
 from simwarp.model.model import Model
@@ -22,14 +22,14 @@ def checked_specs(model: Model, specs: Any) -> tuple[ActuatorSpec, ...]:
         ModelError: one does not, or two have a name or a drive in common.
     """
     if isinstance(specs, (str, bytes, dict)) or not isinstance(specs, Iterable):
-        raise ModelError(f"Actuators: specs must be a list of ActuatorSpec, got {shown(specs)}; write [...]")
+        raise ModelError(f"Actuators: specs must be a list of ActuatorSpec, got {formatted(specs)}; write [...]")
     listed = tuple(specs)
     names: set[str] = set()
     driven: dict[tuple[int, int], str] = {}
     for spec in listed:
         if not isinstance(spec, ActuatorSpec):
             raise ModelError(
-                f"Actuators: specs must be a list of ActuatorSpec, got {shown(spec)} among them; "
+                f"Actuators: specs must be a list of ActuatorSpec, got {formatted(spec)} among them; "
                 "write ActuatorSpec(name=..., terms=...)"
             )
         thing = checked_name("actuator", spec.name)
@@ -58,18 +58,20 @@ def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
     if spec.site is not None:
         _check_site(thing, spec.site, model)
     if not isinstance(spec.terms, Sequence) or isinstance(spec.terms, str):
-        raise ModelError(f"{thing}: terms must be (column, coefficient) pairs, got {shown(spec.terms)}; list them")
+        raise ModelError(f"{thing}: terms must be (column, coefficient) pairs, got {formatted(spec.terms)}; list them")
     for term in spec.terms:
         pair = numbers(term)
         if pair.shape != (2,) or isinstance(term[0], bool) or not isinstance(term[0], (int, np.integer)):
-            raise ModelError(f"{thing}: a term must be (column, coefficient), got {shown(term)}; take model.dof(name)")
+            raise ModelError(
+                f"{thing}: a term must be (column, coefficient), got {formatted(term)}; take model.dof(name)"
+            )
         column, coefficient = term
         if not 0 <= column < model.dof_count:
             raise ModelError(
-                f"{thing}: column must be in 0..{model.dof_count - 1}, got {shown(column)}; take model.dof(name)"
+                f"{thing}: column must be in 0..{model.dof_count - 1}, got {formatted(column)}; take model.dof(name)"
             )
         if finite_number(thing, "coefficient", coefficient) == 0.0:
-            raise ModelError(f"{thing}: coefficient must not be 0, got {shown(coefficient)}; leave the term out")
+            raise ModelError(f"{thing}: coefficient must not be 0, got {formatted(coefficient)}; leave the term out")
         if model.effort_models[column].mode >= DriveMode.PRESCRIBED_POSITION:
             raise ModelError(
                 f"{thing}: joint '{_joint_name(model, column)}' has a prescribed motion, which no force changes; "
@@ -79,7 +81,7 @@ def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
 
 def _check_site(thing: str, site: Any, model: Model) -> None:
     if not isinstance(site, SitePull):
-        raise ModelError(f"{thing}: site must be a SitePull, got {shown(site)}; write SitePull(body=...)")
+        raise ModelError(f"{thing}: site must be a SitePull, got {formatted(site)}; write SitePull(body=...)")
     ends: list[tuple[str, Any, int]] = [("body", site.body, 0 if site.reference is None else WORLD)]
     if site.reference is not None:
         ends.append(("reference", site.reference, WORLD))
@@ -88,7 +90,7 @@ def _check_site(thing: str, site: Any, model: Model) -> None:
         if not whole or not least <= body < model.body_count:
             also = " or WORLD" if least == WORLD else ""
             raise ModelError(
-                f"{thing}: site {role} must be a body index in 0..{model.body_count - 1}{also}, got {shown(body)}; "
+                f"{thing}: site {role} must be a body index in 0..{model.body_count - 1}{also}, got {formatted(body)}; "
                 "take model.body(name)"
             )
     if site.body == site.reference:
@@ -96,7 +98,9 @@ def _check_site(thing: str, site: Any, model: Model) -> None:
     checked_pose(thing, site.pose)
     checked_pose(thing, site.reference_pose)
     if not finite_vector(thing, "site gear", site.gear, 6).any():
-        raise ModelError(f"{thing}: site gear must not be zero throughout, got {shown(site.gear)}; give a direction")
+        raise ModelError(
+            f"{thing}: site gear must not be zero throughout, got {formatted(site.gear)}; give a direction"
+        )
 
 
 def _check_numbers(thing: str, spec: ActuatorSpec) -> None:
@@ -131,7 +135,7 @@ def _check_range(thing: str, field: str, given: Any) -> None:
     lower, upper = pair.tolist() if pair.shape == (2,) else (math.nan, math.nan)
     if not lower < upper:  # also where one is NaN
         raise ModelError(
-            f"{thing}: {field} must be (lower, upper) with lower < upper, got {shown(given)}; None for no bounds"
+            f"{thing}: {field} must be (lower, upper) with lower < upper, got {formatted(given)}; None for no bounds"
         )
 
 

@@ -31,7 +31,7 @@ from simwarp.core.arrays import (
     writable_from,
 )
 from simwarp.core.readable import Names, Row, plural
-from simwarp.core.types import WORLD, ModelError, number, shown
+from simwarp.core.types import WORLD, ModelError, formatted, number
 from simwarp.core.wording import close_names
 from simwarp.model.checks import INFINITE, checked_names, positive_number
 from simwarp.model.model import Model
@@ -90,7 +90,7 @@ class Actuators(ForceElement, FixedAttributes):
         self, model: Model, specs: Iterable[ActuatorSpec], *, per_world: Iterable[str] = (), dt: float | None = None
     ) -> None:
         if not isinstance(model, Model):
-            raise ModelError(f"Actuators: model must be a Model, got {shown(model)}; pass what finalize returned")
+            raise ModelError(f"Actuators: model must be a Model, got {formatted(model)}; pass what finalize returned")
         self.model = model
         self.specs = checked_specs(model, specs)
         self.names = tuple(spec.name for spec in self.specs)
@@ -136,7 +136,7 @@ class Actuators(ForceElement, FixedAttributes):
         if name not in self.names:
             near = close_names(name, self.names)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(self.names[:8]) or 'none'}"
-            raise ModelError(f"Actuators: no actuator {shown(name)}; {hint}")
+            raise ModelError(f"Actuators: no actuator {formatted(name)}; {hint}")
         return self.names.index(name)
 
     def _readable_title(self) -> str:

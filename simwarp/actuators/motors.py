@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from simwarp.actuators.actuator_spec import ActuatorSpec, Law
-from simwarp.core.types import FLOAT32_MAX, ModelError, number, shown
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
 from simwarp.model.checks import checked_name, finite_number, not_negative, positive_number
 
 
@@ -131,6 +131,6 @@ def _both_ways(thing: str, limit: Any) -> tuple[float, float] | None:
     if given == math.inf or given > FLOAT32_MAX:
         return None
     if not given > 0.0:
-        raise ModelError(f"{thing}: effort_limit must be > 0, got {shown(limit)}; leave it out for no limit")
+        raise ModelError(f"{thing}: effort_limit must be > 0, got {formatted(limit)}; leave it out for no limit")
     size = finite_number(thing, "effort_limit", limit)
     return -size, size

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.array_devices import refuse_in_capture
-from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, formatted, numbers
 from simwarp.core.wording import close_names
 
 CONVERSIONS = {
@@ -168,8 +168,8 @@ class WritableArray(wp.array):
         for axis, part in enumerate(parts):
             if axis >= self.ndim or not isinstance(part, (int, np.integer, slice)) or isinstance(part, bool):
                 raise IndexError(
-                    f"{self.label} of shape {self.shape} takes up to {self.ndim} integers or slices, got {shown(key)}; "
-                    "for masks and lists index simwarp.core.interop.to_torch(array)"
+                    f"{self.label} of shape {self.shape} takes up to {self.ndim} integers or slices, got "
+                    f"{formatted(key)}; for masks and lists index simwarp.core.interop.to_torch(array)"
                 )
             if not isinstance(part, slice):
                 if not -self.shape[axis] <= part < self.shape[axis]:
@@ -212,14 +212,16 @@ class WritableArray(wp.array):
         if given.dtype.kind == "O":
             given = numbers(value)
             if not np.isfinite(given).all():
-                raise ModelError(f"{self.label}: values must be numbers, got {shown(value)}; pass an array")
+                raise ModelError(f"{self.label}: values must be numbers, got {formatted(value)}; pass an array")
         if given.dtype.kind not in "iufb":
-            raise ModelError(f"{self.label}: values must be numbers, got {shown(value)}; pass an array")
+            raise ModelError(f"{self.label}: values must be numbers, got {formatted(value)}; pass an array")
         with np.errstate(over="ignore", invalid="ignore"):
             data = given.astype(wanted)
             same = np.isfinite(data) | ~np.isfinite(given) if wanted.kind == "f" else data.astype(given.dtype) == given
         if wanted.kind != "b" and not bool(np.all(same)):
-            raise ModelError(f"{self.label}: values must be numbers of {wanted.name}, got {shown(value)}; convert them")
+            raise ModelError(
+                f"{self.label}: values must be numbers of {wanted.name}, got {formatted(value)}; convert them"
+            )
         return data
 
     def _broadcast(self, data: npt.NDArray[Any], view: wp.array) -> npt.NDArray[Any]:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.readable import bytes_text
-from simwarp.core.types import ArrayLayout, ModelError, shown
+from simwarp.core.types import ArrayLayout, ModelError, formatted
 
 MOST_ROWS: Final = 2**31 - 1
 """Longest axis of an array, and most bytes behind its first axis: kernels index with 32 bits."""
@@ -76,7 +76,7 @@ def check_layouts(what: str, layouts: Mapping[str, ArrayLayout], device: Any, re
         row = math.prod(layout.shape[1:]) * item_bytes(layout.dtype)
         if max((*layout.shape, row)) > MOST_ROWS:
             raise ModelError(
-                f"{what} need an array '{name}' of shape {shown(layout.shape)}, whose rows of {bytes_text(row)} or "
+                f"{what} need an array '{name}' of shape {formatted(layout.shape)}, whose rows of {bytes_text(row)} or "
                 f"whose length is beyond 32 bits; {remedy}"
             )
     passing = max(layout_bytes([layout]) for layout in layouts.values())  # on the host, on its way into an array

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def unit_vector(thing: str, field: str, value: Vec3) -> Array:
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
         raise ModelError(
-            f"{thing}: {field} must have a length, got {'zeros' if norm == 0.0 else shown(value)}; give a direction"
+            f"{thing}: {field} must have a length, got {'zeros' if norm == 0.0 else formatted(value)}; give a direction"
         )
     return vector / norm
 
@@ -80,7 +80,9 @@ def frame_from_axis(thing: str, axis: Vec3, field: str = "axis", direction: Vec3
     x = given - (given @ z) * z
     length = float(np.linalg.norm(x))
     if length < 1e-6:
-        raise ModelError(f"{thing}: direction must not be along {field}, got {shown(direction)}; give one across it")
+        raise ModelError(
+            f"{thing}: direction must not be along {field}, got {formatted(direction)}; give one across it"
+        )
     x /= length
     return quat_from_matrix(np.stack([x, cross(z, x), z], axis=1))
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from simwarp.core.constraints import Ge, Gt, Le, Lt, Meaning, Read, RuleError, Tagged
 from simwarp.core.file_keys import old_keys, with_current_keys
-from simwarp.core.types import FLOAT32_MAX, shown
+from simwarp.core.types import FLOAT32_MAX, formatted
 from simwarp.core.wording import nearest, shortened
 
 if TYPE_CHECKING:
@@ -236,21 +236,23 @@ class Schema:
             case "value_error" if isinstance(context["error"], RuleError):
                 broken = context["error"]
                 remedy = f"; {broken.remedy}" if broken.remedy else ""
-                return Fault(keys, f"must be {broken.rule}, got {broken.got or shown(value)}{remedy}")
+                return Fault(keys, f"must be {broken.rule}, got {broken.got or formatted(value)}{remedy}")
             case "value_error":
                 return Fault(keys, str(context["error"]), "check")
             case "finite_number":
-                return Fault(keys, f"must be a finite number, got {shown(value)}{meaning}")
+                return Fault(keys, f"must be a finite number, got {formatted(value)}{meaning}")
             case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-                return Fault(keys, f"must be {self._bounds(place.hint, context, item)}, got {shown(value)}{meaning}")
+                return Fault(
+                    keys, f"must be {self._bounds(place.hint, context, item)}, got {formatted(value)}{meaning}"
+                )
             case "too_short" | "too_long" if "min_length" in context or "max_length" in context:
-                return Fault(keys, f"must be {_count(inner, context, wanted)}, got {shown(value)}")
+                return Fault(keys, f"must be {_count(inner, context, wanted)}, got {formatted(value)}")
             case "string_too_long":
-                return Fault(keys, f"must be a text of at most {context['max_length']} letters, got {shown(value)}")
+                return Fault(keys, f"must be a text of at most {context['max_length']} letters, got {formatted(value)}")
             case "literal_error" | "enum":
                 near = nearest(value, choices(inner))
-                return Fault(keys, f"must be {wanted}, got {shown(value)}{near}")
-        return Fault(keys, f"must be {wanted}, got {shown(value)}{meaning}")
+                return Fault(keys, f"must be {wanted}, got {formatted(value)}{near}")
+        return Fault(keys, f"must be {wanted}, got {formatted(value)}{meaning}")
 
     def _bounds(self, hint: Any, context: Mapping[str, Any], value: Any) -> str:
         """The bounds of a number in words."""
@@ -346,11 +348,13 @@ def _tag_fault(keys: Keys, hint: Any, value: Any) -> Fault:
     """A choice of classes that is not made, or of one that is not there."""
     tag, classes = _tag_of(peeled(hint)[1]), list(_classes(hint))
     if not isinstance(value, Mapping):
-        return Fault(keys, f"must be an object with a {tag}, got {shown(value)}; {tag}s: {', '.join(classes)}")
+        return Fault(keys, f"must be an object with a {tag}, got {formatted(value)}; {tag}s: {', '.join(classes)}")
     if tag not in value:
         return Fault((*keys, tag), f"missing; give one of {', '.join(classes)}", "missing")
     chosen = value[tag]
-    return Fault((*keys, tag), f"must be one of {', '.join(classes)}, got {shown(chosen)}{nearest(chosen, classes)}")
+    return Fault(
+        (*keys, tag), f"must be one of {', '.join(classes)}, got {formatted(chosen)}{nearest(chosen, classes)}"
+    )
 
 
 # ---- type hints ------------------------------------------------------------------------------------------------------

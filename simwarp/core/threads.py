@@ -13,7 +13,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 
 VARIABLE: Final = "SIMWARP_THREADS"
 """Environment variable of the number of threads that nobody asks for."""
@@ -76,7 +76,7 @@ def _held(name: str, number: Any, got: Any, remedy: str, most: int = MOST_THREAD
     except TypeError:
         found = 0
     if not 1 <= found <= most:
-        raise ModelError(f"{name} must be a whole number from 1 to {most}, got {shown(got)}; {remedy}")
+        raise ModelError(f"{name} must be a whole number from 1 to {most}, got {formatted(got)}; {remedy}")
     return found
 
 

@@ -238,16 +238,16 @@ LONGEST_VALUE: Final = 100
 DEEPEST_VALUE: Final = 4
 
 
-def shown(value: Any) -> str:
+def formatted(value: Any) -> str:
     """A received value in one short line, for errors: NumPy's numbers as numbers, arrays by shape, objects by class."""
     try:
-        return _shown(value, DEEPEST_VALUE)
+        return _formatted(value, DEEPEST_VALUE)
     except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError):
         # whatever the value's own repr raises: integers of 5000 digits, lists in themselves
         return _classed(value)
 
 
-def _shown(value: Any, depth: int) -> str:
+def _formatted(value: Any, depth: int) -> str:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, type):
@@ -257,7 +257,7 @@ def _shown(value: Any, depth: int) -> str:
         small = isinstance(value, np.ndarray) and value.size <= 6 and value.dtype.kind in "iufb"
         return repr(value.tolist()) if small else f"an array of shape {tuple(value.shape)}"
     if kind in (tuple, list) and len(value) <= 12 and depth > 0:
-        parts = [_shown(part, depth - 1) for part in value]
+        parts = [_formatted(part, depth - 1) for part in value]
         text = f"[{', '.join(parts)}]" if kind is list else f"({', '.join(parts)}{',' * (len(parts) == 1)})"
     elif kind in (tuple, list, dict, set, frozenset) and (depth == 0 or len(value) > LONGEST_VALUE):
         return f"{_classed(value)} of {len(value)}"
@@ -326,7 +326,9 @@ def finite_vector(thing: str, field: str, value: Vec3 | Quat, length: int) -> np
     if array.shape == (length,) and bool((np.abs(array) <= FLOAT32_MAX).all()):
         return array
     beyond = " of at most 3.4e38" if np.isfinite(array).all() else ""
-    raise ModelError(f"{thing}: {field} must be {length} finite numbers{beyond}, got {shown(value)}; pass a sequence")
+    raise ModelError(
+        f"{thing}: {field} must be {length} finite numbers{beyond}, got {formatted(value)}; pass a sequence"
+    )
 
 
 Table: TypeAlias = tuple[Sequence[float], Sequence[float]]

@@ -19,7 +19,7 @@ from simwarp.actuators import Actuators
 from simwarp.core.files import check_output, write_file
 from simwarp.core.readable import ReadableFields
 from simwarp.core.rotation import quat_from_matrix
-from simwarp.core.types import WORLD, ModelError, shown
+from simwarp.core.types import WORLD, ModelError, formatted
 from simwarp.exporters.mjcf_geoms import ShapeWriter
 from simwarp.exporters.mjcf_joints import FileJoint, JointWriter, text_of
 from simwarp.exporters.mjcf_motors import write_motors
@@ -67,9 +67,11 @@ def mjcf_of(
         ModelError: the model has a part that MJCF has not, or the writer; says which.
     """
     if not isinstance(model, Model):
-        raise ModelError(f"mjcf_of: model must be a Model, got {shown(model)}; pass what finalize returned")
+        raise ModelError(f"mjcf_of: model must be a Model, got {formatted(model)}; pass what finalize returned")
     if actuators is not None and (not isinstance(actuators, Actuators) or actuators.model is not model):
-        raise ModelError(f"mjcf_of: actuators must be Actuators of the same model, got {shown(actuators)}; make them")
+        raise ModelError(
+            f"mjcf_of: actuators must be Actuators of the same model, got {formatted(actuators)}; make them"
+        )
     world = whole_number("mjcf_of", "world", world, 0, model.world_count - 1, "count from 0")
     step = positive_number("mjcf_of", "timestep", timestep, "s", "0.002 is usual")
     soft = text_of([positive_number("mjcf_of", "softness", softness, "s", f"{SOFTNESS:g} is MuJoCo's own"), 1.0])

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, ShapeType, numbers, shown
+from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, ShapeType, formatted, numbers
 from simwarp.geometry.triangle_tree import tree_tables
 from simwarp.kernels.collision.shape import Assets
 
@@ -243,7 +243,7 @@ def height_field(heights: npt.ArrayLike, size: Sequence[float]) -> HeightField:
     least = FLOAT32_LEAST * max(rows, columns)
     if span.shape != (2,) or not _in_float32(span) or span.min() < least:
         raise ModelError(
-            f"height field: size must be two lengths > 0 m, got {shown(size)}; pass its extents along x and y"
+            f"height field: size must be two lengths > 0 m, got {formatted(size)}; pass its extents along x and y"
         )
     return HeightField(values.astype(np.float32), (float(span[0]) / (columns - 1), float(span[1]) / (rows - 1)))
 
@@ -254,7 +254,7 @@ def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
     whole = np.abs(given) < 2.0**31
     if not whole.all() or (given != np.rint(given)).any():
         raise ModelError(
-            f"mesh: triangles must be (T >= 1, 3) whole numbers, got {shown(triangles)}; pass indices of vertices"
+            f"mesh: triangles must be (T >= 1, 3) whole numbers, got {formatted(triangles)}; pass indices of vertices"
         )
     return given.astype(np.int64)
 
@@ -266,7 +266,7 @@ def _in_float32(values: Array) -> bool:
 
 def _shape_of(given: Any, values: Array) -> str:
     """Description of a value given in place of an array of numbers, for errors."""
-    return f"shape {values.shape}" if values.ndim else shown(given)
+    return f"shape {values.shape}" if values.ndim else formatted(given)
 
 
 def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> TriangleMesh:

@@ -20,7 +20,7 @@ import PIL.Image
 import trimesh
 
 from simwarp.core.files import FileError, check_input, declares_entities
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.geometry.decomposition_cache import cached_parts
 from simwarp.geometry.visual_mesh import VisualMesh, joined, linear_from_srgb
 
@@ -136,7 +136,7 @@ def load_mesh_parts(path: str | Path) -> list[MeshPart]:
 def _checked_file(path: str | Path) -> Path:
     file = Path(path)
     if not os.path.isfile(file):  # false, too, for names that no file can have
-        raise ModelError(f"mesh file: there must be a file, got {shown(str(file))}; check the path")
+        raise ModelError(f"mesh file: there must be a file, got {formatted(str(file))}; check the path")
     if file.suffix.lower() not in FORMATS:
         raise ModelError(f"mesh file: the format must be one of {', '.join(FORMATS)}, got '{file.name}'; convert it")
     return file

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.spec.vehicle_spec import (
     AutomaticCVT,
@@ -45,7 +45,7 @@ def unit(node: Node, key: str) -> Vec3:
     direction = np.array(node.vector(key, ""))
     length = float(np.linalg.norm(direction))
     if length == 0.0:
-        raise node.place.at(key).error(f"must be a direction, got {shown(node.value[key])}")
+        raise node.place.at(key).error(f"must be a direction, got {formatted(node.value[key])}")
     x, y, z = (float(v) for v in direction / length)
     return x, y, z
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from simwarp.core.schema import Place
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.core.wording import nearest
 from simwarp.vehicle.spec.vehicle_files import parse_json, read_text
 from simwarp.vehicle.spec.vehicle_spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
@@ -43,7 +43,7 @@ class Node:
 
     def __init__(self, value: Any, place: Place) -> None:
         if not isinstance(value, dict):
-            raise place.error(f"must be an object, got {shown(value)}")
+            raise place.error(f"must be an object, got {formatted(value)}")
         self.value: dict[str, Any] = value
         self.place = place
         self.known: set[str] = set()
@@ -78,7 +78,7 @@ class Node:
         """The objects of a list."""
         items = self.get(key, "a list of objects")
         if not isinstance(items, list):
-            raise self.place.at(key).error(f"must be a list of objects, got {shown(items)}")
+            raise self.place.at(key).error(f"must be a list of objects, got {formatted(items)}")
         for index, item in enumerate(items):
             node = Node(item, self.place.at(key).at(index))
             self.children.append(node)
@@ -88,14 +88,14 @@ class Node:
         """A text."""
         value = self.get(key, "a text")
         if not isinstance(value, str):
-            raise self.place.at(key).error(f"must be a text, got {shown(value)}")
+            raise self.place.at(key).error(f"must be a text, got {formatted(value)}")
         return value
 
     def flag(self, key: str, default: bool = False) -> bool:
         """True or false."""
         value = self.value[key] if key in self else default
         if not isinstance(value, bool):
-            raise self.place.at(key).error(f"must be true or false, got {shown(value)}")
+            raise self.place.at(key).error(f"must be true or false, got {formatted(value)}")
         return value
 
     def number(self, key: str, unit: str = "", default: float | None = None) -> float:
@@ -110,7 +110,7 @@ class Node:
         """A whole number."""
         value = self.get(key, "a whole number")
         if isinstance(value, bool) or not isinstance(value, int):
-            raise self.place.at(key).error(f"must be a whole number, got {shown(value)}")
+            raise self.place.at(key).error(f"must be a whole number, got {formatted(value)}")
         return value
 
     def angle(self, key: str) -> float:
@@ -122,7 +122,7 @@ class Node:
         wanted = f"a list of {count or 'the'} numbers" + (f" [{unit}]" if unit else "")
         value = self.get(key, wanted)
         if not isinstance(value, list) or (count is not None and len(value) != count):
-            raise self.place.at(key).error(f"must be {wanted}, got {shown(value)}")
+            raise self.place.at(key).error(f"must be {wanted}, got {formatted(value)}")
         return tuple(finite(v, "a number", self.place.at(key).at(index)) for index, v in enumerate(value))
 
     def vector(self, key: str, unit: str = "m") -> Vec3:
@@ -143,7 +143,7 @@ class Node:
         value = self.get(key, "a list of [x, y] pairs")
         place = self.place.at(key)
         if not isinstance(value, list) or not all(isinstance(v, list) and len(v) == 2 for v in value):
-            raise place.error(f"must be a list of [x, y] pairs, got {shown(value)}")
+            raise place.error(f"must be a list of [x, y] pairs, got {formatted(value)}")
         return tuple(
             (scale * finite(x, "a number", place.at(index)), finite(y, "a number", place.at(index)))
             for index, (x, y) in enumerate(value)
@@ -181,5 +181,5 @@ class Node:
 def finite(value: Any, wanted: str, place: Place) -> float:
     """A number that is one."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise place.error(f"must be {wanted}, got {shown(value)}")
+        raise place.error(f"must be {wanted}, got {formatted(value)}")
     return float(value)

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import nearest
 from simwarp.importers.chrono_json import Node
 from simwarp.sensors.cameras.camera import CameraConfig
@@ -65,7 +65,7 @@ def load_chrono_sensor(path: str | Path) -> Any:
         ModelError: a file that cannot be read, an unknown key, template or filter, or a value that breaks a rule.
     """
     if not isinstance(path, (str, Path)):
-        raise ModelError(f"Chrono sensor: must be the path of a JSON file, got {shown(path)}; pass a str or a Path")
+        raise ModelError(f"Chrono sensor: must be the path of a JSON file, got {formatted(path)}; pass a str or a Path")
     try:
         node = Node.of_file(Path(path))
         _expect(node, "Type", ("Sensor",))
@@ -248,7 +248,7 @@ def _noise(node: Node, unit: float = 1.0) -> tuple[Noise, ...]:
     bias = unit * model.number("Drift Bias" if "Drift Bias" in model else "Bias Drift")
     tau = model.number("Tau Drift", "s")
     if not tau > 0.0:
-        raise model.place.at("Tau Drift").error(f"must be > 0 s, got {shown(tau)}")
+        raise model.place.at("Tau Drift").error(f"must be > 0 s, got {formatted(tau)}")
     return (normal, _made(model, BiasWalk, rate=bias / math.sqrt(tau))) if bias else (normal,)
 
 
@@ -256,7 +256,9 @@ def _expect(node: Node, key: str, known: tuple[str, ...]) -> str:
     """One of some texts."""
     text = node.text(key)
     if text not in known:
-        raise node.place.at(key).error(f"must be one of {', '.join(known)}, got {shown(text)}{nearest(text, known)}")
+        raise node.place.at(key).error(
+            f"must be one of {', '.join(known)}, got {formatted(text)}{nearest(text, known)}"
+        )
     return text
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.spec.parts import inertia_matrix
 from simwarp.vehicle.spec.vehicle_spec import (
@@ -93,7 +93,9 @@ def damper_map(node: Node) -> DamperMap:
     lengths = node.numbers("Deformation", unit="m")
     rows = node.get("Map Data", "a list of rows [rate, forces]")
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == len(lengths) + 1 for row in rows):
-        raise node.place.at("Map Data").error(f"must be rows of a rate and {len(lengths)} forces, got {shown(rows)}")
+        raise node.place.at("Map Data").error(
+            f"must be rows of a rate and {len(lengths)} forces, got {formatted(rows)}"
+        )
     table = np.array(rows, dtype=np.float64).tolist()
     return lengths, tuple(row[0] for row in table), tuple(tuple(row[1:]) for row in table)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import Tire
@@ -42,7 +42,7 @@ def rated(node: Node) -> dict[str, Any]:
         return found
     kind = node.text("Vehicle Type").lower()
     if kind not in ("truck", "passenger"):
-        raise node.place.at("Vehicle Type").error(f"must be 'Truck' or 'Passenger', got {shown(kind)}")
+        raise node.place.at("Vehicle Type").error(f"must be 'Truck' or 'Passenger', got {formatted(kind)}")
     found["pattern"] = "truck" if kind == "truck" else "car"
     node.skip("Maximum Bearing Capacity [N]")
     if "Load Index" in node:
@@ -179,7 +179,7 @@ def pacejka2002(node: Node, root: Path) -> Tire:
     for key in ("UNLOADED_RADIUS", "WIDTH"):
         value = tir.get(key)
         if not isinstance(value, float):
-            rule = f"{path.name}: {key}: must be a number, got {shown(value)}"
+            rule = f"{path.name}: {key}: must be a number, got {formatted(value)}"
             raise node.place.at("TIR Specification File").error(rule)
         sizes[key] = value
     return node.make(

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.core.wording import nearest, shortened
 from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
 from simwarp.importers.chrono_json import Node
@@ -105,7 +105,8 @@ def find_root(path: Path, file: str) -> Path:
         if os.path.isfile(folder / file):  # of a path that no file can have it says no
             return folder
     raise SpecError(
-        f"{path.name}: Chassis.Input File: {shown(file)} is in no folder above it; give root=, Chrono's data/vehicle"
+        f"{path.name}: Chassis.Input File: {formatted(file)} is in no folder above it; give root=, Chrono's "
+        "data/vehicle"
     )
 
 
@@ -134,11 +135,11 @@ def expect(node: Node, kind: str, templates: Mapping[str, Any] | Sequence[str]) 
     """The template of an object, which must be of a kind and one of those known."""
     found = node.text("Type")
     if found != kind:
-        raise node.place.at("Type").error(f"must be {kind!r}, got {shown(found)}")
+        raise node.place.at("Type").error(f"must be {kind!r}, got {formatted(found)}")
     template = node.text("Template")
     if template not in templates:
         near = nearest(template, templates)
-        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {shown(template)}{near}")
+        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {formatted(template)}{near}")
     return template
 
 
@@ -202,7 +203,9 @@ def read_driveline(node: Node, files: Files) -> Any:
     indices = drive.get("Suspension Indexes", "a list of the driven axles")
     count = len(node.value["Axles"])
     if not isinstance(indices, list) or not all(isinstance(i, int) and 0 <= i < count for i in indices):
-        raise drive.place.at("Suspension Indexes").error(f"must be a list of axles below {count}, got {shown(indices)}")
+        raise drive.place.at("Suspension Indexes").error(
+            f"must be a list of axles below {count}, got {formatted(indices)}"
+        )
     axles = tuple(indices)
     return files.part("Driveline", DRIVELINES, drive.text("Input File"), axles)
 

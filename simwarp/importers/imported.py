@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.readable import Names, Readable, ReadableFields, Row
-from simwarp.core.types import WORLD, Drive, ModelError, Pose, shown
+from simwarp.core.types import WORLD, Drive, ModelError, Pose, formatted
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import close_names
 from simwarp.importers.coordinates import CoordinateMap
@@ -191,7 +191,7 @@ class Imported(Readable):
         if joint not in columns:
             near = close_names(joint, columns)
             hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(list(columns)[:12])}"
-            raise ModelError(f"{self.report.source}: no joint or tendon {shown(joint)}; {hint}")
+            raise ModelError(f"{self.report.source}: no joint or tendon {formatted(joint)}; {hint}")
         index, local = self.builder.coordinate_of(columns[joint])
         count = len(self.builder.joints[index].dofs)
         if count > 1:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 from simwarp.core.readable import Readable
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import close_names
 
 MOST_NAMED: Final = 8
@@ -67,12 +67,14 @@ class ImportReport(Readable):
         self.lines: list[ReportLine] = []
         self._refusable = refusable
         if isinstance(allow, str):
-            raise ModelError(f"{source}: allow must be a list of kinds, got {shown(allow)}; write [{shown(allow)}]")
+            raise ModelError(
+                f"{source}: allow must be a list of kinds, got {formatted(allow)}; write [{formatted(allow)}]"
+            )
         self._allowed = frozenset(allow)
         for kind in sorted(self._allowed - set(refusable), key=str):
             near = close_names(str(kind), list(refusable))
             hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(refusable)}"
-            raise ModelError(f"{source}: allow names {shown(kind)}, which is never refused; {hint}")
+            raise ModelError(f"{source}: allow names {formatted(kind)}, which is never refused; {hint}")
 
     def hold(self, element: str, name: str = "", note: str = "") -> None:
         """An element that is simulated with the same equations."""

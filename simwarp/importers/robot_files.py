@@ -21,7 +21,7 @@ import numpy.typing as npt
 from simwarp.actuators import Activation, ActuatorSpec, Law, SitePull, Target
 from simwarp.core.constraints import MaxLen
 from simwarp.core.schema import Place
-from simwarp.core.types import WORLD, ModelError, Pose, shown
+from simwarp.core.types import WORLD, ModelError, Pose, formatted
 from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
 from simwarp.importers.imported import CameraPlace, Imported, Keyframe, NamedFrame, SourceSensor
 from simwarp.importers.report import Fate, ImportReport, ReportLine
@@ -326,14 +326,14 @@ class _Reader:
             return checked_member("", "", value, kind)
         except ModelError:
             known = ", ".join(member.name.lower() for member in kind)
-            raise self.place.at(*keys).error(f"must be one of {known}, got {shown(value)}") from None
+            raise self.place.at(*keys).error(f"must be one of {known}, got {formatted(value)}") from None
 
     def _pose(self, entry: PlaceEntry, *keys: str | int) -> Pose:
         """A pose as it is: to normalise its quaternion again would change the last bits."""
         rotation = np.array(entry.rotation, np.float64)
         if not abs(float(np.linalg.norm(rotation)) - 1.0) <= ROUNDING:
             place = self.place.at(*keys, "rotation")
-            raise place.error(f"must be a unit quaternion (xyzw), got {shown(rotation)}; divide by its length")
+            raise place.error(f"must be a unit quaternion (xyzw), got {formatted(rotation)}; divide by its length")
         if not WORLD <= entry.body < len(self.builder.bodies):
             most = len(self.builder.bodies) - 1
             raise self.place.at(*keys, "body").error(f"must be in -1..{most}, got {entry.body}; -1 is the world")
@@ -388,6 +388,6 @@ class _Reader:
         for index, line in enumerate(self.entry.report):
             if line.fate not in list(Fate):
                 place = self.place.at("report", index, "fate")
-                raise place.error(f"must be one of {', '.join(Fate)}, got {shown(line.fate)}")
+                raise place.error(f"must be one of {', '.join(Fate)}, got {formatted(line.fate)}")
             report.lines.append(ReportLine(Fate(line.fate), line.element, line.name, line.reason))
         return report

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Collection, Iterable
 from typing import Any, Final, Literal, TypeAlias
 
-from simwarp.core.types import WORLD, JointType, ModelError, shown
+from simwarp.core.types import WORLD, JointType, ModelError, formatted
 from simwarp.core.wording import close_names
 from simwarp.importers.report import ImportReport
 from simwarp.model.builder import ModelBuilder
@@ -36,7 +36,8 @@ def checked_self_collision(where: str, choice: Any) -> SelfCollision:
     near = close_names(choice, WORDS) if isinstance(choice, str) else ()
     hint = f"; did you mean '{near[0]}'?" if near else "; None keeps what the file says"
     raise ModelError(
-        f"{where}: self_collision must be True, False, 'adjacent-off' or 'overlapping-off', got {shown(choice)}{hint}"
+        f"{where}: self_collision must be True, False, 'adjacent-off' or 'overlapping-off', got "
+        f"{formatted(choice)}{hint}"
     )
 
 

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from simwarp.core import files
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import shortened
 
 
@@ -50,10 +50,10 @@ def source_file(path: str | os.PathLike[str], what: str, suffixes: Sequence[str]
         ModelError: there is none, it has another kind of name, or it is larger than any description.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise ModelError(f"{what}: path must be the path of a file, got {shown(path)}; pass 'robot{suffixes[0]}'")
+        raise ModelError(f"{what}: path must be the path of a file, got {formatted(path)}; pass 'robot{suffixes[0]}'")
     file = Path(path)
     if not os.path.isfile(file):  # false, too, for names that no file can have
-        raise ModelError(f"{what}: there must be a file, got {shown(str(file))}; check the path")
+        raise ModelError(f"{what}: there must be a file, got {formatted(str(file))}; check the path")
     if file.suffix.lower() not in suffixes:
         raise ModelError(
             f"{what}: the name must end in {' or '.join(suffixes)}, got '{shortened(file.name)}'; convert the file"
@@ -124,7 +124,7 @@ class FileFolders:
         self._remedy = "folders=[folder]" if packages is None else "packages={'any name': folder}"
         if packages is None:
             if isinstance(folders, (str, os.PathLike)):
-                raise ModelError(f"{file.name}: folders must be a list, got {shown(str(folders))}; write [folder]")
+                raise ModelError(f"{file.name}: folders must be a list, got {formatted(str(folders))}; write [folder]")
             packages = {str(number): folder for number, folder in enumerate(folders)}
             self._words = "folders[{}]"
         else:
@@ -132,13 +132,13 @@ class FileFolders:
         self.packages: dict[str, Path] = {}
         if not isinstance(packages, Mapping):
             raise ModelError(
-                f"{file.name}: packages must map names to folders, got {shown(packages)}; write "
+                f"{file.name}: packages must map names to folders, got {formatted(packages)}; write "
                 "{'robot_description': '/path/to/it'}"
             )
         for name, folder in packages.items():
             if not isinstance(folder, (str, os.PathLike)) or not os.path.isdir(folder):
                 place = self._words.format(name)
-                raise ModelError(f"{file.name}: {place} must be a folder, got {shown(str(folder))}; check the path")
+                raise ModelError(f"{file.name}: {place} must be a folder, got {formatted(str(folder))}; check the path")
             self.packages[str(name)] = Path(folder).resolve()
 
     def resolve(self, reference: str) -> Path:
@@ -148,7 +148,7 @@ class FileFolders:
             ModelError: no folder of that package is known, the path leaves the folders, or there is no file.
         """
         if "\0" in reference or not reference.strip():
-            raise ModelError(f"file {shown(reference)}: must be a path, got none; name a mesh file")
+            raise ModelError(f"file {formatted(reference)}: must be a path, got none; name a mesh file")
         scheme, found, rest = reference.partition("://")
         if found and scheme == "package":
             name, _, rest = rest.partition("/")
@@ -157,7 +157,7 @@ class FileFolders:
             candidate = Path(rest)
         elif found:
             raise ModelError(
-                f"file {shown(reference)}: must be a path, package:// or file://, got {scheme}://; copy it"
+                f"file {formatted(reference)}: must be a path, package:// or file://, got {scheme}://; copy it"
             )
         else:
             candidate = self.file.parent / reference
@@ -171,7 +171,8 @@ class FileFolders:
             if parent.name == name and (parent / "package.xml").is_file():
                 return parent
         raise ModelError(
-            f"file {shown(reference)}: the folder of package '{name}' must be known: it is not in packages={{...}}, "
+            f"file {formatted(reference)}: the folder of package '{name}' must be known: it is not in "
+            f"packages={{...}}, "
             f"and no folder '{name}' with a package.xml is above the description; pass packages={{'{name}': folder}}"
         )
 
@@ -180,16 +181,16 @@ class FileFolders:
             resolved = candidate.resolve()
         except (OSError, RuntimeError):  # RuntimeError up to Python 3.12
             raise ModelError(
-                f"file {shown(reference)}: must be a file, got a link that leads to itself; link it to the file"
+                f"file {formatted(reference)}: must be a file, got a link that leads to itself; link it to the file"
             ) from None
         own = self.file.resolve().parent
         around = [parent for parent in (own, *own.parents) if (parent / "package.xml").is_file()][:1]
         if not any(resolved.is_relative_to(folder) for folder in (own, *around, *self.packages.values())):
             raise ModelError(
-                f"file {shown(reference)}: leads out of the folders of the description to '{shortened(resolved)}'; "
+                f"file {formatted(reference)}: leads out of the folders of the description to '{shortened(resolved)}'; "
                 f"name the folder it is in: {self._remedy}"
             )
         if not os.path.isfile(resolved):
             where = shortened(resolved.parent)
-            raise ModelError(f"file {shown(reference)}: there must be a file of this name in '{where}'; add it")
+            raise ModelError(f"file {formatted(reference)}: there must be a file of this name in '{where}'; add it")
         return resolved

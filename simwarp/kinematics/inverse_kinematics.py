@@ -10,7 +10,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.readable import Readable
-from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, shown
+from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, formatted
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kinematics.inverse_kinematics_kernels import Found, Search, SearchArrays, search_coordinates
 from simwarp.kinematics.jacobian import body_index, checked_tree, tree_scratch
@@ -119,7 +119,7 @@ class InverseKinematics(Readable):
         if start is None:
             start = self.simulation.state.joint_q
         if not isinstance(start, wp.array) or start.shape != self.q.shape or start.dtype != wp.float32:
-            given = f"{start.dtype.__name__} {start.shape}" if isinstance(start, wp.array) else shown(start)
+            given = f"{start.dtype.__name__} {start.shape}" if isinstance(start, wp.array) else formatted(start)
             raise ModelError(
                 f"InverseKinematics: start must be a Warp array of float32 of shape {self.q.shape} (worlds, dofs), got "
                 f"{given}; leave it out to begin at the present coordinates"

@@ -7,7 +7,7 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.readable import Readable
-from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch
 from simwarp.kinematics.jacobian_kernels import measure_point_jacobian
@@ -68,7 +68,7 @@ class PointJacobian(Readable):
 def checked_tree(thing: str, simulation: Any) -> None:
     """A simulation whose coordinates are independent of each other."""
     if not isinstance(simulation, Simulation):
-        raise ModelError(f"{thing}: simulation must be a Simulation, got {shown(simulation)}; pass Simulation(...)")
+        raise ModelError(f"{thing}: simulation must be a Simulation, got {formatted(simulation)}; pass Simulation(...)")
     rows = simulation.model.topology.row_count - simulation.model.tables.tree_row_count
     if rows > 0:
         raise ModelError(
@@ -84,7 +84,7 @@ def body_index(thing: str, simulation: Simulation, body: str | int) -> int:
         return model.body(body)
     if isinstance(body, bool) or not isinstance(body, int) or not 0 <= body < model.body_count:
         raise ModelError(
-            f"{thing}: body must be a name or in 0..{model.body_count - 1}, got {shown(body)}; "
+            f"{thing}: body must be a name or in 0..{model.body_count - 1}, got {formatted(body)}; "
             "pass what add_body returned"
         )
     return body

@@ -25,7 +25,7 @@ from simwarp.core.types import (
     Vec3,
     checked_rotation,
     finite_vector,
-    shown,
+    formatted,
 )
 from simwarp.core.types import (
     pose as make_pose,
@@ -289,7 +289,9 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         """
         thing = checked_name("joint", name)
         if not isinstance(kind, JointType) or kind not in (JointType.FIXED, JointType.SPHERICAL):
-            raise ModelError(f"{thing}: kind must be FIXED or SPHERICAL, got {shown(kind)}; use add_joint_... instead")
+            raise ModelError(
+                f"{thing}: kind must be FIXED or SPHERICAL, got {formatted(kind)}; use add_joint_... instead"
+            )
         first = checked_pose(thing, frame0)
         second = first if frame1 is None else checked_pose(thing, frame1)
         return self._add(
@@ -534,7 +536,7 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
     def _body(self, thing: str, role: str, index: int) -> BodySpec:
         if not isinstance(index, (int, np.integer)) or isinstance(index, bool) or not 0 <= index < len(self.bodies):
             raise ModelError(
-                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {shown(index)}; "
+                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {formatted(index)}; "
                 "pass what add_body returned"
             )
         return self.bodies[index]
@@ -569,7 +571,9 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         child_pose = self._pose_of(thing, "child", child)
         self._pose_of(thing, "parent", parent)
         if parent == child:
-            raise ModelError(f"{thing}: parent and child must differ, got {shown(parent)} for both; name two bodies")
+            raise ModelError(
+                f"{thing}: parent and child must differ, got {formatted(parent)} for both; name two bodies"
+            )
         centred = anchor is None and kind not in ANCHORED
         point = child_pose.position if centred else finite_vector(thing, "anchor", anchor, 3)
         point1 = point if anchor1 is None else finite_vector(thing, "anchor1", anchor1, 3)

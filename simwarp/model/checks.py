@@ -27,9 +27,9 @@ from simwarp.core.types import (
     Vec3,
     VelocityMotor,
     finite_vector,
+    formatted,
     number,
     numbers,
-    shown,
 )
 from simwarp.core.types import (
     pose as make_pose,
@@ -56,7 +56,7 @@ def finite_number(thing: str, field: str, value: Any, remedy: str = "pass a numb
     """`value` as a float that float32 holds, or a ModelError."""
     given = number(value)
     if not abs(given) <= FLOAT32_MAX:
-        raise ModelError(f"{thing}: {field} must be a finite number{_beyond(value)}, got {shown(value)}; {remedy}")
+        raise ModelError(f"{thing}: {field} must be a finite number{_beyond(value)}, got {formatted(value)}; {remedy}")
     return given
 
 
@@ -68,7 +68,7 @@ def positive_number(thing: str, field: str, value: Any, unit: str, remedy: str) 
     unit = unit and f" {unit}"
     rule = f"at least 1.2e-38{unit} (float32)" if given > 0.0 and math.isfinite(given) and not _beyond(value) else ""
     rule = rule or f"finite and > 0{unit}{_beyond(value)}"
-    raise ModelError(f"{thing}: {field} must be {rule}, got {shown(value)}; {remedy}")
+    raise ModelError(f"{thing}: {field} must be {rule}, got {formatted(value)}; {remedy}")
 
 
 def not_negative(thing: str, field: str, value: Any, unit: str = "", remedy: str = "use 0 for none") -> float:
@@ -77,7 +77,7 @@ def not_negative(thing: str, field: str, value: Any, unit: str = "", remedy: str
     if not 0.0 <= given <= FLOAT32_MAX:
         unit = unit and f" {unit}"
         rule = f"finite and >= 0{unit}{_beyond(value)}"
-        raise ModelError(f"{thing}: {field} must be {rule}, got {shown(value)}; {remedy}")
+        raise ModelError(f"{thing}: {field} must be {rule}, got {formatted(value)}; {remedy}")
     return given
 
 
@@ -93,7 +93,7 @@ def whole_number(thing: str, field: str, value: Any, least: int, most: int, reme
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= value <= most:
         rule = f">= {least} and <= {most}" if number(value) > most else f">= {least}"
-        raise ModelError(f"{thing}: {field} must be an integer {rule}, got {shown(value)}; {remedy}")
+        raise ModelError(f"{thing}: {field} must be an integer {rule}, got {formatted(value)}; {remedy}")
     return int(value)
 
 
@@ -102,7 +102,7 @@ def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> 
     if not isinstance(value, str) or value not in known:
         near = close_names(value, known)
         hint = f"did you mean '{near[0]}'?" if near else "choose one of them"
-        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}; {hint}")
+        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {formatted(value)}; {hint}")
     return value
 
 
@@ -114,46 +114,50 @@ def checked_member(thing: str, field: str, value: Any, kind: type[Member]) -> Me
     if not isinstance(value, str) or value not in known:
         near = close_names(value, known)
         hint = f"did you mean '{near[0]}'?" if near else f"write {kind.__name__}.{known[0].upper()}"
-        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}; {hint}")
+        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {formatted(value)}; {hint}")
     return kind[value.upper()]
 
 
 def checked_flag(thing: str, field: str, value: Any) -> bool:
     """`value` as a bool, or a ModelError: nothing else is true or false here."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ModelError(f"{thing}: {field} must be True or False, got {shown(value)}; choose one")
+        raise ModelError(f"{thing}: {field} must be True or False, got {formatted(value)}; choose one")
     return bool(value)
 
 
 def checked_names(thing: str, field: str, given: Any, known: Iterable[str]) -> set[str]:
     """The names in a collection, all of them known ones, or a ModelError."""
     if isinstance(given, str):
-        raise ModelError(f"{thing}: {field} must be a list of names, got {shown(given)}; write [{shown(given)}]")
+        raise ModelError(
+            f"{thing}: {field} must be a list of names, got {formatted(given)}; write [{formatted(given)}]"
+        )
     try:
         names = list(given)
     except TypeError:
         raise ModelError(
-            f"{thing}: {field} must be a list of names, got {shown(given)}; leave it out for none"
+            f"{thing}: {field} must be a list of names, got {formatted(given)}; leave it out for none"
         ) from None
     listed = list(known)
     for name in names:
         if not isinstance(name, str) or name not in listed:
             near = close_names(name, listed)
             hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(listed[:8])}, ..."
-            raise ModelError(f"{thing}: {field} names an unknown parameter {shown(name)}; {hint}")
+            raise ModelError(f"{thing}: {field} names an unknown parameter {formatted(name)}; {hint}")
     return set(names)
 
 
 def checked_name(kind: str, name: Any) -> str:
     """The thing's name for errors, such as "body 'arm'"; a ModelError where `name` cannot be one."""
     if not isinstance(name, str) or not name:
-        raise ModelError(f"{kind}: name must be a non-empty string, got {shown(name)}; give it one")
+        raise ModelError(f"{kind}: name must be a non-empty string, got {formatted(name)}; give it one")
     if any(unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") for letter in name):
-        raise ModelError(f"{kind}: name must be one line of printable text, got {shown(name)}; leave such letters out")
+        raise ModelError(
+            f"{kind}: name must be one line of printable text, got {formatted(name)}; leave such letters out"
+        )
     length = len(name.encode("utf-8"))
     if length > LONGEST_NAME:
         raise ModelError(
-            f"{kind}: name must have at most {LONGEST_NAME} bytes, got {length}: {shown(name)}; shorten it"
+            f"{kind}: name must have at most {LONGEST_NAME} bytes, got {length}: {formatted(name)}; shorten it"
         )
     return f"{kind} '{name}'"
 
@@ -163,7 +167,9 @@ def checked_pose(thing: str, value: Any) -> Pose:
     if value is None:
         return make_pose()
     if not isinstance(value, Pose):
-        raise ModelError(f"{thing}: pose must be a Pose, got {shown(value)}; write simwarp.pose(position, rotation)")
+        raise ModelError(
+            f"{thing}: pose must be a Pose, got {formatted(value)}; write simwarp.pose(position, rotation)"
+        )
     return make_pose(value.position, value.rotation)
 
 
@@ -211,11 +217,11 @@ def checked_inertia(thing: str, inertia: Any, strict: bool = True) -> Array:
         beyond = " of at most 3.4e38" if matrix.shape == (3, 3) and np.isfinite(matrix).all() else ""
         raise ModelError(
             f"{thing}: inertia must be three diagonal entries or a 3x3 matrix of finite numbers{beyond} [kg·m²], "
-            f"got {shown(inertia)}; pass for example (ixx, iyy, izz)"
+            f"got {formatted(inertia)}; pass for example (ixx, iyy, izz)"
         )
     # relative to the largest entry, so that grams and millimetres are judged like tonnes
     if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-6 * float(np.abs(matrix).max())):
-        raise ModelError(f"{thing}: inertia must be symmetric, got {shown(inertia)}; symmetrise it")
+        raise ModelError(f"{thing}: inertia must be symmetric, got {formatted(inertia)}; symmetrise it")
     values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
     if values[0] <= 0.0:
         raise ModelError(
@@ -250,7 +256,7 @@ def dof_from_options(thing: str, options: Mapping[str, Any]) -> Dof:
 def checked_dofs(thing: str, kind: str, count: int, dofs: Sequence[Dof]) -> tuple[Dof, ...]:
     """`count` checked degrees of freedom; none given means passive ones."""
     if not isinstance(dofs, Sequence):
-        raise ModelError(f"{thing}: dofs must be a sequence of Dof, got {shown(dofs)}; write dofs=[Dof(...), ...]")
+        raise ModelError(f"{thing}: dofs must be a sequence of Dof, got {formatted(dofs)}; write dofs=[Dof(...), ...]")
     if len(dofs) not in (0, count):
         raise ModelError(
             f"{thing}: dofs must have {count} entries for a {kind} joint, got {len(dofs)}; "
@@ -272,14 +278,14 @@ def _check_floating(thing: str, dof: Dof) -> None:
         if there:
             raise ModelError(
                 f"{thing}: a FREE joint has springs, dampers and PositionDrives without effort limit, "
-                f"got {field}={shown(getattr(dof, field))}; tie the body by another joint"
+                f"got {field}={formatted(getattr(dof, field))}; tie the body by another joint"
             )
 
 
 def checked_dof(thing: str, dof: Dof) -> Dof:
     """The Dof itself, or a ModelError for the first field that cannot be used."""
     if not isinstance(dof, Dof):
-        raise ModelError(f"{thing}: a degree of freedom must be a Dof, got {shown(dof)}; write Dof(stiffness=...)")
+        raise ModelError(f"{thing}: a degree of freedom must be a Dof, got {formatted(dof)}; write Dof(stiffness=...)")
     for field in (each.name for each in dataclasses.fields(Dof) if each.default == 0.0):
         if field in ("preload", "rest"):
             finite_number(thing, field, getattr(dof, field), "use 0 for none")
@@ -301,12 +307,13 @@ def _check_limit(thing: str, limit: Any) -> None:
     lower, upper = pair.tolist() if pair.shape == (2,) else (math.nan, math.nan)
     if not lower < upper:  # also where one is NaN
         raise ModelError(
-            f"{thing}: limit must be (lower, upper) with lower < upper, got {shown(limit)}; "
+            f"{thing}: limit must be (lower, upper) with lower < upper, got {formatted(limit)}; "
             "use float('inf') for a side without a stop, None for no limit"
         )
     if lower >= INFINITE or upper <= -INFINITE:
         raise ModelError(
-            f"{thing}: limit must be (lower, upper) with a stop nearer than 1e30, got {shown(limit)}; use None for none"
+            f"{thing}: limit must be (lower, upper) with a stop nearer than 1e30, got {formatted(limit)}; use "
+            "None for none"
         )
 
 
@@ -314,7 +321,8 @@ def _check_map(thing: str, table: Any) -> None:
     parts = _arrays(table, 3)
     if [part.ndim for part in parts] != [1, 1, 2]:
         raise ModelError(
-            f"{thing} must be (coordinates, rates, forces[rate][coordinate]), got {shown(table)}; give three of them"
+            f"{thing} must be (coordinates, rates, forces[rate][coordinate]), got {formatted(table)}; give "
+            "three of them"
         )
     places, rates, forces = parts
     if forces.shape != (len(rates), len(places)):
@@ -342,7 +350,7 @@ def _check_drive(thing: str, drive: Any) -> None:
                 not_negative(thing, f"drive {field}", getattr(drive, field))
             if not _is_pair(thing, drive.effort_limit) and not number(drive.effort_limit) >= FLOAT32_LEAST:
                 raise ModelError(
-                    f"{thing}: drive effort_limit must be > 0, got {shown(drive.effort_limit)}; "
+                    f"{thing}: drive effort_limit must be > 0, got {formatted(drive.effort_limit)}; "
                     "use float('inf') for none"
                 )
         case VelocityMotor():
@@ -351,14 +359,15 @@ def _check_drive(thing: str, drive: Any) -> None:
                 positive_number(thing, "drive effort_limit", drive.effort_limit, "N or N·m", remedy)
             elif np.isinf(numbers(drive.effort_limit)).all():
                 raise ModelError(
-                    f"{thing}: drive effort_limit must be finite on one side, got {shown(drive.effort_limit)}; {remedy}"
+                    f"{thing}: drive effort_limit must be finite on one side, got "
+                    f"{formatted(drive.effort_limit)}; {remedy}"
                 )
         case PrescribedPosition() | PrescribedSpeed():
             _check_table(f"{thing}: drive table", drive.table)
         case _:
             raise ModelError(
                 f"{thing}: drive must be None or a PositionDrive, VelocityMotor, PrescribedPosition or "
-                f"PrescribedSpeed, got {shown(drive)}; construct one of them"
+                f"PrescribedSpeed, got {formatted(drive)}; construct one of them"
             )
 
 
@@ -371,7 +380,7 @@ def _is_pair(thing: str, limit: Any) -> bool:
     if not lower <= 0.0 <= upper or not upper - lower >= FLOAT32_LEAST:
         raise ModelError(
             f"{thing}: drive effort_limit must be (lower, upper) with lower <= 0 <= upper and lower < upper, "
-            f"got {shown(limit)}; use float('inf') for a side without a limit"
+            f"got {formatted(limit)}; use float('inf') for a side without a limit"
         )
     return True
 
@@ -387,7 +396,7 @@ def _check_table(thing: str, table: Any) -> None:
         within = all(bool((np.abs(part) <= FLOAT32_MAX).all()) for part in parts)
         usable = within and bool((np.diff(parts[0]) > 0.0).all())
     if not usable:
-        raise ModelError(f"{thing} {rule}, got {shown(table)}; {remedy}")
+        raise ModelError(f"{thing} {rule}, got {formatted(table)}; {remedy}")
 
 
 def check_floats(thing: str, child: int, name: str, joints: Sequence[JointSpec]) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, shown
+from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, formatted
 from simwarp.model.checks import checked_name, finite_number, not_negative, whole_number
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import CouplingSpec, JointSpec
@@ -89,7 +89,7 @@ class CouplingList:
         """
         if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint <= len(self.joints):
             raise ModelError(
-                f"dof_start: joint must be in 0..{len(self.joints)}, got {shown(joint)}; "
+                f"dof_start: joint must be in 0..{len(self.joints)}, got {formatted(joint)}; "
                 "pass what add_joint_... returned"
             )
         return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
@@ -114,14 +114,14 @@ class CouplingList:
         integers = (int, np.integer)
         if not isinstance(joint, integers) or isinstance(joint, bool) or not 0 <= joint < len(self.joints):
             raise ModelError(
-                f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {shown(joint)}; "
+                f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {formatted(joint)}; "
                 "pass what add_joint_... returned"
             )
         spec = self.joints[joint]
         count = len(ELEMENTS[spec.type].dofs)
         if not isinstance(local, integers) or isinstance(local, bool) or not 0 <= local < count:
             raise ModelError(
-                f"{thing}: joint '{spec.name}' has {count} coordinates, got index {shown(local)}; "
+                f"{thing}: joint '{spec.name}' has {count} coordinates, got index {formatted(local)}; "
                 "couple joints that have coordinates"
             )
         return spec, int(local)
@@ -132,7 +132,7 @@ class CouplingList:
             listed = list(terms)
         except TypeError:
             raise ModelError(
-                f"{thing}: terms must be a list, got {shown(terms)}; write [(joint, coefficient), ...]"
+                f"{thing}: terms must be a list, got {formatted(terms)}; write [(joint, coefficient), ...]"
             ) from None
         resolved = tuple(part for term in listed for part in self._term(thing, term))
         if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
@@ -142,14 +142,14 @@ class CouplingList:
     def _term(self, thing: str, term: Any) -> list[tuple[int, float]]:
         if not isinstance(term, Sequence) or isinstance(term, (str, bytes)) or len(term) not in (2, 3):
             raise ModelError(
-                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got {shown(term)}; "
-                "pass a list of such tuples"
+                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got "
+                f"{formatted(term)}; pass a list of such tuples"
             )
         joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
         spec, _ = self._coordinate(thing, joint, local)
         factor = finite_number(thing, "coefficient (or ratio, radius, lead)", coefficient)
         if abs(factor) < FLOAT32_LEAST:
-            raise ModelError(f"{thing}: coefficient must not be 0, got {shown(coefficient)}; leave the term out")
+            raise ModelError(f"{thing}: coefficient must not be 0, got {formatted(coefficient)}; leave the term out")
         if spec.terms:
             return [(dof, factor * part) for dof, part in spec.terms]
         return [(self.dof_start(joint) + int(local), factor)]

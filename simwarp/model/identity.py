@@ -11,7 +11,7 @@ import numpy as np
 
 from simwarp.core import file_keys
 from simwarp.core.readable import Readable, plural
-from simwarp.core.types import Dof, FrictionRule, Material, PairRule, shown
+from simwarp.core.types import Dof, FrictionRule, Material, PairRule, formatted
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
@@ -112,7 +112,7 @@ def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dic
         "sensors": [_part_line(part) for part in sensors],
         "clock of the sensors": clock,
         "arrays of force elements and sensors": [
-            f"{_part_line(part)}: {name} {array.dtype.__name__}{shown(tuple(array.shape))}"
+            f"{_part_line(part)}: {name} {array.dtype.__name__}{formatted(tuple(array.shape))}"
             for part in parts
             for name, array in part.memory.items()
         ],
@@ -176,7 +176,7 @@ def _asset_line(asset: Hull | HeightField | TriangleMesh) -> str:
         return f"hull of {len(asset.vertices)} points {_array_digest(asset.vertices)}"
     if isinstance(asset, HeightField):
         content = _array_digest(asset.heights, np.array(asset.spacing))
-        return f"height field of {shown(asset.heights.shape)} {content}"
+        return f"height field of {formatted(asset.heights.shape)} {content}"
     return f"mesh of {len(asset.triangles)} triangles {_array_digest(asset.vertices, asset.triangles)}"
 
 

@@ -15,7 +15,7 @@ from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts, item_bytes, layout_bytes
 from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.readable import Names, Row, bytes_text, plural
-from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, shown
+from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, formatted
 from simwarp.core.warp_start import start_warp
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
@@ -267,7 +267,7 @@ class Model(ParameterFields):
         first, end = self.joint_dof_start[index : index + 2]
         if isinstance(local, bool) or not isinstance(local, (int, np.integer)) or not 0 <= local < end - first:
             raise ModelError(
-                f"model: joint '{joint}' has {end - first} coordinates, got index {shown(local)}; count from 0"
+                f"model: joint '{joint}' has {end - first} coordinates, got index {formatted(local)}; count from 0"
             )
         return first + int(local)
 
@@ -283,7 +283,7 @@ def resolve_device(device: str | None) -> Any:
         found = wp.get_device(device)
     except Exception as error:  # warp raises several kinds for unknown names and absent drivers
         known = ", ".join(str(each) for each in wp.get_devices())
-        raise ModelError(f"device {shown(device)} is not available; use one of: {known}") from error
+        raise ModelError(f"device {formatted(device)} is not available; use one of: {known}") from error
     return found if device is not None else _usable_by_torch(found)
 
 
@@ -307,7 +307,9 @@ def _index(name: str, names: tuple[str, ...], kind: str) -> int:
     if not isinstance(name, str) or name not in names:
         near = close_names(name, names, 3)
         some = ", ".join(map(repr, near or names[:MOST_LISTED])) + (", ..." if len(names) > MOST_LISTED else "")
-        raise ModelError(f"model has no {kind} {shown(name)}; " + (f"did you mean {some}?" if some else "it has none"))
+        raise ModelError(
+            f"model has no {kind} {formatted(name)}; " + (f"did you mean {some}?" if some else "it has none")
+        )
     return names.index(name)
 
 

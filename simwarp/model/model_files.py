@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from simwarp.core import files
 from simwarp.core.schema import Fault, Place
-from simwarp.core.types import WORLD, JointType, ModelError, Pose, ShapeType, shown
+from simwarp.core.types import WORLD, JointType, ModelError, Pose, ShapeType, formatted
 from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
 from simwarp.model.builder import ModelBuilder
@@ -114,7 +114,7 @@ def load_model(path: str | os.PathLike[str]) -> ModelBuilder:
 def read_model(path: str | os.PathLike[str]) -> tuple[ModelBuilder, Mapping[str, Any] | None, Place]:
     """As `load_model`, with what a reader of robots kept beside the model, and the place of it for errors."""
     if not isinstance(path, (str, os.PathLike)):
-        raise ModelError(f"load_model: path must be the path of a file, got {shown(path)}; pass 'robot.json'")
+        raise ModelError(f"load_model: path must be the path of a file, got {formatted(path)}; pass 'robot.json'")
     name = shortened(Path(path).name or str(path))
     try:
         value = files.parse_json(files.read_text(Path(path), "model"), name)
@@ -130,11 +130,11 @@ def read_model(path: str | os.PathLike[str]) -> tuple[ModelBuilder, Mapping[str,
 def _check_head(value: Any, place: Place) -> None:
     """Format, version and lengths, before all the rest is judged."""
     if not isinstance(value, dict) or value.get("format") != FORMAT:
-        found = shown(value.get("format")) if isinstance(value, dict) else shown(value)
+        found = formatted(value.get("format")) if isinstance(value, dict) else formatted(value)
         raise place.at("format").error(f"must be '{FORMAT}', got {found}; pass a file of save_model")
     version = value.get("version")
     if isinstance(version, bool) or version != VERSION:
-        raise place.at("version").error(f"must be {VERSION}, got {shown(version)}; save it with this version")
+        raise place.at("version").error(f"must be {VERSION}, got {formatted(version)}; save it with this version")
     for key, items in value.items():
         most = MOST_PAIRS if key in PAIRS else MOST_THINGS
         if isinstance(items, list) and len(items) > most:
@@ -286,7 +286,9 @@ def _unit(thing: str, field: str, values: tuple[float, ...]) -> Array:
     """A unit quaternion as it is: to normalise it again would change its last bits."""
     array = np.array(values, np.float64)
     if not abs(float(np.linalg.norm(array)) - 1.0) <= ROUNDING:
-        raise ModelError(f"{thing}: {field} must be a unit quaternion (xyzw), got {shown(array)}; divide by its length")
+        raise ModelError(
+            f"{thing}: {field} must be a unit quaternion (xyzw), got {formatted(array)}; divide by its length"
+        )
     return array
 
 
@@ -305,7 +307,7 @@ def _body(entry: BodyEntry, taken: NameColumns) -> BodySpec:
         positive_number(thing, "mass", entry.mass, "kg", "0 is that of a frame between joints")
         inertia = checked_inertia(thing, entry.inertia, strict=False)
     elif np.any(entry.inertia):
-        raise ModelError(f"{thing}: without mass the inertia must be 0, got {shown(entry.inertia)}; leave it out")
+        raise ModelError(f"{thing}: without mass the inertia must be 0, got {formatted(entry.inertia)}; leave it out")
     return BodySpec(
         entry.name, entry.mass, inertia, _pose(thing, entry), np.array(entry.velocity, np.float64),
         np.array(entry.omega, np.float64),
@@ -358,8 +360,8 @@ def _want(thing: str, field: str, value: Any, wanted: Any, kind: JointType) -> N
     """A field that has one value only in joints of a kind."""
     if value != wanted:
         raise ModelError(
-            f"{thing}: {field} must be {shown(wanted)} in a joint of type {kind.name.lower()}, got {shown(value)}; "
-            "leave it out"
+            f"{thing}: {field} must be {formatted(wanted)} in a joint of type {kind.name.lower()}, got "
+            f"{formatted(value)}; leave it out"
         )
 
 
@@ -433,7 +435,9 @@ def _hull(entry: HullEntry) -> Hull:
 def _height_field(entry: HeightFieldEntry) -> HeightField:
     heights = entry.heights.unpacked("heights", "float32")
     if heights.ndim != 2 or min(heights.shape) < 2:
-        raise ModelError(f"heights must be (rows >= 2, columns >= 2), got shape {shown(heights.shape)}; save it anew")
+        raise ModelError(
+            f"heights must be (rows >= 2, columns >= 2), got shape {formatted(heights.shape)}; save it anew"
+        )
     for value in entry.spacing:
         positive_number("height field", "spacing", value, "m", "give the distances along x and y")
     return HeightField(heights, entry.spacing)

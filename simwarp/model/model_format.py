@@ -32,7 +32,7 @@ from simwarp.core.types import (
     PrescribedSpeed,
     Table,
     VelocityMotor,
-    shown,
+    formatted,
 )
 
 FORMAT: Final = "simwarp model"
@@ -76,11 +76,11 @@ class PackedArray:
         wanted = np.dtype(dtype).newbyteorder("<")
         if self.dtype != dtype or (columns and self.shape[1:] != columns):
             told = f"{dtype} of shape (N, {', '.join(map(str, columns))})" if columns else dtype
-            raise ModelError(f"{what} must be {told}, got {self.dtype} of shape {shown(self.shape)}; save it anew")
+            raise ModelError(f"{what} must be {told}, got {self.dtype} of shape {formatted(self.shape)}; save it anew")
         try:
             content = base64.b64decode(self.base64, validate=True)
         except (binascii.Error, ValueError):
-            raise ModelError(f"{what}.base64 must be base64, got {shown(self.base64)}; save it anew") from None
+            raise ModelError(f"{what}.base64 must be base64, got {formatted(self.base64)}; save it anew") from None
         if len(content) != math.prod(self.shape) * wanted.itemsize:
             raise ModelError(
                 f"{what} must have {math.prod(self.shape)} numbers, as its shape tells, got {len(content)} bytes; "

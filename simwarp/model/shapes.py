@@ -21,8 +21,8 @@ from simwarp.core.types import (
     ShapeType,
     Vec3,
     finite_vector,
+    formatted,
     numbers,
-    shown,
 )
 from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import (
@@ -175,7 +175,8 @@ class ShapeList:
         checked_flag("add_shape_mesh", "convex", convex)
         if not isinstance(decompose, (bool, dict)):
             raise ModelError(
-                f"add_shape_mesh: decompose must be True, False or a dict of options, got {shown(decompose)}; choose"
+                f"add_shape_mesh: decompose must be True, False or a dict of options, got "
+                f"{formatted(decompose)}; choose"
             )
         if convex and decompose is not False:
             raise ModelError("add_shape_mesh: give convex or decompose, got both; drop one")
@@ -278,13 +279,13 @@ class ShapeList:
             size = (1.0, 1.0, 1.0) if shape_type == ShapeType.HULL else ()
         values = numbers(size)
         if values.shape == () and shape_type in TURNED:
-            raise ModelError(f"{thing}: size must be radius and half length [m], got {shown(size)}; give both")
+            raise ModelError(f"{thing}: size must be radius and half length [m], got {formatted(size)}; give both")
         if values.shape == () or (values.shape == (2,) and shape_type in TURNED):
             values = values.reshape(-1)[[0, -1, 0]]
         extent = checked_size(thing, shape_type, values)
         if (mass is None) == (density is None):
             raise ModelError(
-                f"{thing}: give mass or density, got mass={shown(mass)}, density={shown(density)}; drop one"
+                f"{thing}: give mass or density, got mass={formatted(mass)}, density={formatted(density)}; drop one"
             )
         solid = shape_mass(shape_type, extent.tolist(), 1.0, self.hulls[asset] if asset >= 0 else None)
         if density is None:
@@ -357,7 +358,9 @@ class ShapeList:
         if pair in self.excluded_shapes:
             raise ModelError(f"add_shape_pair: {self._named(pair)} were excluded by exclude_shapes, got both; drop one")
         if material is not None and not isinstance(material, Material):
-            raise ModelError(f"add_shape_pair: material must be a Material, got {shown(material)}; write Material(...)")
+            raise ModelError(
+                f"add_shape_pair: material must be a Material, got {formatted(material)}; write Material(...)"
+            )
         self.given_pairs[pair] = None if material is None else checked_material("add_shape_pair", material)
 
     def _shape_pair(self, thing: str, shape0: int, shape1: int) -> tuple[int, int]:
@@ -365,7 +368,9 @@ class ShapeList:
         for field, shape in (("shape0", shape0), ("shape1", shape1)):
             whole_number(thing, field, shape, 0, len(self.shapes) - 1, "pass what add_shape_... returned")
         if shape0 == shape1:
-            raise ModelError(f"{thing}: shape0 and shape1 must differ, got {shown(shape0)} for both; name two shapes")
+            raise ModelError(
+                f"{thing}: shape0 and shape1 must differ, got {formatted(shape0)} for both; name two shapes"
+            )
         return int(min(shape0, shape1)), int(max(shape0, shape1))
 
     def _named(self, pair: tuple[int, int]) -> str:
@@ -379,7 +384,7 @@ class ShapeList:
     def _check_body(self, thing: str, body: int) -> None:
         if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < self.body_total:
             raise ModelError(
-                f"{thing}: body must be WORLD or in 0..{self.body_total - 1}, got {shown(body)}; "
+                f"{thing}: body must be WORLD or in 0..{self.body_total - 1}, got {formatted(body)}; "
                 "pass what add_body returned"
             )
 
@@ -405,13 +410,14 @@ class ShapeList:
         group, mask = values.pop("group", 1), values.pop("mask", ALL_GROUPS)
         if values:
             raise ModelError(
-                f"{thing}: unknown option {shown(next(iter(values)))}; known: name, pose, material, margin, group, mask"
+                f"{thing}: unknown option {formatted(next(iter(values)))}; known: name, pose, material, margin, "
+                "group, mask"
             )
         if material is not None and not isinstance(material, Material):
-            raise ModelError(f"{thing}: material must be a Material, got {shown(material)}; write Material(...)")
+            raise ModelError(f"{thing}: material must be a Material, got {formatted(material)}; write Material(...)")
         for field, bits in (("group", group), ("mask", mask)):
             if isinstance(bits, bool) or not isinstance(bits, (int, np.integer)) or not 0 <= bits <= ALL_GROUPS:
-                raise ModelError(f"{thing}: {field} must be 31 bits, got {shown(bits)}; 1 is the default group")
+                raise ModelError(f"{thing}: {field} must be 31 bits, got {formatted(bits)}; 1 is the default group")
         return ShapeSpec(
             name, int(body), kind, pose, checked_size(thing, kind, size),
             checked_material(thing, material or Material()), margin, group, mask, asset,
@@ -443,7 +449,7 @@ def checked_kind(thing: str, kind: ShapeType | str) -> ShapeType:
             return member
     names = ", ".join(member.name.lower() for member in convex)
     raise ModelError(
-        f"{thing}: kind must be one of {names}, got {shown(kind)}; other shapes go on a body with add_shape_..."
+        f"{thing}: kind must be one of {names}, got {formatted(kind)}; other shapes go on a body with add_shape_..."
     )
 
 
@@ -469,7 +475,7 @@ def checked_material(thing: str, material: Material) -> Material:
         highest = {"restitution": 1.0, "poisson_ratio": 0.5}.get(field.name, float("inf"))
         if not 0.0 <= value <= highest:
             limits = f"between 0 and {highest:g}" if highest < 10.0 else ">= 0"
-            raise ModelError(f"{thing}: material.{field.name} must be {limits}, got {shown(value)}; see Material")
+            raise ModelError(f"{thing}: material.{field.name} must be {limits}, got {formatted(value)}; see Material")
     return material
 
 

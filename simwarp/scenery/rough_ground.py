@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.checks import checked_choice, positive_number, whole_number
 from simwarp.scenery.solids import between, stream, tone
 
@@ -104,13 +104,15 @@ class GroundPatch:
             unit = "rad" if field.name == "slope" else "m"
             if isinstance(field.default, tuple) and (not isinstance(value, tuple) or len(value) != 2):
                 raise ModelError(
-                    f"GroundPatch: {field.name} must be two sizes [{unit}], got {shown(value)}; "
+                    f"GroundPatch: {field.name} must be two sizes [{unit}], got {formatted(value)}; "
                     f"pass those of levels 0 and {LEVELS - 1}"
                 )
             for number in value if isinstance(value, tuple) else (value,):
                 positive_number("GroundPatch", field.name, number, unit, f"pass a size [{unit}]")
         if max(self.slope) >= 0.5 * math.pi:
-            raise ModelError(f"GroundPatch: slope must be below pi / 2 rad, got {shown(self.slope)}; it is in radians")
+            raise ModelError(
+                f"GroundPatch: slope must be below pi / 2 rad, got {formatted(self.slope)}; it is in radians"
+            )
         if abs(2 * self.half * self.spacing - self.side) > 1e-6 * self.side:
             raise ModelError(
                 f"GroundPatch: side must be an even number of cells of {self.spacing:g} m, got {self.side:g}; "

@@ -14,7 +14,7 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import Readable
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.sensors.clock_kernels import (
     ClockSettings,
@@ -77,7 +77,7 @@ def stream_of(seed: int, name: str) -> int:
         ModelError: the seed is no integer.
     """
     if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool):
-        raise ModelError(f"sensor '{name}': seed must be an integer, got {shown(seed)}; pass for example 0")
+        raise ModelError(f"sensor '{name}': seed must be an integer, got {formatted(seed)}; pass for example 0")
     digest = hashlib.blake2b(f"{int(seed)}/{name}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little")
 
@@ -89,7 +89,7 @@ def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> Mo
         ModelError: the model has no such body.
     """
     if not isinstance(mount, Mount):
-        raise ModelError(f"sensor '{sensor}': mount must be a Mount, got {shown(mount)}; write Mount(body, pose)")
+        raise ModelError(f"sensor '{sensor}': mount must be a Mount, got {formatted(mount)}; write Mount(body, pose)")
     arrays = MountArrays()
     arrays.body = body_index(sensor, mount.body, model)
     arrays.position = writable_from(np.tile(mount.pose.position, (copies, 1)), wp.vec3d, model.device)
@@ -137,7 +137,7 @@ class FrameBuffer(Readable):
     ) -> None:  # fmt: skip
         if not isinstance(schedule, Schedule):
             raise ModelError(
-                f"sensor '{sensor}': schedule must be a Schedule, got {shown(schedule)}; write Schedule(rate=...)"
+                f"sensor '{sensor}': schedule must be a Schedule, got {formatted(schedule)}; write Schedule(rate=...)"
             )
         checked_model(sensor, model)
         check_frames(sensor, fields, model.world_count, model.device)

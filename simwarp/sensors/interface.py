@@ -16,7 +16,7 @@ import numpy as np
 from simwarp.core.constraints import Meaning, NotNegative, Positive
 from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Fault, Schema, dotted
-from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, pose, shown
+from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, formatted, pose
 from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import Sensor
@@ -88,7 +88,7 @@ class Schedule(Configuration):
         if self.window > (1.0 + 1.0e-9) / self.rate:
             raise ModelError(
                 f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "
-                f"got {shown(self.window)} s; shorten it or lower the rate"
+                f"got {formatted(self.window)} s; shorten it or lower the rate"
             )
 
     def steps(self, dt: float) -> ScheduleSteps:
@@ -125,7 +125,7 @@ def checked_model(sensor: str, model: Any) -> Model:
     if isinstance(model, Model):
         return model
     remedy = "pass scene.model" if isinstance(getattr(model, "model", None), Model) else "pass what finalize returned"
-    raise ModelError(f"sensor '{sensor}': model must be a Model, got {shown(model)}; {remedy}")
+    raise ModelError(f"sensor '{sensor}': model must be a Model, got {formatted(model)}; {remedy}")
 
 
 def checked_config(sensor: str, config: Any, kind: type[Config], default: bool = True) -> Config:
@@ -140,7 +140,7 @@ def checked_config(sensor: str, config: Any, kind: type[Config], default: bool =
         return config
     others = ", or give it to make_sensor, which finds the class" if dataclasses.is_dataclass(config) else ""
     raise ModelError(
-        f"sensor '{sensor}': config must be of class {kind.__name__}, got {shown(config)}; "
+        f"sensor '{sensor}': config must be of class {kind.__name__}, got {formatted(config)}; "
         f"write {kind.__name__}(...){others}"
     )
 
@@ -160,7 +160,7 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
     if not usable or not (body == WORLD or 0 <= body < model.body_count):
         raise ModelError(
             f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, "
-            f"got {shown(body)}; take what add_body returned"
+            f"got {formatted(body)}; take what add_body returned"
         )
     return int(body)
 
@@ -172,7 +172,7 @@ def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) ->
         ModelError: one is unknown, or they are no collection of names.
     """
     if isinstance(per_world, str) or not isinstance(per_world, Iterable):
-        raise ModelError(f"{thing}: per_world must be a collection of names, got {shown(per_world)}; pass a tuple")
+        raise ModelError(f"{thing}: per_world must be a collection of names, got {formatted(per_world)}; pass a tuple")
     wanted = set(per_world)
     for name in sorted(wanted - set(known), key=str):
         raise ModelError(f"{thing}: per_world names an unknown array '{name}'; known: {', '.join(known)}")

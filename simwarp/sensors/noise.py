@@ -18,7 +18,7 @@ import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Infinite, MinLen, NotNegative, Positive, Tagged
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.sensors.interface import Configuration
 from simwarp.sensors.noise_kernels import (
@@ -118,7 +118,8 @@ class Saturation(Configuration):
         fits = len({1, len(lower), len(upper)}) <= 2
         if fits and not (lower < upper).all():
             raise ModelError(
-                f"Saturation: lower must be below upper, got {shown(self.lower)} and {shown(self.upper)}; swap them"
+                f"Saturation: lower must be below upper, got {formatted(self.lower)} and "
+                f"{formatted(self.upper)}; swap them"
             )
 
 
@@ -158,7 +159,9 @@ class NoiseChain:
         for index, stage in enumerate(self.stages):
             if type(stage) not in _STAGES:
                 known = ", ".join(cls.__name__ for cls in _STAGES)
-                raise ModelError(f"{thing}: must be a sequence of {known}, got {shown(stage)}; construct one of them")
+                raise ModelError(
+                    f"{thing}: must be a sequence of {known}, got {formatted(stage)}; construct one of them"
+                )
             for column, name in enumerate(_STAGES[type(stage)][1]):
                 values[index, :, column] = self._spread(stage, name)
         worlds, device = model.world_count, model.device
@@ -190,7 +193,7 @@ class NoiseChain:
         names = _STAGES[type(self.stages[stage])][1] if 0 <= stage < len(self.stages) else ()
         if name not in names:
             known = "; ".join(f"{k}: {', '.join(_STAGES[type(s)][1])}" for k, s in enumerate(self.stages)) or "none"
-            raise ModelError(f"{self.thing}: no stage {shown(stage)} with a number '{name}'; there are {known}")
+            raise ModelError(f"{self.thing}: no stage {formatted(stage)} with a number '{name}'; there are {known}")
         view: WritableArray = self.arrays.parameter[:, stage, :, names.index(name)]
         return view
 
@@ -201,7 +204,7 @@ class NoiseChain:
         if len(numbers) not in (1, self.channels):
             raise ModelError(
                 f"{self.thing}: "
-                f"{name} of {type(stage).__name__} must be one number or {self.channels}, got {shown(value)}; "
+                f"{name} of {type(stage).__name__} must be one number or {self.channels}, got {formatted(value)}; "
                 "give one for all channels, or one per channel"
             )
         return numbers

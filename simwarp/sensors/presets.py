@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 
 from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.schema import Place
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import nearest
 from simwarp.model.model import Model
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
@@ -98,7 +98,9 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
     if sort is None:
         raise place.at("sensor").error(f"missing; give one of {', '.join(KINDS)}")
     if not isinstance(sort, str) or sort not in KINDS:
-        raise place.at("sensor").error(f"must be one of {', '.join(KINDS)}, got {shown(sort)}{nearest(sort, KINDS)}")
+        raise place.at("sensor").error(
+            f"must be one of {', '.join(KINDS)}, got {formatted(sort)}{nearest(sort, KINDS)}"
+        )
     for key in FOR_PEOPLE:
         if not isinstance(members.pop(key, ""), str):
             raise place.at(key).error("must be a text")
@@ -127,13 +129,15 @@ def make_sensor(config: Any, world: Scene | Model, place: Any, *, name: str | No
     if sort is None:
         known = ", ".join(kind.config.__name__ for kind in KINDS.values())
         raise ModelError(
-            f"make_sensor: config must be one of {known}, got {shown(config)}; take what load_config returns"
+            f"make_sensor: config must be one of {known}, got {formatted(config)}; take what load_config returns"
         )
     kind, thing = KINDS[sort], f"{sort} '{name or sort}'"
     if kind.sees and not isinstance(world, Scene):
-        raise ModelError(f"{thing}: world must be a Scene, got {shown(world)}; write visuals.finalize(model)")
+        raise ModelError(f"{thing}: world must be a Scene, got {formatted(world)}; write visuals.finalize(model)")
     if not isinstance(world, (Scene, Model)):
-        raise ModelError(f"{thing}: world must be a Model or a Scene, got {shown(world)}; take what finalize returned")
+        raise ModelError(
+            f"{thing}: world must be a Model or a Scene, got {formatted(world)}; take what finalize returned"
+        )
     target = world if kind.sees or isinstance(world, Model) else world.model
     sensor: Sensor = kind.sensor(target, place, config, name=name or sort, **options)
     return sensor
@@ -167,7 +171,7 @@ def _read_object(path: Path) -> dict[str, Any]:
     except FileError as error:
         raise ModelError(f"{path}: cannot be read: {error.reason}" if error.reason else str(error)) from None
     if not isinstance(value, dict):
-        raise ModelError(f"{path.name}: must be an object, got {shown(value)}")
+        raise ModelError(f"{path.name}: must be an object, got {formatted(value)}")
     return value
 
 
@@ -184,7 +188,8 @@ def _path_of(path_or_name: str | Path) -> Path:
     """The file of a name, in any case and with or without hyphens, or the path itself."""
     if not isinstance(path_or_name, (str, Path)):
         raise ModelError(
-            f"sensor: must be a name or the path of a JSON file, got {shown(path_or_name)}; `simwarp list` has names"
+            f"sensor: must be a name or the path of a JSON file, got {formatted(path_or_name)}; `simwarp list` "
+            "has names"
         )
     text = str(path_or_name)
     if isinstance(path_or_name, Path) or text.endswith(".json") or "/" in text or "\\" in text:
@@ -192,7 +197,7 @@ def _path_of(path_or_name: str | Path) -> Path:
     names = {_plain(name): name for name in sensor_names()}
     if _plain(text) not in names:
         known = sorted(names.values())
-        raise ModelError(f"sensor {shown(text)}: not shipped{nearest(text, known)}; known: {', '.join(known)}")
+        raise ModelError(f"sensor {formatted(text)}: not shipped{nearest(text, known)}; known: {', '.join(known)}")
     return DATA / f"{names[_plain(text)]}.json"
 
 

@@ -15,7 +15,7 @@ from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.readable import Names, Readable, Row, plural
-from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, formatted
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
@@ -101,7 +101,9 @@ class Visuals(Readable):
 
     def __init__(self, builder: ModelBuilder) -> None:
         if not isinstance(builder, ModelBuilder):
-            raise ModelError(f"visuals: builder must be a ModelBuilder, got {shown(builder)}; pass the model's builder")
+            raise ModelError(
+                f"visuals: builder must be a ModelBuilder, got {formatted(builder)}; pass the model's builder"
+            )
         self.builder = builder
         self.meshes: list[TriangleMesh] = []
         self.mesh_visuals: list[VisualMesh | None] = []
@@ -195,7 +197,7 @@ class Visuals(Readable):
         """
         if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
             raise ModelError(
-                f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {shown(asset)}; see add_mesh_asset"
+                f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {formatted(asset)}; see add_mesh_asset"
             )
         if self.mesh_visuals[asset] is not None:
             appearance.setdefault("color", (1.0, 1.0, 1.0))
@@ -269,7 +271,9 @@ class Visuals(Readable):
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
                 return index
-        raise ModelError(f"visuals: there must be a shape {shown(shape)} in sight; pass what add_shape_... returned")
+        raise ModelError(
+            f"visuals: there must be a shape {formatted(shape)} in sight; pass what add_shape_... returned"
+        )
 
     def _follow(self) -> None:
         """Takes in the shapes that the builder got since the last appearance."""
@@ -286,7 +290,9 @@ class Visuals(Readable):
 
     def _check_model(self, model: Model) -> None:
         if not isinstance(model, Model):
-            raise ModelError(f"visuals: model must be a Model, got {shown(model)}; pass what builder.finalize returned")
+            raise ModelError(
+                f"visuals: model must be a Model, got {formatted(model)}; pass what builder.finalize returned"
+            )
         remedy = "finalize this builder after its last body and shape, and pass that model"
         for what, mine, theirs in (
             ("bodies", [body.name for body in self.builder.bodies], model.body_names),
@@ -316,7 +322,7 @@ class Visuals(Readable):
         count = len(self.builder.bodies)
         if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < count:
             raise ModelError(
-                f"{thing}: body must be WORLD or in 0..{count - 1}, got {shown(body)}; pass add_body's index"
+                f"{thing}: body must be WORLD or in 0..{count - 1}, got {formatted(body)}; pass add_body's index"
             )
         instance = Instance(
             title, kind, int(body), -1, checked_pose(thing, pose), checked_size(thing, kind, size), asset,
@@ -335,14 +341,14 @@ def _checked_appearance(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
                 rule = "what visuals.texture returned" if key == "texture" else "an integer"
                 remedy = "write texture=visuals.texture(ImageTexture(image=...))" if key == "texture" else "pass one"
-                raise ModelError(f"visual '{name}': {key} must be {rule}, got {shown(value)}; {remedy}")
+                raise ModelError(f"visual '{name}': {key} must be {rule}, got {formatted(value)}; {remedy}")
             if not -(2**31) <= value < 2**31:
                 raise ModelError(f"visual '{name}': {key} must fit into 32 bits, got {value}; take a smaller one")
         else:
             number = finite_vector(f"visual '{name}'", key, (value,) if key == "reflectance" else value,
                                    1 if key == "reflectance" else 3)  # fmt: skip
             if number.min() < 0.0 or number.max() > 1.0:
-                raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {shown(value)}; scale it")
+                raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {formatted(value)}; scale it")
     return dict(values)
 
 

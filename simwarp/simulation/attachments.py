@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 import warp as wp
 
 from simwarp.core.readable import Readable
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import close_names
 from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
@@ -247,13 +247,13 @@ def checked_sensors(sensors: Any) -> tuple[Sensor, ...]:
 def _instances(what: str, given: Any, base: type, kind: str, example: str) -> tuple[Any, ...]:
     """A collection of instances of a base class."""
     if isinstance(given, (str, bytes, dict)) or not isinstance(given, Iterable):
-        raise ModelError(f"Simulation: {what} must be a list, got {shown(given)}; write {what}=[...]")
+        raise ModelError(f"Simulation: {what} must be a list, got {formatted(given)}; write {what}=[...]")
     listed = tuple(given)
     for part in listed:
         if not isinstance(part, base):
             raise ModelError(
-                f"Simulation: {what} must be {kind}, got {shown(part)} among them; make one first, such as {example}, "
-                f"or derive a class of your own from simwarp.{base.__name__}"
+                f"Simulation: {what} must be {kind}, got {formatted(part)} among them; make one first, such as "
+                f"{example}, or derive a class of your own from simwarp.{base.__name__}"
             )
     return listed
 
@@ -310,12 +310,12 @@ def recorded_or_none(
     if commands is None:
         return None
     if not isinstance(commands, Iterable):
-        raise ModelError(f"{name}: {_NO_LAUNCHES}, got {shown(commands)}; return () for none")
+        raise ModelError(f"{name}: {_NO_LAUNCHES}, got {formatted(commands)}; return () for none")
     commands = list(commands)
     for command in commands:
         if not callable(getattr(command, "launch", None)):
             raise ModelError(
-                f"{name}: must return launches, got {shown(command)} among them; take what shares.record returns"
+                f"{name}: must return launches, got {formatted(command)} among them; take what shares.record returns"
             )
     return commands
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.memory import check_layouts
-from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
+from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, formatted, number
 from simwarp.core.wording import close_names
 from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
@@ -112,7 +112,9 @@ def solve_cone_problems(
     config.friction_law = int(_choice("friction_law", friction_law, FRICTION_LAWS))
     aim = number(tolerance)
     if not 0.0 <= aim <= FLOAT32_MAX:
-        raise ValueError(f"tolerance must be finite and >= 0 m/s, got {shown(tolerance)}; pass 0 to use all iterations")
+        raise ValueError(
+            f"tolerance must be finite and >= 0 m/s, got {formatted(tolerance)}; pass 0 to use all iterations"
+        )
     config.tolerance = aim / AIM
     config.max_iterations = ITERATIONS[chosen]
     if max_iterations is not None:
@@ -199,7 +201,9 @@ class _Given:
         rows = self.r.shape[1]
         for name, value in (("bilateral_count", bilateral), ("limit_count", limits)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
-                raise ValueError(f"{name} must be an integer >= 0, got {shown(value)}; pass the number of such rows")
+                raise ValueError(
+                    f"{name} must be an integer >= 0, got {formatted(value)}; pass the number of such rows"
+                )
         contacts = self.mu.shape[1]
         if bilateral + limits + 3 * contacts != rows:
             raise ValueError(
@@ -248,9 +252,9 @@ def _numbers(name: str, value: Any) -> Array:
             value = value.detach().cpu().numpy()
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
-        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}; pass NumPy's") from error
+        raise ValueError(f"{name} must be an array of numbers, got {formatted(value)}; pass NumPy's") from error
     if array.dtype.kind not in "iuf" and array.size:
-        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}; pass NumPy's")
+        raise ValueError(f"{name} must be an array of numbers, got {formatted(value)}; pass NumPy's")
     array = array.astype(np.float64)
     _check_float32(name, array)
     return array
@@ -309,7 +313,7 @@ def _choice(name: str, value: Any, choices: dict[str, Any]) -> Any:
         return choices[value]
     near = close_names(value, choices)
     hint = f"did you mean {near[0]!r}?" if near else "choose one of them"
-    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {shown(value)}; {hint}")
+    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {formatted(value)}; {hint}")
 
 
 def _floats(array: Array, device: wp.Device) -> wp.array:

@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.array_devices import array_from_host, array_on, is_on
 from simwarp.core.arrays import on_host
-from simwarp.core.types import ModelError, numbers, shown
+from simwarp.core.types import ModelError, formatted, numbers
 from simwarp.model.model import Model
 from simwarp.simulation.world_masks import kind_of_tensor
 
@@ -59,7 +59,7 @@ def _from_host(name: str, values: Any, model: Model, mask: wp.array | None) -> w
     given = numbers(values)
     if given.ndim == 0 and not np.isfinite(given):
         raise ModelError(
-            f"{thing} be finite numbers of shape {shape} (worlds, dofs), got {shown(values)}; pass an array"
+            f"{thing} be finite numbers of shape {shape} (worlds, dofs), got {formatted(values)}; pass an array"
         )
     try:
         data = np.broadcast_to(given, shape)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.state import State
@@ -105,5 +105,5 @@ def _index(call: str, kind: str, wanted: str | int, count: int, index_of: Callab
     whole = isinstance(wanted, (int, np.integer)) and not isinstance(wanted, bool)
     if not whole or not 0 <= wanted < count:
         rule = f"a name or an index below {count}"
-        raise ModelError(f"{call}: {kind} must be {rule}, got {shown(wanted)}; see model.{kind}_names")
+        raise ModelError(f"{call}: {kind} must be {rule}, got {formatted(wanted)}; see model.{kind}_names")
     return int(wanted)

@@ -12,7 +12,7 @@ from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
@@ -316,7 +316,9 @@ class Simulation(Readable, Readings, FixedAttributes):
             ModelError: it is that of another simulation; says what differs. Nothing has changed then.
         """
         if not isinstance(snapshot, Snapshot):
-            raise ModelError(f"restore: snapshot must be a Snapshot, got {shown(snapshot)}; pass what snapshot() made")
+            raise ModelError(
+                f"restore: snapshot must be a Snapshot, got {formatted(snapshot)}; pass what snapshot() made"
+            )
         difference = self.identity.difference(snapshot.identity)
         kept, present = list(snapshot.arrays().values()), self._arrays()
         if not difference and [(a.shape, a.dtype) for a in kept] != [(a.shape, a.dtype) for a in present]:

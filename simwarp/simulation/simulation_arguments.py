@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from simwarp.core.types import FLOAT32_MAX, ModelError, number, shown
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
 from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.solver_options import SolverOptions
@@ -20,7 +20,7 @@ COUNT_LIMIT: Final = 2**31 - 1
 def checked_model(model: Any) -> Model:
     """The model, or a ModelError."""
     if not isinstance(model, Model):
-        raise ModelError(f"Simulation: model must be a Model, got {shown(model)}; pass what finalize returned")
+        raise ModelError(f"Simulation: model must be a Model, got {formatted(model)}; pass what finalize returned")
     return model
 
 
@@ -33,7 +33,7 @@ def checked_solver(solver: Any) -> SolverOptions:
     if solver is None:
         return SolverOptions()
     if not isinstance(solver, SolverOptions):
-        raise ModelError(f"Simulation: solver must be SolverOptions, got {shown(solver)}; write SolverOptions(...)")
+        raise ModelError(f"Simulation: solver must be SolverOptions, got {formatted(solver)}; write SolverOptions(...)")
     return solver
 
 
@@ -47,7 +47,7 @@ def checked_dt(dt: Any, substeps: int) -> float:
     given = number(dt)
     if not 0.0 < given <= FLOAT32_MAX:
         finite = "" if given <= 0.0 else " and finite"
-        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {shown(dt)}; give the time of a step")
+        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {formatted(dt)}; give the time of a step")
     if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
         raise ModelError(
             f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "

@@ -18,7 +18,7 @@ import warp as wp
 from simwarp.core.files import FileError, check_input, parse_json, replacing
 from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Readable, bytes_text, plural
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.identity import Identity, run_parts
 from simwarp.model.layouts import snapshot_layouts
 from simwarp.model.model import Model
@@ -128,7 +128,9 @@ class Snapshot(Readable):
             bare = target.identity.extended(run_parts((), (), 0.0))
             snapshot = cls.empty(target, elements=False, memory=(), identity=bare)
         else:
-            raise ModelError(f"Snapshot.load: target must be a Simulation or a Model, got {shown(target)}; pass one")
+            raise ModelError(
+                f"Snapshot.load: target must be a Simulation or a Model, got {formatted(target)}; pass one"
+            )
         arrays = snapshot.arrays()
         needed = sum(array.size * wp.types.type_size_in_bytes(array.dtype) + OVERHEAD for array in arrays.values())
         file = check_input(_checked_path("load", path), "snapshot", largest=needed + MOST_HEADER)
@@ -146,7 +148,7 @@ class Snapshot(Readable):
 
 def _checked_path(call: str, path: Any) -> Path:
     if not isinstance(path, (str, Path)):
-        raise ModelError(f"Snapshot.{call}: path must be a string or a Path, got {shown(path)}; name a file")
+        raise ModelError(f"Snapshot.{call}: path must be a string or a Path, got {formatted(path)}; name a file")
     return Path(path) if path else Path("\0")  # an empty name is refused, not taken for this folder
 
 
@@ -173,7 +175,7 @@ def _read(path: Path, arrays: Mapping[str, wp.array], identity: Identity) -> dic
     except (ModelError, FileError):
         raise
     except Exception as error:  # zipfile, zlib and NumPy raise a dozen kinds for garbled bytes
-        raise FileError(f"{broken}: {shown(str(error))}; take another copy") from error
+        raise FileError(f"{broken}: {formatted(str(error))}; take another copy") from error
     return values
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
+from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, formatted, number
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 from simwarp.model.model import Model
@@ -90,7 +90,7 @@ class SolverOptions(ReadableFields):
         }
         if not 0.0 <= number(self.pivot_tolerance) < 1.0:
             raise ModelError(
-                f"{thing}: pivot_tolerance must be >= 0 and < 1, got {shown(self.pivot_tolerance)}; try 1e-4"
+                f"{thing}: pivot_tolerance must be >= 0 and < 1, got {formatted(self.pivot_tolerance)}; try 1e-4"
             )
         checked["pivot_tolerance"] = number(self.pivot_tolerance)
         for field, least, most in (

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.array_devices import array_from_host, array_on
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 
 REMEDY: Final = "give one bool for each world"
@@ -43,10 +43,10 @@ def mask_of_worlds(call: str, world_mask: Any, model: Model, *, name: str = "wor
         try:
             values = np.asarray(world_mask)
         except ValueError:
-            raise ModelError(f"{thing} have shape {shape} (worlds), got {shown(world_mask)}; {REMEDY}") from None
+            raise ModelError(f"{thing} have shape {shape} (worlds), got {formatted(world_mask)}; {REMEDY}") from None
         if values.dtype != np.bool_:
             are_numbers = values.dtype.kind in "iuf"
-            given = f"{values.dtype.name} {values.shape}" if are_numbers else shown(world_mask)
+            given = f"{values.dtype.name} {values.shape}" if are_numbers else formatted(world_mask)
             advice = f"{REMEDY}, not indices of worlds" if are_numbers else REMEDY
             raise ModelError(f"{thing} be of bool, got {given}; {advice}")
     if tuple(values.shape) != shape:

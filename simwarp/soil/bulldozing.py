@@ -10,7 +10,7 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.checks import whole_number
 from simwarp.simulation.attachments import StepContext
 from simwarp.simulation.step_sizes import scratch_slots_of
@@ -57,7 +57,7 @@ class Bulldozing(ReadableFields):
 def _check(name: str, value: Any, above: float, limit: float, rule: str, remedy: str) -> None:
     number = isinstance(value, int | float) and math.isfinite(value)
     if not (number and above < value <= limit):
-        raise ModelError(f"bulldozing: {name} must be {rule}, got {shown(value)}; {remedy}")
+        raise ModelError(f"bulldozing: {name} must be {rule}, got {formatted(value)}; {remedy}")
 
 
 class SoilFlow:

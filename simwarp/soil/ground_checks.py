@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, numbers, shown
+from simwarp.core.types import ModelError, formatted, numbers
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
 from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
@@ -41,7 +41,9 @@ def checked_pages(pages: Any, spacing: float, least: int) -> int:
 def check_ground(ground: Any) -> None:
     """Refuses what is no ground, and a plane that leans by more than 45 degrees."""
     if getattr(ground, "_cls", None) is not TerrainTables:
-        raise ModelError(f"soil: ground must be of simwarp.vehicle.tires.ground, got {shown(ground)}; make it by that")
+        raise ModelError(
+            f"soil: ground must be of simwarp.vehicle.tires.ground, got {formatted(ground)}; make it by that"
+        )
     if ground.kind != PLANE:
         return
     upright = float(ground.rot.numpy()[:, 2, 2].min())
@@ -61,7 +63,7 @@ def checked_map(soil_map: Any, soils: int, worlds: int) -> npt.NDArray[np.int32]
     values = numbers(soil_map)
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[0] not in (1, worlds) or not values.size:
-        got = values.shape if values.ndim else shown(soil_map)
+        got = values.shape if values.ndim else formatted(soil_map)
         raise ModelError(
             f"soil: soil_map must be (rows, columns) or ({worlds}, rows, columns), got {got}; it has numbers of soils"
         )
@@ -88,7 +90,7 @@ def check_map(
         if given.shape != (2,) or not (np.isfinite(given) & (given > least)).all():
             rule = "finite" if least < 0.0 else "finite and > 0 m"
             raise ModelError(
-                f"soil: {name} must be two numbers, {rule}, got {shown(pair)}; it has one of x and one of y"
+                f"soil: {name} must be two numbers, {rule}, got {formatted(pair)}; it has one of x and one of y"
             )
     if shape[-1] == 0 or ground.kind != HEIGHT_FIELD:
         return

@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Row, plural
-from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
+from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, formatted, number, numbers
 from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext
@@ -375,7 +375,7 @@ def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
     given = number(spacing)
     if not FLOAT32_LEAST <= given <= 0.5 * narrowest:
         rule = f"positive and at most half the narrowest shape's width, {0.5 * narrowest:.4g} m"
-        raise ModelError(f"soil: spacing must be {rule}, got {shown(spacing)}; 0.05 suits cars")
+        raise ModelError(f"soil: spacing must be {rule}, got {formatted(spacing)}; 0.05 suits cars")
     return given
 
 
@@ -403,13 +403,15 @@ def _checked_memory(memory: Any) -> ShearMemory:
         return ShearMemory(memory)
     except ValueError:
         names = " or ".join(each.value for each in ShearMemory)
-        raise ModelError(f"soil: shear_memory must be {names}, got {shown(memory)}; scalar is Chrono's") from None
+        raise ModelError(f"soil: shear_memory must be {names}, got {formatted(memory)}; scalar is Chrono's") from None
 
 
 def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
     if bulldozing is None or isinstance(bulldozing, Bulldozing):
         return bulldozing
-    raise ModelError(f"soil: bulldozing must be a Bulldozing or None, got {shown(bulldozing)}; Bulldozing() is usual")
+    raise ModelError(
+        f"soil: bulldozing must be a Bulldozing or None, got {formatted(bulldozing)}; Bulldozing() is usual"
+    )
 
 
 def _checked_points(points: Any, model: Model) -> wp.array:
@@ -418,12 +420,12 @@ def _checked_points(points: Any, model: Model) -> wp.array:
     rule = f"soil: points must be (N, 2), ({worlds}, N, 2), or vec2d (1 or {worlds}, N)"
     if isinstance(points, wp.array):
         if points.dtype is not wp.vec2d or points.ndim != 2 or points.shape[0] not in (1, worlds):
-            raise ModelError(f"{rule}, got {shown(points)}; make a wp.array of dtype vec2d")
+            raise ModelError(f"{rule}, got {formatted(points)}; make a wp.array of dtype vec2d")
         return array_on("soil: points must", points, model.device)
     values = points.detach().double() if hasattr(points, "data_ptr") else numbers(points)
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] != 2 or values.shape[0] not in (1, worlds):
-        got = tuple(values.shape) if values.ndim else shown(points)
+        got = tuple(values.shape) if values.ndim else formatted(points)
         raise ModelError(f"{rule}, got {got}; give x and y of each")
     if isinstance(values, np.ndarray):
         return array_from_host("soil: points must", values, model.device, wp.vec2d)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.soil import soil_tables_kernels as soil_tables
 
 DEEP: Final = 0.5
@@ -88,7 +88,7 @@ class SoilSpec(ReadableFields):
 
 
 def _wrong(name: str, rule: str, value: object, remedy: str) -> ModelError:
-    return ModelError(f"soil: {name} must be {rule}, got {shown(value)}; {remedy}")
+    return ModelError(f"soil: {name} must be {rule}, got {formatted(value)}; {remedy}")
 
 
 PRESETS: Final = {
@@ -118,7 +118,7 @@ def soil_preset(name: str) -> SoilSpec:
         ModelError: there is none of this name.
     """
     if name not in PRESETS:
-        raise ModelError(f"soil: preset must be {', '.join(PRESETS)}, got {shown(name)}; or give a SoilSpec")
+        raise ModelError(f"soil: preset must be {', '.join(PRESETS)}, got {formatted(name)}; or give a SoilSpec")
     return PRESETS[name]
 
 
@@ -131,7 +131,7 @@ def soils_of(given: Any) -> tuple[SoilSpec, ...]:
     listed = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
     if not listed or not all(isinstance(each, SoilSpec | str) for each in listed):
         raise ModelError(
-            f"soil: soil must be a SoilSpec, the name of a preset, or a list of these, got {shown(given)}; "
+            f"soil: soil must be a SoilSpec, the name of a preset, or a list of these, got {formatted(given)}; "
             f"presets are {', '.join(PRESETS)}"
         )
     return tuple(soil_preset(each) if isinstance(each, str) else each for each in listed)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, finite_vector, pose, shown
+from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, finite_vector, formatted, pose
 from simwarp.model.checks import not_negative, positive_number, whole_number
 from simwarp.model.model import Model
 from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, SIDE, WHEEL
@@ -125,12 +125,12 @@ def checked_shapes(shapes: Any) -> tuple[SoilShape, ...]:
         ModelError: it is no list, or something else is among them.
     """
     if not isinstance(shapes, Iterable) or isinstance(shapes, str):
-        raise ModelError(f"soil: shapes must be a list, got {shown(shapes)}; write shapes=[...]")
+        raise ModelError(f"soil: shapes must be a list, got {formatted(shapes)}; write shapes=[...]")
     listed = tuple(shapes)
     for shape in listed:
         if type(shape) not in _ROWS:
             names = ", ".join(kind.__name__ for kind in _ROWS)
-            raise ModelError(f"soil: shapes must be of {names}, got {shown(shape)}; wrap it in one of these")
+            raise ModelError(f"soil: shapes must be of {names}, got {formatted(shape)}; wrap it in one of these")
     return listed
 
 
@@ -185,7 +185,7 @@ def _row(shape: SoilShape) -> _Row:
     if isinstance(shape, SoilWheel | SoilSphere):
         finite_vector(name, "offset", shape.offset, 3)
     elif not isinstance(shape.pose, Pose):
-        raise ModelError(f"{name}: pose must be a Pose, got {shown(shape.pose)}; make it by sw.pose")
+        raise ModelError(f"{name}: pose must be a Pose, got {formatted(shape.pose)}; make it by sw.pose")
     return _ROWS[type(shape)](shape)
 
 

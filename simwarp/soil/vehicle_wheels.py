@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.soil.soil import Soil
 from simwarp.soil.soil_parameters import SoilSpec
 from simwarp.soil.soil_shapes import SoilShape, SoilWheel
@@ -39,7 +39,7 @@ def _checked_vehicles(vehicles: Any) -> list[Vehicle | Vehicles]:
     listed = list(vehicles) if isinstance(vehicles, Iterable) else [vehicles]
     if not listed or not all(isinstance(each, Vehicle | Vehicles) for each in listed):
         raise ModelError(
-            f"soil_under: vehicles must be at least one Vehicle or Vehicles, got {shown(vehicles)}; "
+            f"soil_under: vehicles must be at least one Vehicle or Vehicles, got {formatted(vehicles)}; "
             "Soil takes wheels of other bodies"
         )
     if any(each.model is not listed[0].model for each in listed):

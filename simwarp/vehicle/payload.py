@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Vec3, finite_vector, host_values, pose, shown
+from simwarp.core.types import ModelError, Vec3, finite_vector, formatted, host_values, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.world_masks import mask_of_worlds
@@ -112,14 +112,14 @@ def set_payload(
     if mass is not None:
         kilograms = _per_world("mass", mass, (count,))
         if not (np.isfinite(kilograms) & (kilograms > 0.0)).all():
-            raise ModelError(f"set_payload: mass must be positive [kg], got {shown(mass)}; leave it out to keep it")
+            raise ModelError(f"set_payload: mass must be positive [kg], got {formatted(mass)}; leave it out to keep it")
         values["body_mass"][mask, payload.body] = kilograms[mask]
         values["body_inertia_b"][mask, payload.body] = box_inertia(kilograms[mask], payload.size)
     if position is not None:
         place = _per_world("position", position, (count, 3))
         if not np.isfinite(place).all():
             raise ModelError(
-                f"set_payload: position must be finite [m], got {shown(position)}; leave it out to keep it"
+                f"set_payload: position must be finite [m], got {formatted(position)}; leave it out to keep it"
             )
         values["joint_anchor0"][mask, payload.joint] = payload.reference + place[mask]
     for name, array in arrays.items():
@@ -135,7 +135,7 @@ def _per_world(name: str, value: Any, shape: tuple[int, ...]) -> npt.NDArray[np.
     except (TypeError, ValueError):
         one = "three numbers" if len(shape) > 1 else "one"
         rule = f"{one}, or {one} for each of {shape[0]} worlds"
-        raise ModelError(f"set_payload: {name} must be {rule}, got {shown(value)}; match the worlds") from None
+        raise ModelError(f"set_payload: {name} must be {rule}, got {formatted(value)}; match the worlds") from None
 
 
 def _put_in_place(

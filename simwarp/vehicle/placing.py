@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.array_devices import array_from_host, array_on
-from simwarp.core.types import ModelError, numbers, shown
+from simwarp.core.types import ModelError, formatted, numbers
 from simwarp.model.model import Model
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.placing_kernels import move_vehicles
@@ -76,7 +76,7 @@ def _doubles(name: str, value: Any, shape: tuple[int, ...], model: Model) -> wp.
         return array_on(thing, value.detach().double().expand(shape), model.device, wp.float64)
     given = numbers(value)
     if not np.isfinite(given).all():
-        raise ModelError(f"{thing} be finite numbers of shape {shape}, got {shown(value)}; {remedy}")
+        raise ModelError(f"{thing} be finite numbers of shape {shape}, got {formatted(value)}; {remedy}")
     try:
         rows = np.ascontiguousarray(np.broadcast_to(given, shape))
     except ValueError:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import torch
 
 from simwarp.core.readable import Names, Readable, Row
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names
 
@@ -73,7 +73,7 @@ class ActuatorNetwork(Readable):
         self.joints = tuple(joints)
         self._steps = _checked_history(history)
         if not effort_limit > 0.0:
-            raise InputError(f"actuator network: effort_limit must be > 0, got {shown(effort_limit)}; leave it out")
+            raise InputError(f"actuator network: effort_limit must be > 0, got {formatted(effort_limit)}; leave it out")
         self._views = task.views
         self._scales = (float(error_scale), float(rate_scale), float(torque_scale))
         self._limit, self._rates_first = float(effort_limit), bool(rates_first)
@@ -183,7 +183,7 @@ def load_actuator_network(path: str | Path, inputs: int, device: str = "cpu") ->
             "give the history that it was trained with"
         ) from None
     if not isinstance(told, torch.Tensor) or told.numel() != 3 or told.dtype != torch.float32:
-        got = f"{told.dtype} of shape {tuple(told.shape)}" if isinstance(told, torch.Tensor) else shown(told)
+        got = f"{told.dtype} of shape {tuple(told.shape)}" if isinstance(told, torch.Tensor) else formatted(told)
         raise InputError(f"{thing} must return one float32 for each of 3 rows, got {got}; let it have one output")
     if not bool(told.isfinite().all()):
         raise InputError(f"{thing} must return finite numbers at zero, got NaN or infinity; train it again")
@@ -193,7 +193,7 @@ def load_actuator_network(path: str | Path, inputs: int, device: str = "cpu") ->
 def _columns_of(task: Task[Any], joints: Sequence[str]) -> list[int]:
     """Columns of `joint_q` of hinges and slides without a drive."""
     if isinstance(joints, str) or not joints:
-        raise InputError(f"actuator network: joints must be a list of names, got {shown(joints)}; write [...]")
+        raise InputError(f"actuator network: joints must be a list of names, got {formatted(joints)}; write [...]")
     if task.simulation is None:
         raise InputError(f"actuator network: task '{task.name}' has no physics, and so no joints")
     model = task.simulation.model
@@ -201,7 +201,7 @@ def _columns_of(task: Task[Any], joints: Sequence[str]) -> list[int]:
     for name in joints:
         if name not in model.joint_names:
             known = near_names(str(name), model.joint_names)
-            raise InputError(f"actuator network: task '{task.name}' has no joint {shown(name)}{known}")
+            raise InputError(f"actuator network: task '{task.name}' has no joint {formatted(name)}{known}")
         spec = model.builder.joints[model.joint(name)]
         if len(spec.dofs) != 1:
             raise InputError(
@@ -220,7 +220,7 @@ def _checked_history(history: Sequence[int]) -> list[int]:
     whole = all(isinstance(step, int) and not isinstance(step, bool) and 0 <= step <= MOST_HISTORY for step in steps)
     if not steps or not whole or len(set(steps)) < len(steps):
         raise InputError(
-            f"actuator network: history must be different whole numbers of steps from 0 on, got {shown(history)}; "
+            f"actuator network: history must be different whole numbers of steps from 0 on, got {formatted(history)}; "
             "(0, 1, 2) are the last three"
         )
     return steps

@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 
-from simwarp.core.types import numbers, shown
+from simwarp.core.types import formatted, numbers
 
 from ..framework.errors import InputError
 from ..framework.registry import make
@@ -175,7 +175,7 @@ class TaskParallelEnv(_Base):  # type: ignore[misc,unused-ignore]
         shape = (self.task.action_size,)
         given = numbers(action)
         if given.shape != shape or np.isnan(given).any():
-            raise InputError(f"step: action of {agent} must be {shape} numbers in [-1, 1], got {shown(action)}")
+            raise InputError(f"step: action of {agent} must be {shape} numbers in [-1, 1], got {formatted(action)}")
         return given.astype(np.float32)
 
     def _index(self, agent: str) -> int:

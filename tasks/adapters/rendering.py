@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import logger
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..framework.errors import InputError
 from ..framework.task import Task
@@ -49,12 +49,14 @@ def check_rendering(mode: str | None, size: tuple[int, int]) -> None:
         InputError: an unknown mode, or a size that is no film's.
     """
     if mode is not None and mode not in RENDER_MODES:
-        raise InputError(f"render_mode must be {' or '.join(RENDER_MODES)}, or None for no frames, got {shown(mode)}")
+        raise InputError(
+            f"render_mode must be {' or '.join(RENDER_MODES)}, or None for no frames, got {formatted(mode)}"
+        )
     whole = isinstance(size, tuple | list) and len(size) == 2 and all(type(side) is int for side in size)
     # Even, as films want their frames
     if not whole or not all(_SMALLEST <= side <= _LARGEST and side % 2 == 0 for side in size):
         rule = f"width and height, each even and from {_SMALLEST} to {_LARGEST} pixels, such as {RENDER_SIZE}"
-        raise InputError(f"render_size must be {rule}, got {shown(size)}")
+        raise InputError(f"render_size must be {rule}, got {formatted(size)}")
 
 
 class TaskRenderer:

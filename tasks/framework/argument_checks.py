@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp import ModelError
 from simwarp.core.memory import check_fits
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .errors import InputError
 
@@ -19,10 +19,10 @@ from .errors import InputError
 def whole(what: str, value: Any, least: int, most: int) -> int:
     """Return an argument as a whole number, or raise an :class:`InputError` that names it."""
     if not isinstance(value, int | np.integer) or isinstance(value, bool):
-        raise InputError(f"{what} must be a whole number, got {shown(value)}")
+        raise InputError(f"{what} must be a whole number, got {formatted(value)}")
     if not least <= value <= most:
         rule = f"at least {least}" if value < least else f"at most {most}"
-        raise InputError(f"{what} must be {rule}, got {shown(value)}")
+        raise InputError(f"{what} must be {rule}, got {formatted(value)}")
     return int(value)
 
 
@@ -54,8 +54,8 @@ def checked_level(what: str, level: Any, worlds: int = 0) -> torch.Tensor:
     try:
         values = torch.as_tensor(level).to(torch.float32)
     except (TypeError, ValueError, RuntimeError):
-        raise InputError(f"{what} must be {rule}, got {shown(level)}") from None
+        raise InputError(f"{what} must be {rule}, got {formatted(level)}") from None
     fits = values.dim() == 0 or tuple(values.shape) == (worlds,)
     if not fits or isinstance(level, bool) or not bool(((values >= 0.0) & (values <= 1.0)).all()):
-        raise InputError(f"{what} must be {rule}, got {shown(level)}")
+        raise InputError(f"{what} must be {rule}, got {formatted(level)}")
     return values

@@ -13,7 +13,7 @@ import tyro
 
 from simwarp.core.constraints import Count, Ge, Le, NotNegative, Positive
 from simwarp.core.files import parse_json
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing, Uncertainty
 from .config_values import Settings, plain_value, typed
@@ -30,7 +30,7 @@ def require(condition: bool, config: object, field: str, rule: str) -> None:
     """
     if not condition:
         value = getattr(config, field)
-        raise InputError(f"{field.replace('_', '-')} must be {rule}, got {shown(value)}")
+        raise InputError(f"{field.replace('_', '-')} must be {rule}, got {formatted(value)}")
 
 
 def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:

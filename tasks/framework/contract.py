@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final, TypeAlias
 import torch
 
 from simwarp.core.readable import plural
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .drawing import Drawing, Line
 from .errors import TaskError, TaskStepError, broken
@@ -113,7 +113,7 @@ class Contract:
         with named_escapes():
             drawing = self._task.drawing()
         if not isinstance(drawing, Drawing) or not all(isinstance(line, Line) for line in drawing.lines):
-            raise self._error("drawing", f"must return a Drawing of Lines, got {shown(drawing)}")
+            raise self._error("drawing", f"must return a Drawing of Lines, got {formatted(drawing)}")
         worlds = self._task.num_worlds
         for line in drawing.lines:
             points = line.points
@@ -192,7 +192,7 @@ def _form(shape: torch.Size, dtype: torch.dtype, device: torch.device) -> str:
 def _form_of(value: Any) -> str:
     if isinstance(value, torch.Tensor):
         return _form(value.shape, value.dtype, value.device)
-    return "None" if value is None else f"{type(value).__name__} {shown(value)}"
+    return "None" if value is None else f"{type(value).__name__} {formatted(value)}"
 
 
 def _check_ends(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
@@ -209,7 +209,7 @@ def _check_metrics(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
 
 def _check_state(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
     if not isinstance(values, Mapping) or not all(isinstance(each, torch.Tensor) for each in values.values()):
-        raise TaskError(f"task '{task.name}': extra_state() must be a dict of named tensors, got {shown(values)}")
+        raise TaskError(f"task '{task.name}': extra_state() must be a dict of named tensors, got {formatted(values)}")
     return values
 
 

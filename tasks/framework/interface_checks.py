@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import torch
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .agents import lead_of
 from .command import Command
@@ -74,7 +74,7 @@ def _check_mapping(task: Worlds, what: str, value: object) -> Mapping[str, Any]:
         raise TaskError(f"task '{task.name}': {what} must be a dict of named tensors, got {type(value).__name__}")
     for name in value:
         if not isinstance(name, str) or not name:
-            raise TaskError(f"task '{task.name}': {what} must have names that are text, got {shown(name)}")
+            raise TaskError(f"task '{task.name}': {what} must have names that are text, got {formatted(name)}")
     return value
 
 
@@ -196,7 +196,7 @@ def _words(task: Any, name: str, words: Any, count: int) -> None:
 
 
 def _wrong(task: Any, name: str, rule: str, value: Any) -> TaskError:
-    return TaskError(f"task '{task.name}': {name} must be {rule}, got {shown(value)}")
+    return TaskError(f"task '{task.name}': {name} must be {rule}, got {formatted(value)}")
 
 
 def check_physics_flag(cls: Any, base: Any) -> None:

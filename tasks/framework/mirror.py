@@ -7,7 +7,7 @@ import fnmatch
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .errors import InputError
 
@@ -68,10 +68,10 @@ def reflection(
     """
     listed, pairs, patterns = list(names), list(swap), list(flip)
     if not listed or len(set(listed)) < len(listed):
-        raise InputError(f"reflection: names must be different, got {shown(listed)}; number those that are equal")
+        raise InputError(f"reflection: names must be different, got {formatted(listed)}; number those that are equal")
     for pattern in patterns:
         if not fnmatch.filter(listed, pattern):
-            raise InputError(f"reflection: flip has {shown(pattern)}, which no name matches; leave it out")
+            raise InputError(f"reflection: flip has {formatted(pattern)}, which no name matches; leave it out")
     sources, signs = [], []
     for name in listed:
         partner = _swapped(name, pairs)
@@ -107,7 +107,9 @@ def check_mirror(task: Any, groups: Mapping[str, tuple[int, ...]], option: str) 
     if mirror is None:
         raise InputError(f"{option}: task '{task.name}' has no mirror(), which it needs; leave the option away")
     if not isinstance(mirror, Mirror):
-        raise InputError(f"{option}: mirror() of task '{task.name}' must be a Mirror, got {shown(mirror)}; return one")
+        raise InputError(
+            f"{option}: mirror() of task '{task.name}' must be a Mirror, got {formatted(mirror)}; return one"
+        )
     for name, shape in groups.items():
         thing = f"{option}: mirror() of task '{task.name}'"
         if len(shape) != 1:

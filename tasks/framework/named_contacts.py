@@ -11,7 +11,7 @@ import torch
 
 from simwarp import to_torch
 from simwarp.core.readable import Names, Readable, Row, plural
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .errors import InputError, near_names
 from .rotations import in_world_axes
@@ -45,9 +45,9 @@ class NamedContacts(Readable):
         self, names: tuple[str, ...], simulation: Any, views: Any, period: float, threshold: float, owner: str
     ) -> None:
         if not names or not all(isinstance(name, str) for name in names):
-            raise InputError(f"task '{owner}': contacts need names of shapes or bodies, got {shown(names)}")
+            raise InputError(f"task '{owner}': contacts need names of shapes or bodies, got {formatted(names)}")
         if not threshold >= 0.0:
-            raise InputError(f"task '{owner}': threshold of contacts must be 0 N or more, got {shown(threshold)}")
+            raise InputError(f"task '{owner}': threshold of contacts must be 0 N or more, got {formatted(threshold)}")
         self.names = names
         self._period, self._threshold = period, threshold
         model, device, worlds = simulation.model, views.body_v.device, len(views.body_v)
@@ -55,15 +55,15 @@ class NamedContacts(Readable):
         for name in names:
             if name not in known:
                 raise InputError(
-                    f"task '{owner}': there is no shape or body {shown(name)} whose contacts could be felt"
+                    f"task '{owner}': there is no shape or body {formatted(name)} whose contacts could be felt"
                     f"{near_names(name, known)}"
                 )
         shapes = [name in model.shape_names for name in names]
         if any(shapes) != all(shapes):
             odd = names[shapes.index(False)]
             raise InputError(
-                f"task '{owner}': contacts of shapes and of bodies must be asked for apart, got the body {shown(odd)} "
-                "among shapes; call contacts twice"
+                f"task '{owner}': contacts of shapes and of bodies must be asked for apart, got the body "
+                f"{formatted(odd)} among shapes; call contacts twice"
             )
         contacts = simulation.contacts
         self._moving_offsets: torch.Tensor | None = None
@@ -77,8 +77,8 @@ class NamedContacts(Readable):
             if min(bodies) < 0:
                 fixed = names[bodies.index(min(bodies))]
                 raise InputError(
-                    f"task '{owner}': contacts must be of shapes that move, got {shown(fixed)}, which is fixed to the "
-                    "world; ask for those of what touches it"
+                    f"task '{owner}': contacts must be of shapes that move, got {formatted(fixed)}, which is "
+                    "fixed to the world; ask for those of what touches it"
                 )
         else:
             self._source = to_torch(contacts.body_contact_force)

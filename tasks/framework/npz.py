@@ -20,7 +20,7 @@ import warp as wp
 from simwarp import ModelError
 from simwarp.core.files import FileError, check_input, write_file
 from simwarp.core.memory import check_fits
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -81,7 +81,7 @@ def _check_sizes(items: list[zipfile.ZipInfo], what: str) -> None:
         raise ValueError("its members are not named arrays")
     for item in items:
         if item.file_size > _MOST_DENSE * item.compress_size + _OVERHEAD:
-            raise ValueError(f"{shown(item.filename)} claims {item.file_size} bytes and has {item.compress_size}")
+            raise ValueError(f"{formatted(item.filename)} claims {item.file_size} bytes and has {item.compress_size}")
     # Twice: what is unpacked, and the array made of it
     total = 2 * sum(item.file_size for item in items)
     check_fits(f"{what}: its arrays", total, wp.get_device("cpu"), "take a smaller file")
@@ -95,7 +95,7 @@ def _array(archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> npt.NDArray[Any]:
     shape, fortran, dtype = header(stream)
     left = len(content) - stream.tell()
     if dtype.kind not in _KINDS or math.prod(shape) * dtype.itemsize != left or min(shape, default=1) < 0:
-        raise ValueError(f"{shown(item.filename)} claims {shown(shape)} of {dtype} and has {left} bytes")
+        raise ValueError(f"{formatted(item.filename)} claims {formatted(shape)} of {dtype} and has {left} bytes")
     if not left:
         return np.zeros(shape, dtype)
     flat = np.frombuffer(content, dtype, offset=stream.tell())

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 
 from simwarp.core.files import parse_json
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .config_values import config_from_plain
 from .errors import InputError
@@ -163,7 +163,9 @@ def _read(path: Path) -> tuple[Arrays, DumpAbout]:
     if not isinstance(plain, dict):
         raise InputError(f"'{path}' is no dump of a broken world")
     if plain.get("format") != FORMAT:
-        raise InputError(f"'{path}' has format {shown(plain.get('format'))}, this version of simwarp reads {FORMAT}")
+        raise InputError(
+            f"'{path}' has format {formatted(plain.get('format'))}, this version of simwarp reads {FORMAT}"
+        )
     return arrays, config_from_plain(DumpAbout, plain, f"dump '{path}': meta")
 
 

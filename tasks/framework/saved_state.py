@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .config_values import typed
 from .errors import InputError
@@ -52,7 +52,7 @@ def check_names(like: Mapping[Any, Any], saved: Any, where: str) -> None:
             raise InputError(f"{where} has no '{name}': it was made by another version of simwarp, or is damaged")
     for name in saved:
         if name not in like:
-            raise InputError(f"{where} has {shown(name)}, which is nothing here: it is of another configuration")
+            raise InputError(f"{where} has {formatted(name)}, which is nothing here: it is of another configuration")
 
 
 def _is_dense(value: Any) -> bool:
@@ -61,7 +61,7 @@ def _is_dense(value: Any) -> bool:
 
 def _words(value: Any) -> str:
     if not isinstance(value, torch.Tensor):
-        return shown(value)
+        return formatted(value)
     words = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
     if value.layout != torch.strided:
         return f"{words} in {str(value.layout).removeprefix('torch.')} layout"

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from .errors import TaskFileError, near_names
 
@@ -42,7 +42,7 @@ def split_source(word: str) -> tuple[Path, str]:
     """
     file, _, kind = word.rpartition(":")
     if not file.endswith(".py"):
-        raise TaskFileError(f"a task that is not installed is given as {FORM}, got {shown(word)}")
+        raise TaskFileError(f"a task that is not installed is given as {FORM}, got {formatted(word)}")
     return Path(file).absolute(), kind
 
 
@@ -58,7 +58,7 @@ def class_in_file(word: str) -> type[Task[Any]]:
     if kind is None:
         known = _classes(module)
         hint = near_names(name, known) if known else "; it has no task"
-        raise TaskFileError(f"file '{path}' has no class {shown(name)}{hint}" if name else _nameless(path, known))
+        raise TaskFileError(f"file '{path}' has no class {formatted(name)}{hint}" if name else _nameless(path, known))
     if not _is_task(kind):
         raise TaskFileError(f"'{name}' in '{path}' is no task: write a class that is derived from simwarp.tasks.Task")
     missing = sorted(kind.__abstractmethods__)

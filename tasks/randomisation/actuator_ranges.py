@@ -15,7 +15,7 @@ import numpy.typing as npt
 import torch
 
 import simwarp as sw
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names
 from .uncertainty import Mode, Range
@@ -95,7 +95,7 @@ class ActuatorNumbers:
         known = self.actuators.names
         for part in spec.only:
             if part not in known:
-                raise InputError(f"randomise '{name}': there is no {shown(part)}{near_names(part, known)}")
+                raise InputError(f"randomise '{name}': there is no {formatted(part)}{near_names(part, known)}")
         acts = np.array([_acts(name, each) for each in self.actuators.specs], bool)
         mask = np.array([not spec.only or each in spec.only for each in known], bool)
         idle = [each for each, wanted, may in zip(known, mask, acts, strict=True) if wanted and not may]

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 import simwarp as sw
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names
 from .actuator_ranges import ARRAYS, ActuatorNumbers, of_actuators
@@ -115,7 +115,7 @@ def _chosen(name: str, spec: Range, model: Any, view: torch.Tensor) -> torch.Ten
     mask = torch.zeros(count, dtype=torch.bool)
     for part in spec.only:
         if part not in names:
-            raise InputError(f"randomise '{name}': there is no {shown(part)}{near_names(part, names)}")
+            raise InputError(f"randomise '{name}': there is no {formatted(part)}{near_names(part, names)}")
         mask[_entries(name, part, model)] = True
     return mask
 
@@ -261,4 +261,4 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
         if name in ARRAYS_OF_CENTRES and of_centres(ranges):
             raise InputError(f"randomise '{name}': it follows {next(iter(of_centres(ranges)))}; leave one of them out")
         if name not in known:
-            raise InputError(f"randomise: there is no model parameter {shown(name)}{near_names(name, known)}")
+            raise InputError(f"randomise: there is no model parameter {formatted(name)}{near_names(name, known)}")

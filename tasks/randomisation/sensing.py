@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..framework.argument_checks import check_room
 from ..framework.errors import InputError, near_names
@@ -32,7 +32,7 @@ class DelayLine:
         self.least, self.largest = bounds
         self.purpose = purpose
         shape = (self.largest + 1, *like.shape)
-        what = f"{purpose} up to {shown(self.largest)} steps: the last values of {like.shape[0]} worlds"
+        what = f"{purpose} up to {formatted(self.largest)} steps: the last values of {like.shape[0]} worlds"
         check_room(what, (1 + shape[0], *shape[1:]), like.dtype, like.device, "shorten the delay or take fewer worlds")
         self.values = torch.zeros(shape, dtype=like.dtype, device=like.device)
         """(D + 1, W, ...): the newest first."""
@@ -91,7 +91,7 @@ class Sensors:
         self._spread: dict[tuple[str, str], torch.Tensor] = {}
         for name, spec in sensing.items():
             if name not in groups:
-                raise InputError(f"sensing: there is no observation {shown(name)}{near_names(name, groups)}")
+                raise InputError(f"sensing: there is no observation {formatted(name)}{near_names(name, groups)}")
             group = groups[name]
             if spec.delay[1]:
                 self._lines[name] = DelayLine(group, spec.delay, f"delay of {name}", agents)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, TypeAlias
 
 from simwarp.core.constraints import As, Fraction, Ge, Le, MinLen, NotNegative, OneOrMany, Rule, RuleError, Whole
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 from ..framework.config_values import Settings
 from ..framework.errors import InputError
@@ -88,9 +88,9 @@ class Range(Settings):
             InputError: ``low`` is above ``high``, or a factor is negative.
         """
         if self.low > self.high:
-            raise InputError(f"bounds of a Range must be in order, low <= high, got {shown((self.low, self.high))}")
+            raise InputError(f"bounds of a Range must be in order, low <= high, got {formatted((self.low, self.high))}")
         if self.mode is Mode.SCALE and self.low < 0.0:
-            raise InputError(f"factor of a Range must be zero or positive, got {shown(self.low)}")
+            raise InputError(f"factor of a Range must be zero or positive, got {formatted(self.low)}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,7 +160,7 @@ class Curriculum(Settings):
         """
         if not self.first < self.last:
             rule = "whole numbers, 0 <= first < last"
-            raise InputError(f"iterations of a Curriculum must be {rule}, got {shown((self.first, self.last))}")
+            raise InputError(f"iterations of a Curriculum must be {rule}, got {formatted((self.first, self.last))}")
 
     def at_iteration(self, iteration: int) -> float:
         """Return the level of a training iteration, 0 to 1."""

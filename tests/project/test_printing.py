@@ -16,7 +16,7 @@ import simwarp as sw
 import simwarp.simulation.simulation as simulation_module
 from simwarp import actuators, sensors, vehicle
 from simwarp.core.readable import MOST_LINES, WIDEST, Readable, ReadableFields
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.geometry.assets import triangle_mesh
 from simwarp.model.identity import _surface_line
 from simwarp.train import default_config, find_policy, random_policy
@@ -256,7 +256,7 @@ def test_what_a_failed_construction_leaves_prints():
 
 def test_errors_name_the_class_and_not_the_table(things):
     for name in ("builder", "model", "simulation", "state", "task", "robot", "scene"):
-        text = shown(things[name])
+        text = formatted(things[name])
         assert text.split()[0] in ("a", "an")
         assert text.split()[1:] == [type(things[name]).__name__]
 

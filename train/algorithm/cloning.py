@@ -14,7 +14,7 @@ from torch import nn
 
 from simwarp.core.constraints import Count, Ge, Lt, Positive, Whole
 from simwarp.core.stopping import StopRequest
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import origin_of
@@ -71,7 +71,9 @@ def _groups(task: Task[Any], data: Trajectories) -> TensorDict:
     wanted = {name: f"{shapes[name]} {str(dtypes[name]).removeprefix('torch.')}" for name in shapes}
     found = {name: f"{array.shape[1:]} {array.dtype}" for name, array in data.observations.items()}
     if found != wanted:
-        raise InputError(f"the trajectories hold observations {shown(found)}; task '{task.name}' has {shown(wanted)}")
+        raise InputError(
+            f"the trajectories hold observations {formatted(found)}; task '{task.name}' has {formatted(wanted)}"
+        )
     tensors = {name: torch.from_numpy(array) for name, array in data.observations.items()}
     if data.actions.shape[1:] != (task.action_size,):
         raise InputError(

@@ -20,7 +20,7 @@ import torch
 from simwarp.core.files import parse_json
 from simwarp.core.readable import ReadableFields
 from simwarp.core.stopping import StopRequest
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
@@ -182,7 +182,7 @@ def load_trajectories(path: Path, task_name: str) -> Trajectories:
     if not isinstance(about, dict) or about.get("format") != FORMAT:
         raise InputError(f"{where}: 'about' names no format {FORMAT}; write some with `simwarp record {task_name}`")
     if about.get("task") != task_name:
-        raise InputError(f"{where} are of task {shown(about.get('task'))}, not '{task_name}'")
+        raise InputError(f"{where} are of task {formatted(about.get('task'))}, not '{task_name}'")
     if not isinstance(about.get("task_config"), dict):
         raise InputError(f"{where}: 'about' names no task_config, the configuration of the task")
     groups = {name.removeprefix(_PREFIX): array for name, array in arrays.items() if name.startswith(_PREFIX)}
@@ -191,7 +191,7 @@ def load_trajectories(path: Path, task_name: str) -> Trajectories:
     columns = {name: _column(arrays, name, where) for name in _COLUMNS}
     lengths = {name: len(array) if array.ndim else 0 for name, array in (columns | groups).items()}
     if set(lengths.values()) != {len(columns["actions"])} or not len(columns["actions"]):
-        raise InputError(f"{where}: all columns must have as many rows, at least one, got {shown(lengths)}")
+        raise InputError(f"{where}: all columns must have as many rows, at least one, got {formatted(lengths)}")
     for name, array in (columns | groups).items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise InputError(f"{where} hold NaN or infinity in '{name}'; leave such episodes away")

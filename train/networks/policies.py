@@ -13,7 +13,7 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 
 from simwarp.core.readable import Readable
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, task_class
 from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.registry import task_word
@@ -120,10 +120,12 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
                 f"--checkpoint, which may be {' or '.join(UNTRAINED)}"
             )
     if content["task"] != task_name:
-        raise InputError(f"checkpoint {path} is of task {shown(content['task'])}, not '{task_name}'")
+        raise InputError(f"checkpoint {path} is of task {formatted(content['task'])}, not '{task_name}'")
     trained = content["task_config"].get("obs")
     if obs not in (None, trained):
-        raise InputError(f"checkpoint {path} was trained on {shown(trained)} observations, not {obs}: leave --obs away")
+        raise InputError(
+            f"checkpoint {path} was trained on {formatted(trained)} observations, not {obs}: leave --obs away"
+        )
     return PolicySource(path, content, origin if trained is None else f"{origin} (--obs {trained})")
 
 

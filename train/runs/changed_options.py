@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks import InputError, TaskConfig, config_from_plain
 from simwarp.tasks.framework.config_values import plain_value
 
@@ -45,7 +45,7 @@ def changed_options(before: Any, after: Any, option: str) -> list[str]:
 
 def _value(value: Any) -> str:
     plain = dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else value
-    return shown(plain if isinstance(plain, tuple) else plain_value(plain))
+    return formatted(plain if isinstance(plain, tuple) else plain_value(plain))
 
 
 def changed_options_error(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simwarp.core.files import DRAFT_PREFIX, FileError, check_output, output_error, read_json
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks import InputError
 
 from ..config import check_configs
@@ -258,7 +258,7 @@ def open_run(path: Path) -> RunFolder:
     """
     if not os.path.isdir(path):
         what = "is no folder" if os.path.lexists(path) else "does not exist"
-        raise InputError(f"run folder {path if len(str(path)) <= _LONGEST_SHOWN else shown(str(path))} {what}")
+        raise InputError(f"run folder {path if len(str(path)) <= _LONGEST_SHOWN else formatted(str(path))} {what}")
     folder = RunFolder(path)
     folder.load_config()
     return folder

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from rsl_rl.models import MLPModel
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks.framework.saved_state import check_like, check_names, state_mismatch
 
 
@@ -30,7 +30,7 @@ def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) ->
         for name, value in group.items():
             right = groups[index][name] > 0.0 if name == "lr" else groups[index][name] == value
             if not right:
-                rule = "positive" if name == "lr" else shown(value)
+                rule = "positive" if name == "lr" else formatted(value)
                 raise state_mismatch(f"{where}.param_groups[{index}].{name}", rule, groups[index][name])
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     if not isinstance(saved["state"], Mapping):

@@ -17,7 +17,7 @@ from simwarp.core.files import OutputError, output_error
 from simwarp.core.readable import ReadableFields
 from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import default_threads
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.tasks import InputError, Task, TaskConfig, config_to_plain, make, task_class
 from simwarp.tasks.framework.registry import origin_of
 
@@ -235,7 +235,9 @@ def _keep_breaks(trainer: Learner, folder: RunFolder) -> None:
 def _start_policy(path: Path, task_name: str) -> dict[str, Any]:
     path, content = read_policy(path)
     if content["task"] != task_name:
-        raise InputError(f"the policy to start from, {path}, is of task {shown(content['task'])}, not '{task_name}'")
+        raise InputError(
+            f"the policy to start from, {path}, is of task {formatted(content['task'])}, not '{task_name}'"
+        )
     check_configs(content, f"checkpoint {path}")
     return content
 
@@ -252,11 +254,11 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path,
     if not folder.checkpoint_files():
         saved = folder.load_config()["task"]
         if saved != task_name:
-            raise InputError(f"run {resume} is of task {shown(saved)}, not '{task_name}'")
+            raise InputError(f"run {resume} is of task {formatted(saved)}, not '{task_name}'")
         return None
     path, content = folder.load_latest()
     if content["task"] != task_name:
-        raise InputError(f"run {resume} is of task {shown(content['task'])}, not '{task_name}'")
+        raise InputError(f"run {resume} is of task {formatted(content['task'])}, not '{task_name}'")
     if "worlds" not in content:
         raise InputError(f"checkpoint {path} holds only a policy: it cannot be resumed")
     check_configs(content, f"checkpoint {path}")

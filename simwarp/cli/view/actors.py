@@ -9,7 +9,7 @@ from typing import Any
 from simwarp.cli import HELP, UsageError
 from simwarp.cli.options import option_value
 from simwarp.cli.policy_command import policy_defaults
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, task_class
 from simwarp.train.networks.policies import Policy, network_policy, random_policy, zero_policy
 
@@ -73,7 +73,7 @@ def _of_run(name: str, path: Path) -> Actor:
     folder = open_run(path)
     saved = folder.load_config()
     if saved["task"] != name:
-        raise InputError(f"run {path} is of task {shown(saved['task'])}, not '{name}'")
+        raise InputError(f"run {path} is of task {formatted(saved['task'])}, not '{name}'")
     config = task_config_from_plain(task_class(name), saved["task_config"], f"{path / CONFIG}: task_config")
     if not folder.checkpoint_files():
         return Actor("random actions until the run has a checkpoint", config, kind="random", run=path)

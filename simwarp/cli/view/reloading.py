@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.cli.view.task_subject import TaskLoop
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.tasks import InputError
 from simwarp.train.networks.policies import network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
@@ -96,10 +96,10 @@ class PolicyReload:
         """The policy of a checkpoint, if it is one for the task that is shown."""
         task = self._loop.task
         if content["task"] != task.name:
-            raise InputError(f"the checkpoint is of task {shown(content['task'])}, not '{task.name}'")
+            raise InputError(f"the checkpoint is of task {formatted(content['task'])}, not '{task.name}'")
         trained, own = content["task_config"].get("obs"), getattr(task.config, "obs", None)
         if own is not None and trained not in (None, own.value):
-            raise InputError(f"the checkpoint was trained on {shown(trained)} observations, not {own.value}")
+            raise InputError(f"the checkpoint was trained on {formatted(trained)} observations, not {own.value}")
         return network_policy(content, task)
 
     def _use(self, policy: Any, iteration: int) -> None:

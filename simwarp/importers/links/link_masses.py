@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, Pose, ShapeType, number, shown
+from simwarp.core.types import ModelError, Pose, ShapeType, formatted, number
 from simwarp.core.wording import nearest
 from simwarp.geometry.assets import MassProperties, convex_hull, hull_mass, shape_mass, solid_mass
 from simwarp.importers.links.link_frames import moved_mass, total_mass
@@ -38,7 +38,7 @@ class Densities:
             if not 0.0 < number(value) < np.inf:
                 raise ModelError(
                     f"{source}: density must be a number > 0 kg/m³, or one for each {what} by name, got "
-                    f"{shown(given)}; steel has 7850, aluminium 2700"
+                    f"{formatted(given)}; steel has 7850, aluminium 2700"
                 )
 
     def of(self, name: str) -> float:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.geometry.assets import convex_hull
 from simwarp.geometry.visual_mesh import VisualMesh
 
@@ -105,7 +105,9 @@ def collision_hulls(
         ModelError: the mesh encloses nothing, or no library for decomposition is installed.
     """
     if not isinstance(decompose, (bool, Mapping)):
-        raise ModelError(f"{thing}: decompose must be True, False or a dict of options, got {shown(decompose)}; choose")
+        raise ModelError(
+            f"{thing}: decompose must be True, False or a dict of options, got {formatted(decompose)}; choose"
+        )
     parts: list[Array] = [vertices]
     if decompose is not False:
         from simwarp.geometry.mesh_files import convex_parts  # trimesh takes a while to import

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, quat_from_matrix
-from simwarp.core.types import FLOAT32_MAX, ModelError, Pose, shown
+from simwarp.core.types import FLOAT32_MAX, ModelError, Pose, formatted
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import nearest
 from simwarp.importers.links.link_frames import scalar_first
@@ -153,12 +153,12 @@ class ScriptReader:
             case ast.Expr(value=ast.Call() as call):
                 self._value(call)
             case _:
-                raise _Unknown(f"a statement '{shown(ast.unparse(node).splitlines()[0])[1:-1]}'")
+                raise _Unknown(f"a statement '{formatted(ast.unparse(node).splitlines()[0])[1:-1]}'")
 
     def _set_entry(self, name: str, index: Any, value: Any) -> None:
         matrix = self.names.get(name)
         if not isinstance(matrix, Matrix) or index not in [(i, j) for i in range(3) for j in range(3)]:
-            raise _Unknown(f"an entry {shown(index)} of '{name}'")
+            raise _Unknown(f"an entry {formatted(index)} of '{name}'")
         matrix.entries[index] = _number(value)
 
     # ---- values -----------------------------------------------------------------------------------------------------
@@ -194,7 +194,7 @@ class ScriptReader:
             case ast.Call(func=ast.Attribute(value=owner, attr=method)):
                 return self._called(self._value(owner), method, self._arguments(node), node.lineno)
             case _:
-                raise _Unknown(f"a value '{shown(ast.unparse(node))[1:-1]}'")
+                raise _Unknown(f"a value '{formatted(ast.unparse(node))[1:-1]}'")
 
     def _arguments(self, call: ast.Call) -> list[Any]:
         if call.keywords:
@@ -235,16 +235,16 @@ class _Part:
 
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise _Unknown(f"{shown(value)} in place of a number")
+        raise _Unknown(f"{formatted(value)} in place of a number")
     if not math.isfinite(value) or abs(value) > FLOAT32_MAX:
-        raise _Unknown(f"the number {shown(value)}")
+        raise _Unknown(f"the number {formatted(value)}")
     return float(value)
 
 
 def _joined(left: Any, right: Any) -> Any:
     if isinstance(left, str) and isinstance(right, str):
         return left + right
-    raise _Unknown(f"a sum of {shown(left)} and {shown(right)}")
+    raise _Unknown(f"a sum of {formatted(left)} and {formatted(right)}")
 
 
 def _vector(values: list[Any]) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import frame_from_axis, matrix_of, rotate
-from simwarp.core.types import JointType, ModelError, Pose, shown
+from simwarp.core.types import JointType, ModelError, Pose, formatted
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import nearest
 from simwarp.importers.imported import Imported
@@ -79,7 +79,7 @@ def load_solidworks(
         ModelError: the file, one of its meshes or an argument is not usable; names the element.
     """
     if up not in UP:
-        raise ModelError(f"load_solidworks: up must be 'z' or 'y', got {shown(up)}; name the file's vertical axis")
+        raise ModelError(f"load_solidworks: up must be 'z' or 'y', got {formatted(up)}; name the file's vertical axis")
     file = source_file(path, "load_solidworks", (".py",))
     report = ImportReport(file.name, REFUSABLE, allow)
     choice = checked_self_collision(file.name, self_collision)
@@ -159,7 +159,7 @@ def _grounded(script: Script, link_of: Mapping[int, Link], base: str | None, sou
     if base is not None:
         names = [link.name for link in link_of.values()]
         if base not in names:
-            raise ModelError(f"{source}: base must be the name of a part, got {shown(base)}{nearest(base, names)}")
+            raise ModelError(f"{source}: base must be the name of a part, got {formatted(base)}{nearest(base, names)}")
         grounded += [link for link in link_of.values() if link.name == base and link not in grounded]
     return grounded
 

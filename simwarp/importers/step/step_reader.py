@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from simwarp.core.types import JointType, ModelError, Pose, ShapeType, shown
+from simwarp.core.types import JointType, ModelError, Pose, ShapeType, formatted
 from simwarp.core.wording import nearest
 from simwarp.geometry.assets import solid_mass
 from simwarp.importers.imported import Imported
@@ -155,12 +155,12 @@ def _named(parts: Sequence[MeshPart]) -> list[tuple[str, MeshPart]]:
 
 def _welds(source: str, links: Sequence[Link], fixed: Collection[str]) -> list[LinkJoint]:
     if isinstance(fixed, str):
-        raise ModelError(f"{source}: fixed must be a list of names, got {shown(fixed)}; write [{shown(fixed)}]")
+        raise ModelError(f"{source}: fixed must be a list of names, got {formatted(fixed)}; write [{formatted(fixed)}]")
     names = {link.name: link for link in links}
     for name in fixed:
         if name not in names:
             hint = f"{nearest(name, names)}; known: {', '.join(names)}"
-            raise ModelError(f"{source}: fixed must name parts, got {shown(name)}{hint}")
+            raise ModelError(f"{source}: fixed must name parts, got {formatted(name)}{hint}")
     return [
         LinkJoint(
             name=f"{name}_world", kind=JointType.FIXED, parent=None, child=name, anchor=names[name].pose.position

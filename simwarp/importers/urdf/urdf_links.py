@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, Pose, ShapeType, shown
+from simwarp.core.types import ModelError, Pose, ShapeType, formatted
 from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import MassProperties
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
@@ -188,7 +188,7 @@ class LinkReader:
 
     def _refuse_mesh(self, link: str, mesh: Any, error: ModelError) -> None:
         # the file is named once, and those of one reason together
-        reason = str(error).removeprefix(f"file {shown(mesh.filename)}: ")
+        reason = str(error).removeprefix(f"file {formatted(mesh.filename)}: ")
         self._report.refuse("mesh", f"{link}: {mesh.filename}", reason)
 
     def _primitive(self, key: tuple[str, str, int], geometry: Any) -> tuple[ShapeType | None, Size]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final, NamedTuple
 
-from simwarp.core.types import FLOAT32_MAX, ModelError, shown
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted
 from simwarp.core.wording import nearest
 from simwarp.importers.report import ImportReport
 
@@ -115,7 +115,7 @@ def _check_expanded(root: Any, source: str) -> None:
         for text in texts:
             if text and (text == told or "$(" in text or "${" in text):
                 raise ModelError(
-                    f"{source}: values must be written out, got unexpanded xacro {shown(text.strip())} in "
+                    f"{source}: values must be written out, got unexpanded xacro {formatted(text.strip())} in "
                     f"<{_plain(element)}>; run: pip install xacrodoc, then: xacrodoc robot.urdf.xacro -o robot.urdf"
                 )
 
@@ -193,6 +193,6 @@ def _check_numbers(where: str, name: str, text: str, count: int, not_negative: b
     counts = (1, 3) if count == -1 else (count,)
     if len(values) not in counts or not all(math.isfinite(value) and abs(value) <= FLOAT32_MAX for value in values):
         wanted = "one or three finite numbers" if count == -1 else f"{count} finite number{'s' * (count > 1)}"
-        raise ModelError(f"{where}: {name} must be {wanted}, got {shown(text)}; write numbers with spaces between")
+        raise ModelError(f"{where}: {name} must be {wanted}, got {formatted(text)}; write numbers with spaces between")
     if not_negative and min(values) < 0.0:
-        raise ModelError(f"{where}: {name} must not be negative, got {shown(text)}; check its sign")
+        raise ModelError(f"{where}: {name} must not be negative, got {formatted(text)}; check its sign")

@@ -13,7 +13,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, Pose, shown
+from simwarp.core.types import ModelError, Pose, formatted
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_masses import Densities
 from simwarp.importers.links.link_tree import Assembled, assemble, massless_heads, unchanged_on_error
@@ -118,8 +118,8 @@ def _checked_file(path: str | Path, base: Any) -> Path:
     """The file, where it and the base are usable."""
     if base not in ("fixed", "floating"):
         raise ModelError(
-            f"load_urdf: base must be 'fixed' or 'floating', got {shown(base)}; a URDF does not tell whether its root "
-            "link is welded to the world"
+            f"load_urdf: base must be 'fixed' or 'floating', got {formatted(base)}; a URDF does not tell "
+            "whether its root link is welded to the world"
         )
     name = Path(path).name if isinstance(path, (str, os.PathLike)) else "URDF"
     if name.endswith(".xacro"):

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
 from simwarp.geometry.visual_mesh import Image, VisualMesh, linear_from_srgb
 from simwarp.model.checks import positive_number
 from simwarp.sensors.cameras.appearance_kernels import AppearanceArrays, TextureKind
@@ -94,7 +94,7 @@ class AppearanceList:
         if not known:
             raise ModelError(
                 "texture: must be an ImageTexture, CheckerTexture or NoiseTexture, "
-                f"got {shown(texture)}; make one of them"
+                f"got {formatted(texture)}; make one of them"
             )
         if texture not in self._given:
             self._given[texture] = len(self._textures)
@@ -184,12 +184,12 @@ def _entry(texture: Texture) -> _Entry:
     name = type(texture).__name__
     if len(texture.colors) != 2:
         raise ModelError(
-            f"{name}: colors must be two colours, got {shown(texture.colors)}; pass ((r, g, b), (r, g, b))"
+            f"{name}: colors must be two colours, got {formatted(texture.colors)}; pass ((r, g, b), (r, g, b))"
         )
     for color in texture.colors:
         values = finite_vector(name, "colors", color, 3)
         if values.min() < 0.0 or values.max() > 1.0:
-            raise ModelError(f"{name}: colors must be between 0 and 1, got {shown(color)}; they are linear albedos")
+            raise ModelError(f"{name}: colors must be between 0 and 1, got {formatted(color)}; they are linear albedos")
     side = positive_number(name, "metres", texture.metres, "m", "give the side of a square or patch")
     kind = TextureKind.CHECKER if isinstance(texture, CheckerTexture) else TextureKind.NOISE
     return _Entry(kind, None, (side, side), texture.colors)
@@ -199,7 +199,7 @@ def _extent(metres: Extent) -> tuple[float, float]:
     values = (metres, metres) if isinstance(metres, (int, float)) else tuple(metres)
     if len(values) != 2:
         raise ModelError(
-            f"ImageTexture: metres must be one or two lengths, got {shown(metres)}; pass (along x, along y)"
+            f"ImageTexture: metres must be one or two lengths, got {formatted(metres)}; pass (along x, along y)"
         )
     x, y = (positive_number("ImageTexture", "metres", value, "m", "pass what one repeat covers") for value in values)
     return x, y

@@ -12,7 +12,7 @@ import warp as wp
 
 from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
 from simwarp.core.rotation import quat_from_matrix
-from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
+from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, formatted, pose
 from simwarp.sensors.cameras.image_kernels import Camera as CameraNumbers
 from simwarp.sensors.cameras.image_kernels import Outputs, Views, aim_views, render
 from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
@@ -193,7 +193,7 @@ def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:
     place = finite_vector("look_at", "eye", eye, 3)
     way = finite_vector("look_at", "target", target, 3) - place
     if float(np.linalg.norm(way)) < 1e-9:
-        raise ModelError(f"look_at: eye and target must be apart, got {shown(eye)} for both; move one")
+        raise ModelError(f"look_at: eye and target must be apart, got {formatted(eye)} for both; move one")
     forward = way / np.linalg.norm(way)
     left = np.cross(finite_vector("look_at", "up", up, 3), forward)
     if float(np.linalg.norm(left)) < 1e-9:  # straight up or down: the image's upper side is X
@@ -212,7 +212,7 @@ def camera_numbers(config: CameraConfig) -> CameraNumbers:
     if not near < far:
         raise ModelError(f"{thing}: 0 <= near < far must hold, got near={near:g}, far={far:g} m; swap them")
     if isinstance(config.lens, type) or not (hasattr(config.lens, "numbers") and hasattr(config.lens, "points")):
-        found = shown(config.lens)
+        found = formatted(config.lens)
         raise ModelError(f"{thing}: lens must be a lens, got {found}; write Pinhole(fov=1.0), FishEye or Radial")
     numbers = CameraNumbers()
     numbers.width, numbers.height = config.width, config.height
@@ -242,7 +242,7 @@ def lights_of(lights: Lights | Lighting | None, scene: Scene, per_world: Iterabl
     """
     if lights is not None and not isinstance(lights, (Lights, Lighting)):
         raise ModelError(
-            f"camera: lights must be Lights or a Lighting, got {shown(lights)}; write Lighting(suns=[Sun(...)])"
+            f"camera: lights must be Lights or a Lighting, got {formatted(lights)}; write Lighting(suns=[Sun(...)])"
         )
     if isinstance(lights, Lights):
         lights.check(scene.model)

@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Fraction, Meaning, NotNegative, Positive
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.sensors.cameras.image_processing_kernels import RESPONSE_STEPS, ImagingArrays
 from simwarp.sensors.interface import Configuration, wanted_arrays
 
@@ -71,7 +71,9 @@ class ImageProcessing:
 
     def __init__(self, imaging: Imaging, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
         if not isinstance(imaging, Imaging):
-            raise ModelError(f"camera: imaging must be an Imaging, got {shown(imaging)}; write Imaging(exposure=...)")
+            raise ModelError(
+                f"camera: imaging must be an Imaging, got {formatted(imaging)}; write Imaging(exposure=...)"
+            )
         wanted = wanted_arrays("camera", per_world, PER_WORLD)
         place = np.arange(RESPONSE_STEPS + 1) / RESPONSE_STEPS
         self.arrays = ImagingArrays()

@@ -13,7 +13,7 @@ import warp as wp
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.rotation import unit_vector
-from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
 from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.cameras.shade_kernels import LightArrays
@@ -127,11 +127,11 @@ class Lights(Readable):
 
     def __init__(self, lighting: Lighting, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
         if not isinstance(lighting, Lighting):
-            raise ModelError(f"lights: lighting must be a Lighting, got {shown(lighting)}; write Lighting(...)")
+            raise ModelError(f"lights: lighting must be a Lighting, got {formatted(lighting)}; write Lighting(...)")
         whole = isinstance(world_count, (int, np.integer)) and not isinstance(world_count, bool)
         if not whole or world_count < 1:
             raise ModelError(
-                f"lights: world_count must be an integer >= 1, got {shown(world_count)}; pass model.world_count"
+                f"lights: world_count must be an integer >= 1, got {formatted(world_count)}; pass model.world_count"
             )
         wanted = wanted_arrays("lights", per_world, PER_WORLD)
         self.arrays = LightArrays()
@@ -174,7 +174,7 @@ def _values(lighting: Lighting) -> dict[str, tuple[npt.NDArray[Any], Any]]:
         given = getattr(lighting, field)
         if not isinstance(given, (list, tuple)) or not all(isinstance(each, kind) for each in given):
             raise ModelError(
-                f"Lighting: {field} must be a list of {kind.__name__}, got {shown(given)}; "
+                f"Lighting: {field} must be a list of {kind.__name__}, got {formatted(given)}; "
                 f"write {field}=[{kind.__name__}(...)]"
             )
     fog = lighting.horizon if lighting.fog is None else lighting.fog
@@ -208,5 +208,5 @@ def checked_color(thing: str, field: str, color: Color) -> npt.NDArray[np.float3
     """
     values = finite_vector(thing, field, (color,) * 3 if isinstance(color, (int, float)) else color, 3)
     if values.min() < 0.0:
-        raise ModelError(f"{thing}: {field} must be >= 0, got {shown(color)}; 1 is white")
+        raise ModelError(f"{thing}: {field} must be >= 0, got {formatted(color)}; 1 is white")
     return values.astype(np.float32)

@@ -13,7 +13,7 @@ import warp as wp
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Direction, Rule, RuleError
 from simwarp.core.rotation import unit_vector
-from simwarp.core.types import JointType, ModelError, RowKind, numbers, shown
+from simwarp.core.types import JointType, ModelError, RowKind, formatted, numbers
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
@@ -312,7 +312,7 @@ def _listed(sensor: str, coordinates: Any) -> list[Any]:
     if isinstance(coordinates, (list, tuple, np.ndarray)) and np.ndim(coordinates) == 1:
         return list(coordinates)
     raise ModelError(
-        f"sensor '{sensor}': coordinates must be joints by name or columns of joint_q, got {shown(coordinates)}; "
+        f"sensor '{sensor}': coordinates must be joints by name or columns of joint_q, got {formatted(coordinates)}; "
         "an encoder sits on a joint: pass its name"
     )
 
@@ -335,7 +335,7 @@ def _column(sensor: str, item: Any, model: Model) -> int:
     if not usable or not 0 <= item < model.dof_count:
         raise ModelError(
             f"sensor '{sensor}': a coordinate must be the name of a joint or a column below {model.dof_count}, "
-            f"got {shown(item)}; take model.dof(name)"
+            f"got {formatted(item)}; take model.dof(name)"
         )
     return int(item)
 

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import Meaning, NotNegative
-from simwarp.core.types import WORLD, ModelError, Quat, pose, shown
+from simwarp.core.types import WORLD, ModelError, Quat, formatted, pose
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config
@@ -91,7 +91,7 @@ class ContactSensor(VectorSensor):
         self._body = body_index(name, mount.body, model)
         if self._body == WORLD or not (model.topology.shape_body.numpy() == self._body).any():
             raise ModelError(
-                f"sensor '{name}': body must have a shape, got {shown(mount.body)}; add one with add_shape_..."
+                f"sensor '{name}': body must have a shape, got {formatted(mount.body)}; add one with add_shape_..."
             )
 
     @property
@@ -209,7 +209,7 @@ def _joint_index(sensor: str, joint: str | int, model: Model) -> int:
             raise ModelError(f"sensor '{sensor}': {error}") from None
     if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint < model.joint_count:
         raise ModelError(
-            f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {shown(joint)}; "
+            f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {formatted(joint)}; "
             "take what add_joint_... returned"
         )
     return int(joint)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import Ge, Le, Meaning
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
@@ -79,7 +79,7 @@ class GpsConfig(Configuration):
         if self.earth == "sphere" and abs(self.origin.latitude) > 89.0:
             raise ModelError(
                 "GpsConfig: earth 'sphere' needs an origin whose latitude is within 89 degrees, "
-                f"got {shown(self.origin.latitude)}; use 'wgs84'"
+                f"got {formatted(self.origin.latitude)}; use 'wgs84'"
             )
 
 
@@ -90,7 +90,7 @@ def geo_frame(origin: GeoOrigin, spherical: bool = False) -> GeoFrame:
         ModelError: it is none.
     """
     if not isinstance(origin, GeoOrigin):
-        raise ModelError(f"origin must be a GeoOrigin, got {shown(origin)}; write GeoOrigin(latitude=..., ...)")
+        raise ModelError(f"origin must be a GeoOrigin, got {formatted(origin)}; write GeoOrigin(latitude=..., ...)")
     frame = GeoFrame()
     frame.spherical = int(spherical)
     latitude, longitude = math.radians(origin.latitude), math.radians(origin.longitude)

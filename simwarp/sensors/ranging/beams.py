@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from simwarp.core.constraints import Ge, Le, Meaning, MinLen, Read
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, numbers
 from simwarp.sensors.interface import Configuration
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -87,8 +87,8 @@ def check_beam_count(thing: str, columns: int, rows: int) -> None:
     """Refuses more beams than `MOST_BEAMS`, before they are made."""
     if int(columns) * int(rows) > MOST_BEAMS:
         raise ModelError(
-            f"{thing}: columns x rows must be at most {MOST_BEAMS} beams, got {shown(columns)} x {shown(rows)}; "
-            "use fewer"
+            f"{thing}: columns x rows must be at most {MOST_BEAMS} beams, got {formatted(columns)} x "
+            f"{formatted(rows)}; use fewer"
         )
 
 
@@ -113,14 +113,16 @@ def beam_grid(
     """
     for name, count in (("columns", columns), ("rows", rows)):
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-            raise ModelError(f"beam_grid: {name} must be an integer >= 1, got {shown(count)}; pass the number of beams")
+            raise ModelError(
+                f"beam_grid: {name} must be an integer >= 1, got {formatted(count)}; pass the number of beams"
+            )
     check_beam_count("beam_grid", columns, rows)
     ends = _angles("azimuth", azimuth)
     heights = _angles("elevation", elevation)
     if ends.shape != (2,) or heights.shape != (2,):
         raise ModelError(
-            f"beam_grid: azimuth and elevation must be (first, last), got {shown(azimuth)}, {shown(elevation)}; "
-            "pass two angles each"
+            f"beam_grid: azimuth and elevation must be (first, last), got {formatted(azimuth)}, "
+            f"{formatted(elevation)}; pass two angles each"
         )
     span = float(ends[1] - ends[0])
     if abs(span) > FULL_TURN + 2.0 * ROUNDED:
@@ -227,14 +229,14 @@ def _angles(name: str, values: Any) -> Array:
     """A table of angles as float64, or a ModelError."""
     table = numbers(values)
     if table.ndim == 0 and not np.isfinite(table):
-        raise ModelError(f"BeamTable: {name} must be a table of angles [rad], got {shown(values)}; pass numbers")
+        raise ModelError(f"BeamTable: {name} must be a table of angles [rad], got {formatted(values)}; pass numbers")
     if table.ndim not in (1, 2) or table.size == 0:
         raise ModelError(
             f"BeamTable: {name} must hold at least one angle in one or two dimensions, got shape {table.shape}; "
             "pass (columns,) azimuths and (rows,) elevations"
         )
     if not np.isfinite(table).all() or np.abs(table).max() > FLOAT32_MAX:
-        raise ModelError(f"BeamTable: {name} must be finite [rad], got {shown(values)}; check the angles")
+        raise ModelError(f"BeamTable: {name} must be finite [rad], got {formatted(values)}; check the angles")
     table.setflags(write=False)
     return table
 

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
@@ -208,7 +208,7 @@ class Lidar(FrameSensor):
     def _output(self, name: str) -> wp.array:
         if name not in self.config.outputs:
             raise ModelError(
-                f"lidar '{self.name}': '{name}' is not among its outputs {shown(self.config.outputs)}; "
+                f"lidar '{self.name}': '{name}' is not among its outputs {formatted(self.config.outputs)}; "
                 "add it to LidarConfig.outputs"
             )
         return self.frames.data[name]

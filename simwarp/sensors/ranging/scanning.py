@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Fraction, MinLen, NotNegative
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.sensors.clock import FrameBuffer
 from simwarp.sensors.motion.mount_motion_kernels import MountArrays
@@ -28,13 +28,13 @@ Share: TypeAlias = Fraction | Annotated[tuple[Fraction, ...], MinLen(1)]
 def check_reach(thing: str, near: float, far: float) -> None:
     """A ModelError unless near is below far."""
     if not near < far:
-        raise ModelError(f"{thing}: near must be below far = {shown(far)} m, got {shown(near)}; use 0 for none")
+        raise ModelError(f"{thing}: near must be below far = {formatted(far)} m, got {formatted(near)}; use 0 for none")
 
 
 def scene_model(sensor: str, scene: Any) -> Model:
     """The model of what should be a Scene, or a ModelError."""
     if not isinstance(scene, Scene):
-        raise ModelError(f"{sensor}: scene must be a Scene, got {shown(scene)}; write visuals.finalize(model)")
+        raise ModelError(f"{sensor}: scene must be a Scene, got {formatted(scene)}; write visuals.finalize(model)")
     return scene.model
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drawbar_kernels import Carriage, DrawbarState, pull_carriage
 from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
@@ -44,9 +44,9 @@ class DrawbarSpec(ReadableFields):
     def __post_init__(self) -> None:
         for name in ("speed", "ramp", "sweep"):
             if not getattr(self, name) > 0.0:
-                raise SpecError(f"{name}: must be a positive number, got {shown(getattr(self, name))}")
+                raise SpecError(f"{name}: must be a positive number, got {formatted(getattr(self, name))}")
         if not all(-1.0 < slip < 1.0 for slip in self.slips):
-            raise SpecError(f"slips: must be between -1 and 1, got {shown(self.slips)}")
+            raise SpecError(f"slips: must be between -1 and 1, got {formatted(self.slips)}")
 
 
 LOCKED: Final = 1.0e5

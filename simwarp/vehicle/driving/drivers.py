@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.core.wording import nearest
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drivers_kernels import Script, run_script
@@ -53,7 +53,7 @@ class ScriptSpec(ReadableFields):
             points = getattr(self, name)
             times = [time for time, _ in points]
             if not points or times != sorted(times):
-                raise SpecError(f"{name}: must be (time, value) points in order, got {shown(points)}")
+                raise SpecError(f"{name}: must be (time, value) points in order, got {formatted(points)}")
 
 
 TIMES = ("t_s", "time", "t")
@@ -81,7 +81,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
     for name in run.columns:
         channel = "time" if name in TIMES else SCRIPT_COLUMNS.get(name)
         if channel in names:
-            raise SpecError(f"{path}: column {shown(name)}: the same as {names[channel]!r}; leave out one of them")
+            raise SpecError(f"{path}: column {formatted(name)}: the same as {names[channel]!r}; leave out one of them")
         if channel is not None:
             names[channel] = name
     if "time" not in names:
@@ -92,7 +92,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
     for name in run.columns:
         if name not in known:
             listed = f"{', '.join((*TIMES, *SCRIPT_COLUMNS))} and those of a record"
-            raise SpecError(f"{path}: column {shown(name)}: unknown{nearest(name, known)}; known: {listed}")
+            raise SpecError(f"{path}: column {formatted(name)}: unknown{nearest(name, known)}; known: {listed}")
     time = run[names["time"]]
     _check_times(path, names["time"], time)
     channels: dict[str, Any] = {}

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.vehicle.paths_kernels import PathTables
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
@@ -185,7 +185,7 @@ def read_path(file: str | FilePath, *, closed: bool = False, spacing: float = SP
     lines = [line.split() for line in read_text(name).splitlines() if line.strip()]
     if not lines or len(lines[0]) != 2 or not re.fullmatch("[0-9]{1,9}", lines[0][0]) or lines[0][1] not in ("3", "9"):
         first = " ".join(lines[0]) if lines else ""
-        raise SpecError(f"{name}: line 1 must be the number of points and 3 or 9, got {shown(first)}")
+        raise SpecError(f"{name}: line 1 must be the number of points and 3 or 9, got {formatted(first)}")
     count, width = int(lines[0][0]), int(lines[0][1])
     if count < 2 or len(lines) - 1 < count:
         raise SpecError(f"{name}: must hold {count} points (two or more), found {len(lines) - 1}")
@@ -198,7 +198,7 @@ def read_path(file: str | FilePath, *, closed: bool = False, spacing: float = SP
             if not np.abs(rows[index]).max() <= FARTHEST:
                 raise ValueError
         except ValueError:
-            got = shown(" ".join(words))
+            got = formatted(" ".join(words))
             raise SpecError(f"{name}: point {index + 1} must be {width} numbers [m], got {got}") from None
     if width == 3:
         return smooth(rows[:, :2], closed=closed, spacing=spacing)

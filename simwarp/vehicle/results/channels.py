@@ -18,7 +18,7 @@ import warp as wp
 
 from simwarp.core.files import replacing
 from simwarp.core.readable import Readable, ReadableFields, plural
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
@@ -147,7 +147,7 @@ def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[f
         try:
             found.append(float(cell))
         except ValueError:
-            rule = f"a table of numbers with a header, got {shown(cell)} in column {shown(name)}"
+            rule = f"a table of numbers with a header, got {formatted(cell)} in column {formatted(name)}"
             raise SpecError(f"{path}: line {line}: must be {rule}") from None
     return found
 
@@ -182,7 +182,7 @@ class Run(ReadableFields):
         header = [name.strip() for name in lines[0][1]]
         twice = next((name for name, count in Counter(header).items() if count > 1), None)
         if twice is not None:
-            raise SpecError(f"{path}: column {shown(twice)}: given twice; give it once")
+            raise SpecError(f"{path}: column {formatted(twice)}: given twice; give it once")
         data = np.array([_numbers(path, number, row, header) for number, row in lines[1:]])
         return Run({name: data[:, index] for index, name in enumerate(header)})
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from simwarp.core.constraints import COINCIDENT, Curve, Inertia, NotNegative, Point, Positive, Products
 from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Schema
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Vec3: TypeAlias = tuple[float, float, float]
@@ -39,7 +39,7 @@ class SpecError(ValueError):
 
 def refuse(key: str, rule: str, value: object, remedy: str = "") -> SpecError:
     """The error for the value of a key."""
-    return SpecError(f"{key}: must be {rule}, got {shown(value)}" + (f"; {remedy}" if remedy else ""))
+    return SpecError(f"{key}: must be {rule}, got {formatted(value)}" + (f"; {remedy}" if remedy else ""))
 
 
 UNITS: Final = {

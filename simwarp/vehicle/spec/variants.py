@@ -11,7 +11,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.core.wording import nearest
 from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, read_value
 from simwarp.vehicle.spec.vehicle_spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
@@ -49,7 +49,7 @@ def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
     known = option_names(spec.name, kind)
     if option not in known:
         listed = ", ".join(known) if known else "none shipped; give the path of a .json file"
-        raise SpecError(f"{spec.name}: unknown {kind} {shown(option)}{nearest(option, known)}; known: {listed}")
+        raise SpecError(f"{spec.name}: unknown {kind} {formatted(option)}{nearest(option, known)}; known: {listed}")
     folder = folder_of(spec.name, kind)
     return folder / side / f"{option}.json" if (folder / "front").is_dir() else folder / f"{option}.json"
 

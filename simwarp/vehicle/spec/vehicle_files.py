@@ -14,7 +14,7 @@ from typing import Any, Final, TypeVar
 
 from simwarp.core import files
 from simwarp.core.schema import Fault, Keys, Place
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.core.wording import nearest, shortened
 from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
@@ -45,7 +45,7 @@ def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
     if isinstance(path_or_name, str) and not text.endswith(".json") and "/" not in text and "\\" not in text:
         names = vehicle_names()
         if text not in names:
-            raise SpecError(f"vehicle {shown(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
+            raise SpecError(f"vehicle {formatted(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
         path_or_name = DATA / f"{text}.json"
     return read_spec(VehicleSpec, path_or_name)
 
@@ -124,15 +124,15 @@ class Source:
     ) -> tuple[Path, tuple[Path, ...]]:  # fmt: skip
         """The file that a value names, and the chain of files that led there."""
         if not isinstance(name, str):
-            raise self._error(keys, f"must be the path of a file, got {shown(name)}")
+            raise self._error(keys, f"must be the path of a file, got {formatted(name)}")
         beside = path.parent / name
         try:
             resolved = files.check_input(beside).resolve()
         except files.FileError as error:
-            rule = f"must be a file beside {path.name}, found none at {shown(name)}: {error.reason}"
+            rule = f"must be a file beside {path.name}, found none at {formatted(name)}: {error.reason}"
             raise self._error(keys, rule) from None
         if resolved in chain:
-            raise self._error(keys, f"must not lead back to a file that led here, got {shown(name)}")
+            raise self._error(keys, f"must not lead back to a file that led here, got {formatted(name)}")
         self._opened += 1
         if self._opened > MOST_FILES:
             raise self._error(keys, f"must not lead to more than {MOST_FILES} files in all; write values out")

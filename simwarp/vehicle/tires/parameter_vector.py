@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.core.wording import nearest, shortened
 from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
@@ -264,7 +264,7 @@ def _vector(tire: Tire) -> ParameterVector:
     if tire.template not in MODELS:
         names = (*MODELS, RIGID)
         near = nearest(tire.template, names)
-        raise SpecError(f"template: must be one of {', '.join(names)}, got {shown(tire.template)}{near}")
+        raise SpecError(f"template: must be one of {', '.join(names)}, got {formatted(tire.template)}{near}")
     model = MODELS[tire.template]
     parts: tuple[type[Spec], ...] = (CommonParameters, *model.parts)
     keys = [{field.name for field in dataclasses.fields(part)} for part in parts]

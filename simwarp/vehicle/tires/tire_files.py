@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.vehicle.spec.parts import LARGEST, SpecError
 
 TEXT_BEGINS = ("'", '"', "{", "(")
@@ -45,7 +45,7 @@ def parse_tir(text: str, name: str) -> TirValues:
         key, equals, value = (part.strip() for part in line.partition("="))
         if not equals or not key or len(key.split()) > 1:
             rule = "must be KEY = value, a [SECTION], a row of numbers or a comment after $"
-            raise SpecError(f"{name}: line {number}: {rule}, got {shown(line)}")
+            raise SpecError(f"{name}: line {number}: {rule}, got {formatted(line)}")
         values.lines[key] = number
         values[key] = value[1:-1] if value.startswith(("'", '"')) else _number(values, key, value)
     if not values:
@@ -69,7 +69,7 @@ def _number(values: TirValues, key: str, text: str) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise values.error(key, f"must be a number or quoted text, got {shown(text)}") from None
+        raise values.error(key, f"must be a number or quoted text, got {formatted(text)}") from None
     if not math.isfinite(number):
         raise values.error(key, f"must be a finite number, got {text[:60]}")
     if abs(number) > LARGEST:

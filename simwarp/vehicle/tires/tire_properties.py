@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector
 from simwarp.vehicle.tires.parameter_vector_kernels import PAC02_SIZE, Common, Pac02
@@ -22,17 +22,17 @@ def check_file(tire: Tire, tir: dict[str, float | str]) -> None:
     """Format, units, the needed keys, and the radius."""
     name = tir.get("PROPERTY_FILE_FORMAT", FORMATS[0])
     if str(name).strip().upper() not in FORMATS:
-        rule = f"must be {FORMATS[0]!r}, got {shown(name)}"
+        rule = f"must be {FORMATS[0]!r}, got {formatted(name)}"
         raise SpecError(f"tir.PROPERTY_FILE_FORMAT: {rule}; coefficients of other formulas are not read")
     for key, names in UNITS.items():
         if key in tir and str(tir[key]).strip().lower() not in names:
-            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {shown(tir[key])}; convert the file to SI units")
+            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {formatted(tir[key])}; convert the file to SI units")
     for key in NEEDED:
         if key not in tir:
             raise SpecError(f"tir.{key}: missing; a Pacejka 2002 tire needs {', '.join(NEEDED)}")
     for key in POSITIVE:
         if not number(tir, key, 1.0) > 0.0:
-            raise SpecError(f"tir.{key}: must be positive, got {shown(tir[key])}")
+            raise SpecError(f"tir.{key}: must be positive, got {formatted(tir[key])}")
     radius = number(tir, "UNLOADED_RADIUS", tire.radius)
     if abs(radius - tire.radius) > 0.02 * radius:
         raise SpecError(f"tir.UNLOADED_RADIUS: must be the tire's radius {tire.radius} m within 2 %, got {radius!r}")
@@ -42,7 +42,7 @@ def number(tir: dict[str, float | str], key: str, default: float) -> float:
     """The value of a key."""
     value = tir.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SpecError(f"tir.{key}: must be a number, got {shown(value)}")
+        raise SpecError(f"tir.{key}: must be a number, got {formatted(value)}")
     return float(value)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import WORLD, ModelError, shown
+from simwarp.core.types import WORLD, ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.viewer.live.hand_kernels import Grip, let_go, pull
@@ -94,7 +94,7 @@ class Hand(ForceElement):
         if not 0 <= world < model.world_count or not 0 <= body < model.body_count:
             raise ModelError(
                 f"Hand: world and body must be below {model.world_count} and {model.body_count}, got "
-                f"{shown(world)} and {shown(body)}; name a body of the model"
+                f"{formatted(world)} and {formatted(body)}; name a body of the model"
             )
         self.hold = Hold(int(world), int(body), np.asarray(grab, np.float64).reshape(3))
         law = self._law(self.hold)

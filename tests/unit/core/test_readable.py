@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simwarp.core.readable import MOST_LINES, WIDEST, Names, Readable, ReadableFields, bytes_text, plural
-from simwarp.core.types import shown
+from simwarp.core.types import formatted
 
 
 class Box(Readable):
@@ -86,8 +86,8 @@ def test_an_object_that_is_not_whole_prints_its_class():
 
 
 def test_errors_still_call_it_by_its_class():
-    assert shown(Box(": 1 thing")) == "a Box"
-    assert shown([Box()]) == "[a Box]"
+    assert formatted(Box(": 1 thing")) == "a Box"
+    assert formatted([Box()]) == "[a Box]"
 
 
 def test_few_fields_print_as_those_of_any_dataclass():
