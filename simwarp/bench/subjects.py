@@ -117,7 +117,7 @@ def _beside(measure: Callable[..., Row], name: str, worlds: int, device: str, dt
 
 
 def _check_choices(name: str, chosen: Choices) -> None:
-    """Refuses what is chosen for a subject that has no such choice."""
+    """Refuses options that the subject does not have."""
     for option, given in (("--vehicles", chosen.vehicles), ("--soil", chosen.soil)):
         if given is not None and name not in CONVOYS:
             raise UsageError(f"{option} is of convoys ({', '.join(CONVOYS)}), and '{name}' is none; leave it away")

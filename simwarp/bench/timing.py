@@ -31,7 +31,7 @@ class Steppable(Protocol):
         """Back to the start of the motion."""
 
     def wait(self) -> None:
-        """Until the device has done everything asked of it."""
+        """Waits until the device has finished all work."""
 
 
 @dataclasses.dataclass(frozen=True)

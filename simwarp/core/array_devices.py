@@ -2,7 +2,7 @@
 
 A kernel takes the addresses of its arrays as they are: one of another device is a segmentation fault on a CPU and ends
 all work on a GPU. So what a user hands in passes through here. Calls between steps move it, as they move NumPy's.
-What is called in every step refuses it: a move allocates and waits, and nobody would see why a step takes so long.
+Functions of every step refuse such arrays: a move allocates and waits, and would slow the step down unnoticed.
 """
 
 from __future__ import annotations

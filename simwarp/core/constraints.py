@@ -1,4 +1,4 @@
-"""What the fields of a configuration may be, said in their types: `mass: Positive`, `share: Fraction`.
+"""Types that bound the fields of a configuration: `mass: Positive`, `share: Fraction`.
 
 `simwarp.core.schema` holds values to them, from files and in Python, and writes them into JSON Schemas. Bounds are
 those of `annotated_types`. Nothing here loads pydantic.
@@ -85,7 +85,7 @@ class Meaning:
 
 
 class Tagged:
-    """One of several classes, told by a key of the object: a `Literal` field of that name with a default."""
+    """One of several classes, chosen by a key of the object: a `Literal` field of that name with a default."""
 
     def __init__(self, key: str) -> None:
         self.key = key

@@ -58,7 +58,7 @@ class FileError(ValueError):
 
 
 class OutputError(RuntimeError):
-    """The disk did not take what was written; what stood there before is unharmed."""
+    """Writing to the disk failed; the earlier file is unchanged."""
 
 
 # ---- writing ---------------------------------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ def _pour(draft: Path, target: Path) -> None:
 
 
 def _open_special(target: Path) -> Any:
-    """Open a device or FIFO for writing; one that nobody reads is an error instead of a wait without end."""
+    """Open a device or FIFO for writing; a FIFO without a reader is an error instead of an endless wait."""
     deadline = time.monotonic() + WAIT_FOR_READER
     while True:
         try:
@@ -347,7 +347,7 @@ def parse_json(text: str, name: str) -> Any:
 
 
 def _deeper_than(levels: int, value: Any) -> bool:
-    """Return True if lists and objects lie deeper within one another than that: whoever reads them recurses."""
+    """Return True if lists and objects are nested deeper than that: readers recurse into them."""
     layer = [value] if isinstance(value, dict | list) else []
     for _ in range(levels):
         inner = (item for owner in layer for item in (owner.values() if isinstance(owner, dict) else owner))

@@ -1,4 +1,4 @@
-"""Memory checks: bytes that are asked for against bytes that are free, before anything is allocated."""
+"""Memory checks: compare requested bytes with free bytes before an allocation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UNLIMITED: Final = 2**60
 
 
 def device_memory(device: Any) -> int:
-    """Bytes that a Warp device has in all; of a CPU those of the machine."""
+    """Total bytes of a Warp device; for a CPU those of the machine."""
     if device.is_cuda:
         return int(device.total_memory)
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")

@@ -1,4 +1,4 @@
-"""Public names of a package whose modules are imported when they are asked for."""
+"""Public names of a package whose modules are imported on first use."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Readable:
         return ""
 
     def _readable_rows(self) -> Mapping[str, Row]:
-        """What stands below, by label; what is empty is left out."""
+        """Rows below the title, by label; empty ones are left out."""
         return {}
 
     def __repr__(self) -> str:
@@ -99,7 +99,7 @@ def _table(title: str, rows: Mapping[str, Row]) -> str:
 
 
 def _listed(row: Names, room: int) -> str:
-    """`3: cart, pole, ...` within so many columns; names that nobody would see are not asked for."""
+    """`3: cart, pole, ...` within so many columns; names that do not fit are not computed."""
     text = f"{row.total}:"
     for index, name in enumerate(row.names, 1):
         last = index == row.total

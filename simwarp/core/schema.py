@@ -91,7 +91,7 @@ class Place(NamedTuple):
         return self._replace(keys=(*self.keys, *keys))
 
     def error(self, what: str) -> ValueError:
-        """One line: file, key path, what is wrong."""
+        """One line: file, key path, fault."""
         return self.failure(self.line(Fault(self.keys, what)))
 
     def line(self, fault: Fault) -> str:

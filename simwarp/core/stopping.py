@@ -1,7 +1,7 @@
-"""Signals that ask a process to stop: Ctrl-C, SIGTERM, and SIGHUP of a terminal that is closed.
+"""Signals that request a process to stop: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal.
 
 One request often comes several times: batch systems signal every process of a job, ``timeout`` a command and then its
-whole group, ``torchrun`` hands on to its processes what they have heard already. So copies within a second count as
+whole group, ``torchrun`` forwards signals that its processes have already received. So copies within a second count as
 one request. What it does depends on what the process is at:
 
 ==================================  ==========================  ==============================
@@ -57,7 +57,7 @@ class StopRequest:
 
     @property
     def at_once(self) -> bool:
-        """True from the second request on: what is not yet saved is saved, and nothing else is done."""
+        """True from the second request on: save unsaved work, and do nothing else."""
         return self.times > 1
 
     @property

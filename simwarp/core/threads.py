@@ -24,7 +24,7 @@ _DEFAULT: contextvars.ContextVar[int | None] = contextvars.ContextVar("threads",
 
 
 def thread_count(threads: int | None = None, *, processes: int = 1) -> int:
-    """Number of threads: what was asked for, else `SIMWARP_THREADS`, else the processors this process may use.
+    """Number of threads: the given one, else `SIMWARP_THREADS`, else the processors this process may use.
 
     Inside `default_threads` its number comes before both of these.
 
@@ -125,7 +125,7 @@ class _Pool:
     """The process' threads, made when they are first needed.
 
     Users end wherever Python collects garbage: in any thread, and also inside of `submit`, whose locks that thread
-    holds then. So `release` waits for no lock. It leaves a note, and whoever holds the lock reads it after release.
+    holds then. So `release` waits for no lock. It leaves a note, which the holder of the lock reads after release.
     """
 
     def __init__(self) -> None:
@@ -164,7 +164,7 @@ class _Pool:
         return future
 
     def _settle(self) -> None:
-        """Lets go of users that are gone, unless somebody has the lock, who does it then."""
+        """Releases users that are gone; if the lock is held, its holder does that instead."""
         while self._gone and self._lock.acquire(blocking=False):
             executor = None
             try:

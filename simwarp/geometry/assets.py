@@ -120,8 +120,8 @@ def _triangles(p: Array, extent: float) -> list[tuple[int, int, int]]:
 def _oriented(
     p: Array, triangles: list[list[int]], neighbours: list[list[int]], outwards: Array
 ) -> list[tuple[int, int, int]]:
-    """The triangles counter-clockwise seen from outside: the largest as its plane tells, the others as their neighbours
-    need it, since the normal of a sliver may point anywhere.
+    """The triangles counter-clockwise seen from outside. The plane of the largest decides its order, and neighbours
+    follow, because the normal of a sliver may point anywhere.
     """
     normals = np.linalg.cross(*(p[triangles][:, k] - p[triangles][:, 0] for k in (1, 2)))
     first = int(np.linalg.norm(normals, axis=1).argmax())

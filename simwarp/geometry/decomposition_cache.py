@@ -33,7 +33,7 @@ def cached_parts(
     library: str, vertices: Vertices, triangles: Triangles, options: Mapping[str, Any],
     compute: Callable[[], list[Vertices]],
 ) -> list[Vertices]:  # fmt: skip
-    """Vertices of convex parts: those of an earlier call with the same mesh, options and library, else of `compute`.
+    """Vertices of convex parts, from the cache for the same mesh, options and library, else from `compute`.
 
     Args:
         library: its name and version.

@@ -35,8 +35,8 @@ FORMATS: Final = (".obj", ".stl", ".ply", ".glb", ".gltf", ".off", ".dae")
 
 
 def load_mesh(path: str | Path) -> tuple[Vertices, Triangles]:
-    """Vertices (V, 3), as the file has them (no change of unit or axes), and triangles (T, 3) of a mesh file. Only DAE
-    files tell their unit: these become metres.
+    """Vertices (V, 3), as the file has them (no change of unit or axes), and triangles (T, 3) of a mesh file. Only
+    DAE files state their unit, and are converted to metres.
 
     Parts of a scene are put where the scene has them and joined.
 

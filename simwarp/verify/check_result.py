@@ -1,4 +1,4 @@
-"""A row of the report: what is expected, what the engine gave, and how far it may be off."""
+"""A row of the report: expected value, value of the engine, and tolerance."""
 
 from __future__ import annotations
 

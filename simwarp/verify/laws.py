@@ -1,4 +1,4 @@
-"""Laws that hold for any mechanism, and single elements whose motion can be written down. dt 1 ms unless it says so."""
+"""Laws that hold for any mechanism, and single elements with motions in closed form. dt is 1 ms by default."""
 
 from __future__ import annotations
 

@@ -277,8 +277,8 @@ def far_away(device: str = "cpu") -> list[CheckResult]:
     """The same runs 10 km from the origin: relative positions within the demanded 1e-3 m.
 
     Float64 positions resolve 2e-12 m there. A four-bar and a pendulum stay with that; the chain and the double
-    pendulum amplify it like any other disturbance, so that they run for the few seconds in which the answer means
-    something.
+    pendulum amplify it like any other disturbance, so that they run only for the few seconds in which the answer is
+    defined.
     """
     rows = []
     for name, builder, duration in (

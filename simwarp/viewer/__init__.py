@@ -1,6 +1,6 @@
-"""Pictures and videos of simulations, by cameras that belong to nobody's body; `show` and `LiveView` in a browser.
+"""Pictures and videos of simulations by free cameras; `show` and `LiveView` open a page in the browser.
 
-Its names are imported when they are asked for: the web server starts before the kernels are there, and needs viser.
+Names are imported on first use: the web server starts before the kernels are compiled, and needs viser.
 """
 
 from __future__ import annotations

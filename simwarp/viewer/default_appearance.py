@@ -1,4 +1,4 @@
-"""Colours for what nobody has painted, rods and balls for bodies that have no shape."""
+"""Default colours of instances, rods and balls for bodies without shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the stages of collision hand on: pairs to search, and contacts found, in the order of the pairs."""
+"""Lists between the stages of collision: pairs to search and found contacts, in the order of the pairs."""
 
 from __future__ import annotations
 

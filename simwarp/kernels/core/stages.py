@@ -45,7 +45,7 @@ class Stage:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StageRoom:
-    """What the functions of some stages can ask for by name, beside `world` and `scratch_slot`.
+    """Arguments that functions of stages may have by name, beside `world` and `scratch_slot`.
 
     Attributes:
         module: that their kernels belong to.

@@ -1,4 +1,4 @@
-"""Accelerations of the coordinates, where they are asked for: `Diagnostics.joint_qdd`.
+"""Accelerations of the coordinates, for models that record `Diagnostics.joint_qdd`.
 
 The step solves for the changes of the rates, in which no rate is rounded. They hold velocity products in the form of a
 stabilisation velocity: what the velocities of the start violate at its poses, and C/h of the violation there. That is

@@ -1,4 +1,4 @@
-"""Mechanical energy of the worlds, for whoever asks: no part of the step."""
+"""Mechanical energy of the worlds. It is not part of the step."""
 
 import warp as wp
 

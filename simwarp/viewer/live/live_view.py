@@ -41,7 +41,7 @@ class FrameTaker(Protocol):
     """Takes what the page sends, looked at or not."""
 
     def due(self) -> bool:
-        """Whether it wants a frame now; asked after every step."""
+        """Whether it needs a frame now; called after every step."""
 
     def begin_frame(self) -> None:
         """To be called before the page sends a frame."""

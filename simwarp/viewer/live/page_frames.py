@@ -1,4 +1,4 @@
-"""What pages send: held to the types of its message before viser sees it, and told of in one line where it is not."""
+"""Messages of pages: checked against their types before viser reads them; a wrong one is reported in one line."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Complaints:
 
 
 class CheckedConnection:
-    """A connection that gives on only what is a message, and drops the rest.
+    """A connection that forwards valid messages only, and drops the rest.
 
     Args:
         connection: of a page.

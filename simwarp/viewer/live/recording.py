@@ -246,7 +246,7 @@ class Recorder:
 
 
 class _Meter:
-    """Tells the size of a file while it grows, by compressing what is added, faster and looser than the file is."""
+    """Estimates the size of a growing file by compressing added bytes, faster and less densely than the file is."""
 
     def __init__(self, path: str | Path, serializer: Any) -> None:
         self._serializer = serializer

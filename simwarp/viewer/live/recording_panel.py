@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class RecordingPanel:
-    """Starts and ends recordings into the working folder, and tells of the one that runs."""
+    """Starts and ends recordings into the working folder, and shows the running one."""
 
     def __init__(self, view: LiveView) -> None:
         self._view, self._message = view, ""

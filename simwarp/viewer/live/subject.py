@@ -1,4 +1,4 @@
-"""What a page shows and moves: a simulation with its scene, and callables of whoever owns the loop around it."""
+"""The subject of a page: a simulation with its scene, and callables of the loop that steps it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The web server of the viewer: for this machine alone unless it is told otherwise, and never through a tunnel.
+"""The web server of the viewer: for this machine alone by default, and never through a tunnel.
 
 Pages of other origins may open sockets to this machine: the browser only tells where they come from. All connections
 are therefore held to their `Origin` and `Host` here, by wrapping the one call with which viser opens its port.

@@ -1,4 +1,4 @@
-"""Sliders by which a person acts in the policy's place, moves actuators, and asks for what a task lets one ask."""
+"""Sliders with which a person acts in place of the policy, moves actuators, and commands a task."""
 
 from __future__ import annotations
 

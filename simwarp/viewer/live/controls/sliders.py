@@ -1,4 +1,4 @@
-"""A column of sliders that show numbers and tell which of them a person moves."""
+"""A column of sliders that show numbers and report which of them a person moves."""
 
 from __future__ import annotations
 
