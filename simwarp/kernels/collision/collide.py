@@ -9,7 +9,7 @@ room in a list counts as overflow of the contacts.
 import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates
-from simwarp.kernels.collision.contact_lists import FoundContacts, Search, Searches
+from simwarp.kernels.collision.contact_lists import FoundContact, FoundContacts, ListState, Search, Searches
 from simwarp.kernels.collision.contact_slots import ContactProgress, keep_last_contacts, keep_pair, passed_contacts
 from simwarp.kernels.collision.narrow import axis_between, axis_contacts, formula_contacts, has_formula, swapped
 from simwarp.kernels.collision.placement import (
@@ -83,17 +83,19 @@ def reach_of(
 def add_found(way: int, shape0: int, shape1: int, contacts: int, manifold: Manifold, found: FoundContacts):
     """Appends the contacts of a pair to the list `way`."""
     for k in range(contacts):
-        place = found.count[way]
-        if place == found.shape0.shape[1]:
-            found.lost[way] = found.lost[way] + 1
+        place = found.list[way].count
+        if place == found.contact.shape[1]:
+            found.list[way].lost += 1
         else:
-            found.shape0[way, place] = shape0
-            found.shape1[way, place] = shape1
-            found.normal[way, place] = manifold.normal[k]
-            found.point[way, place] = manifold.point[k]
-            found.gap[way, place] = manifold.gap[k]
-            found.feature[way, place] = manifold.feature[k]
-            found.count[way] = place + 1
+            c = FoundContact()
+            c.shape0 = shape0
+            c.shape1 = shape1
+            c.normal = manifold.normal[k]
+            c.point = manifold.point[k]
+            c.gap = manifold.gap[k]
+            c.feature = manifold.feature[k]
+            found.contact[way, place] = c
+            found.list[way].count = place + 1
 
 
 @wp.func
@@ -107,10 +109,8 @@ def place_world(
         near = near_distance(world, config, parameters)
         time = reach_time(world, config, topology, parameters)
         fill_world_grid(scratch_slot, near, time, topology, scratch, grid)
-    for way in range(found.count.shape[0]):
-        found.count[way] = 0
-        found.passed[way] = 0
-        found.lost[way] = 0
+    for way in range(found.list.shape[0]):
+        found.list[way] = ListState()
 
 
 @wp.func
@@ -173,14 +173,14 @@ def list_pairs(
                             s.q = other
                         pairs.search[count] = s
                         count += 1
-    pairs.count[0] = count
-    pairs.lost[0] = lost
+    pairs.list[0].count = count
+    pairs.list[0].lost = lost
 
 
 @wp.func
 def find_axes(assets: Assets, searches: Searches):
     """The normals of all listed pairs; spheres and triangles have a formula."""
-    for k in range(searches.count[0]):
+    for k in range(searches.list[0].count):
         p = searches.search[k].p
         q = searches.search[k].q
         if searches.search[k].wanted == 1 and (p.kind != SPHERE or q.kind != TRIANGLE):
@@ -203,8 +203,8 @@ def cut_search(k: int, flip: int, assets: Assets, searches: Searches, manifold: 
 @wp.func
 def cut_pairs(world: int, assets: Assets, pairs: Searches, manifold: Manifold, found: FoundContacts):
     """Contacts of the pairs that were searched."""
-    found.lost[SEARCHED] = pairs.lost[0]
-    for k in range(pairs.count[0]):
+    found.list[SEARCHED].lost = pairs.list[0].lost
+    for k in range(pairs.list[0].count):
         contacts = cut_search(k, pairs.search[k].flip, assets, pairs, manifold)
         add_found(SEARCHED, pairs.search[k].shape0, pairs.search[k].shape1, contacts, manifold, found)
 
@@ -215,11 +215,11 @@ def first_list(found: FoundContacts) -> int:
     best = int(-1)
     shape0 = int(0)
     shape1 = int(0)
-    for way in range(found.count.shape[0]):
-        passed = found.passed[way]
-        if passed < found.count[way]:
-            a = found.shape0[way, passed]
-            b = found.shape1[way, passed]
+    for way in range(found.list.shape[0]):
+        passed = found.list[way].passed
+        if passed < found.list[way].count:
+            a = found.contact[way, passed].shape0
+            b = found.contact[way, passed].shape1
             if best < 0 or a < shape0 or (a == shape0 and b < shape1):
                 best = way
                 shape0 = a
@@ -230,22 +230,22 @@ def first_list(found: FoundContacts) -> int:
 @wp.func
 def next_pair(way: int, manifold: Manifold, found: FoundContacts) -> int:
     """Moves the contacts of a list's next pair to `manifold`; returns how many."""
-    first = found.passed[way]
-    end = found.count[way]
-    shape0 = found.shape0[way, first]
-    shape1 = found.shape1[way, first]
+    first = found.list[way].passed
+    end = found.list[way].count
+    shape0 = found.contact[way, first].shape0
+    shape1 = found.contact[way, first].shape1
     contacts = int(0)
     while (
         first + contacts < end
-        and found.shape0[way, first + contacts] == shape0
-        and found.shape1[way, first + contacts] == shape1
+        and found.contact[way, first + contacts].shape0 == shape0
+        and found.contact[way, first + contacts].shape1 == shape1
     ):
-        manifold.normal[contacts] = found.normal[way, first + contacts]
-        manifold.point[contacts] = found.point[way, first + contacts]
-        manifold.gap[contacts] = found.gap[way, first + contacts]
-        manifold.feature[contacts] = found.feature[way, first + contacts]
+        manifold.normal[contacts] = found.contact[way, first + contacts].normal
+        manifold.point[contacts] = found.contact[way, first + contacts].point
+        manifold.gap[contacts] = found.contact[way, first + contacts].gap
+        manifold.feature[contacts] = found.contact[way, first + contacts].feature
         contacts += 1
-    found.passed[way] = first + contacts
+    found.list[way].passed = first + contacts
     return contacts
 
 
@@ -257,14 +257,14 @@ def keep_contacts(
     """The contacts of all pairs, in their order, warm-started from the last ones."""
     cached = keep_last_contacts(world, scratch_slot, contacts, scratch)
     lost = int(0)
-    for way in range(found.count.shape[0]):
-        lost += found.lost[way]
+    for way in range(found.list.shape[0]):
+        lost += found.list[way].lost
     contacts.contact_overflow[world] = lost
     progress = ContactProgress()
     way = first_list(found)
     while way >= 0:
-        shape0 = found.shape0[way, found.passed[way]]
-        shape1 = found.shape1[way, found.passed[way]]
+        shape0 = found.contact[way, found.list[way].passed].shape0
+        shape1 = found.contact[way, found.list[way].passed].shape1
         count = next_pair(way, manifold, found)
         progress.cursor = passed_contacts(scratch_slot, shape0, shape1, progress.cursor, cached, scratch)
         origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)

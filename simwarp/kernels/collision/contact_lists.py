@@ -36,11 +36,43 @@ class Search:
     wanted: int  # 0: nothing to search
 
 
+@wp.struct
+class ListState:
+    """How far a list is filled."""
+
+    count: int
+    passed: int  # of those, that the last stage has kept
+    lost: int  # for which there was no room
+
+
+@wp.struct
+class TriangleContact:
+    """A contact with a triangle of the ground."""
+
+    search: int  # that it is from
+    sunk: int  # 1: no contact, but the shape may leave along this triangle's normal
+    normal: wp.vec3
+    point: wp.vec3
+    gap: float
+    feature: int
+
+
+@wp.struct
+class FoundContact:
+    """A contact of a pair; its point is in the pair's frame."""
+
+    shape0: int
+    shape1: int
+    normal: wp.vec3
+    point: wp.vec3
+    gap: float
+    feature: int
+
+
 class PairScratch(ScratchGroup, packed=False, prefix="pairs_"):
     """Convex pairs to search."""
 
-    count = scratch_array(wp.int32, 1)
-    lost = scratch_array(wp.int32, 1)  # for which there was no room
+    list = scratch_array(ListState, 1)
     search = scratch_array(Search, "pairs")
     axis = scratch_array(Axis, "pairs")  # results
     facing = scratch_array(FacingTriangle, "none")  # of searches on triangles
@@ -49,8 +81,7 @@ class PairScratch(ScratchGroup, packed=False, prefix="pairs_"):
 class TriangleScratch(ScratchGroup, packed=False, prefix="triangles_"):
     """Shapes and triangles of the ground to search."""
 
-    count = scratch_array(wp.int32, 1)
-    lost = scratch_array(wp.int32, 1)
+    list = scratch_array(ListState, 1)
     search = scratch_array(Search, "triangles")
     axis = scratch_array(Axis, "triangles")
     facing = scratch_array(FacingTriangle, "triangles")
@@ -59,44 +90,22 @@ class TriangleScratch(ScratchGroup, packed=False, prefix="triangles_"):
 class CutScratch(ScratchGroup, packed=False, prefix="cut_"):
     """Contacts with triangles of the ground, in the order of the searches that they are from."""
 
-    count = scratch_array(wp.int32, 1)
-    lost = scratch_array(wp.int32, 1)
-    owner = scratch_array(wp.int32, "entries")  # its search
-    sunk = scratch_array(wp.int32, "entries")  # 1: no contact, but the shape may leave along this triangle's normal
-    normal = scratch_array(wp.vec3, "entries")
-    point = scratch_array(wp.vec3, "entries")
-    gap = scratch_array(wp.float32, "entries")
-    feature = scratch_array(wp.int32, "entries")
+    list = scratch_array(ListState, 1)
+    contact = scratch_array(TriangleContact, "entries")
 
 
 class ValidScratch(ScratchGroup, packed=False, prefix="valid_"):
     """Those of them that the surface as a whole has."""
 
-    count = scratch_array(wp.int32, 1)
-    lost = scratch_array(wp.int32, 1)
-    owner = scratch_array(wp.int32, "entries")
-    sunk = scratch_array(wp.int32, "entries")
-    normal = scratch_array(wp.vec3, "entries")
-    point = scratch_array(wp.vec3, "entries")
-    gap = scratch_array(wp.float32, "entries")
-    feature = scratch_array(wp.int32, "entries")
+    list = scratch_array(ListState, 1)
+    contact = scratch_array(TriangleContact, "entries")
 
 
 class FoundScratch(ScratchGroup, packed=False, prefix="found_"):
-    """Contacts in lists, one for each way that they are found; within a list in the order of the pairs.
+    """Contacts in lists, one for each way that they are found; within a list in the order of the pairs."""
 
-    Points are in the pair's frame.
-    """
-
-    count = scratch_array(wp.int32, "lists")
-    passed = scratch_array(wp.int32, "lists")
-    lost = scratch_array(wp.int32, "lists")
-    shape0 = scratch_array(wp.int32, "lists", "found")
-    shape1 = scratch_array(wp.int32, "lists", "found")
-    normal = scratch_array(wp.vec3, "lists", "found")
-    point = scratch_array(wp.vec3, "lists", "found")
-    gap = scratch_array(wp.float32, "lists", "found")
-    feature = scratch_array(wp.int32, "lists", "found")
+    list = scratch_array(ListState, "lists")
+    contact = scratch_array(FoundContact, "lists", "found")
 
 
 Searches = PairScratch.struct("Searches", __name__)

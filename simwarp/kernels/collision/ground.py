@@ -8,7 +8,14 @@ import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates
 from simwarp.kernels.collision.collide import GROUND, add_found, cut_search, find_axes, reach_of, way_of
-from simwarp.kernels.collision.contact_lists import FoundContacts, Search, Searches, TriangleContacts
+from simwarp.kernels.collision.contact_lists import (
+    FoundContacts,
+    ListState,
+    Search,
+    Searches,
+    TriangleContact,
+    TriangleContacts,
+)
 from simwarp.kernels.collision.placement import CollisionScratch, near_distance, pair_origin, placed, reach_time
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, SPHERE, Assets, Manifold, triangle_shape
 from simwarp.kernels.collision.support import core_radius, inner_point, rounding
@@ -68,8 +75,7 @@ def list_triangles(
     """Lists the triangles that convex shapes may touch, or have sunk below."""
     near = near_distance(world, config, parameters)
     time = reach_time(world, config, topology, parameters)
-    triangles.count[0] = 0
-    triangles.lost[0] = 0
+    triangles.list[0] = ListState()
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
@@ -107,9 +113,9 @@ def list_batch(
         if through:
             f.wanted = 0
         if through or f.wanted == 1:
-            place = searches.count[0]
+            place = searches.list[0].count
             if place == searches.search.shape[0]:
-                searches.lost[0] = searches.lost[0] + 1
+                searches.list[0].lost += 1
             else:
                 s = Search()
                 s.shape0 = shape0
@@ -121,23 +127,25 @@ def list_batch(
                 s.wanted = f.wanted
                 searches.search[place] = s
                 searches.facing[place] = f
-                searches.count[0] = place + 1
+                searches.list[0].count = place + 1
 
 
 @wp.func
-def add_entry(owner: int, sunk: int, c: SurfaceContact, entries: TriangleContacts):
+def add_contact(search: int, sunk: int, c: SurfaceContact, contacts: TriangleContacts):
     """Appends a contact with a triangle."""
-    count = entries.count[0]
-    if count == entries.owner.shape[0]:
-        entries.lost[0] = entries.lost[0] + 1
+    count = contacts.list[0].count
+    if count == contacts.contact.shape[0]:
+        contacts.list[0].lost += 1
     else:
-        entries.owner[count] = owner
-        entries.sunk[count] = sunk
-        entries.normal[count] = c.normal
-        entries.point[count] = c.point
-        entries.gap[count] = c.gap
-        entries.feature[count] = c.feature
-        entries.count[0] = count + 1
+        added = TriangleContact()
+        added.search = search
+        added.sunk = sunk
+        added.normal = c.normal
+        added.point = c.point
+        added.gap = c.gap
+        added.feature = c.feature
+        contacts.contact[count] = added
+        contacts.list[0].count = count + 1
 
 
 @wp.func
@@ -149,9 +157,8 @@ def search_triangles(world: int, assets: Assets, triangles: Searches):
 @wp.func
 def cut_triangles(world: int, assets: Assets, triangles: Searches, manifold: Manifold, cut: TriangleContacts):
     """Contacts of convex shapes with each triangle."""
-    cut.count[0] = 0
-    cut.lost[0] = 0
-    for k in range(triangles.count[0]):
+    cut.list[0] = ListState()
+    for k in range(triangles.list[0].count):
         wanted = triangles.search[k].wanted
         contacts = int(0)
         if wanted == 1:
@@ -172,9 +179,9 @@ def cut_triangles(world: int, assets: Assets, triangles: Searches, manifold: Man
                 c.point = manifold.point[i]
                 c.gap = manifold.gap[i]
                 c.feature = manifold.feature[i]
-                add_entry(k, 0, c, cut)
+                add_contact(k, 0, c, cut)
         if sunk == 1 and (wanted == 0 or overlap < 0.0):
-            add_entry(k, 1, SurfaceContact(), cut)
+            add_contact(k, 1, SurfaceContact(), cut)
 
 
 @wp.func
@@ -184,13 +191,13 @@ def drop_invalid(
     valid: TriangleContacts,
 ):  # fmt: skip
     """Those of them that the surface as a whole has (`surface_contact`)."""
-    valid.count[0] = 0
-    valid.lost[0] = cut.lost[0]
+    valid.list[0] = ListState()
+    valid.list[0].lost = cut.list[0].lost
     entry = int(0)
-    while entry < cut.count[0]:
-        k = cut.owner[entry]
-        if cut.sunk[entry] == 1:
-            add_entry(k, 1, SurfaceContact(), valid)
+    while entry < cut.list[0].count:
+        k = cut.contact[entry].search
+        if cut.contact[entry].sunk == 1:
+            add_contact(k, 1, SurfaceContact(), valid)
             entry += 1
         else:
             entry = keep_valid(
@@ -211,14 +218,14 @@ def keep_valid(
     size = core_radius(b, assets) + rounding(b)
     dropped = float(0.0)
     entry = int(first)
-    while entry < cut.count[0] and cut.owner[entry] == k:
-        manifold.normal[0] = cut.normal[entry]
-        manifold.point[0] = cut.point[entry]
-        manifold.gap[0] = cut.gap[entry]
-        manifold.feature[0] = cut.feature[entry]
+    while entry < cut.list[0].count and cut.contact[entry].search == k:
+        manifold.normal[0] = cut.contact[entry].normal
+        manifold.point[0] = cut.contact[entry].point
+        manifold.gap[0] = cut.contact[entry].gap
+        manifold.feature[0] = cut.contact[entry].feature
         c = surface_contact(0, g, t, size, assets, manifold)
         if c.taken == 1:
-            add_entry(k, 0, c, valid)
+            add_contact(k, 0, c, valid)
         else:
             dropped = wp.max(dropped, -manifold.gap[0])
         entry += 1
@@ -226,7 +233,7 @@ def keep_valid(
         for corner in range(4):
             c = deepest_vertex(corner, dropped, g, t, b, assets)
             if c.taken == 1:
-                add_entry(k, 0, c, valid)
+                add_contact(k, 0, c, valid)
     return entry
 
 
@@ -237,10 +244,10 @@ def join_triangles(
     found: FoundContacts,
 ):  # fmt: skip
     """Contacts with whole surfaces from those with their triangles."""
-    found.lost[GROUND] = triangles.lost[0] + valid.lost[0]
+    found.list[GROUND].lost = triangles.list[0].lost + valid.list[0].lost
     entry = int(0)
-    while entry < valid.count[0]:
-        k = valid.owner[entry]
+    while entry < valid.list[0].count:
+        k = valid.contact[entry].search
         shape0 = triangles.search[k].shape0
         shape1 = triangles.search[k].shape1
         reach = triangles.search[k].reach
@@ -249,18 +256,16 @@ def join_triangles(
         joined = ContactAccumulator()
         same = bool(True)
         while same:
-            if valid.sunk[entry] == 1:
+            c = valid.contact[entry]
+            if c.sunk == 1:
                 f = triangles.facing[k]
                 joined = add_penetrating(joined, f.t, f.low, f.gap)
             else:
-                joined.count = add_raw(
-                    joined.count, valid.normal[entry], valid.point[entry], valid.gap[entry],
-                    valid.feature[entry], size, raw,
-                )  # fmt: skip
+                joined.count = add_raw(joined.count, c.normal, c.point, c.gap, c.feature, size, raw)
             entry += 1
-            same = entry < valid.count[0]
+            same = entry < valid.list[0].count
             if same:
-                k = valid.owner[entry]
+                k = valid.contact[entry].search
                 same = triangles.search[k].shape0 == shape0 and triangles.search[k].shape1 == shape1
         g = surface_of(world, scratch_slot, shape0, shape1, reach, topology, parameters, scratch)
         joined.count = drop_internal_edge_contacts(joined.count, g, size, assets, raw)
