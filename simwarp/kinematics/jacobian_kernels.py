@@ -6,7 +6,7 @@ from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
-from simwarp.kernels.dynamics.assembly import forget_velocities, geometry
+from simwarp.kernels.dynamics.assembly import clear_velocities, place_joints
 from simwarp.kernels.dynamics.bodies import load_poses
 from simwarp.kernels.dynamics.joints import FREE
 from simwarp.kernels.dynamics.world import Scratch, pack
@@ -25,10 +25,10 @@ class Column:
 @wp.func
 def lay_columns(world: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work):
     """Motion columns of all tree joints at the poses in `work`."""
-    forget_velocities(topology, work)
+    clear_velocities(topology, work)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
-    geometry(world, topology, parameters, config, work)
+    place_joints(world, topology, parameters, config, work)
 
 
 @wp.func

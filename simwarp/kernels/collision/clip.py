@@ -64,7 +64,7 @@ def side_product(p: wp.vec3, q: wp.vec3) -> float:
 
 
 @wp.func
-def seen(view: View, row: int, count: int, out: Manifold) -> wp.vec3:
+def project_row(view: View, row: int, count: int, out: Manifold) -> wp.vec3:
     """Turns a row into view coordinates; returns Newell's normal of its polygon there."""
     normal = wp.vec3()
     first = wp.vec3()
@@ -88,7 +88,7 @@ def height_at(p: wp.vec3, corner: wp.vec3, normal: wp.vec3) -> float:
 
 
 @wp.func
-def keep(view: View, m: int, p: wp.vec3, height_a: float, gap: float, feature: int, out: Manifold) -> int:
+def keep_contact(view: View, m: int, p: wp.vec3, height_a: float, gap: float, feature: int, out: Manifold) -> int:
     """Keeps contact `m`, whose surface of a is `height_a` above (u, v) of p; returns m + 1."""
     out.polygon[2, m] = view.origin + p[0] * view.u + p[1] * view.v + height_a * view.n
     out.polygon[3, m] = wp.vec3(float(feature), gap, 0.0)
@@ -155,7 +155,7 @@ def face_on_face(
             ha = height_at(p, plane_a, na)
             gap = height_at(p, plane_b, nb) - ha - thick
             if gap < reach:
-                m = keep(view, m, p, ha + thick_a, gap, 32 * before + label, out)
+                m = keep_contact(view, m, p, ha + thick_a, gap, 32 * before + label, out)
             before = label
     return m
 
@@ -199,7 +199,7 @@ def line_on_face(
             ha = wp.where(line == 0, q[2], other)
             gap = wp.where(line == 0, other - q[2], q[2] - other) - thick
             if gap < reach and (k == 0 or high > low):
-                m = keep(view, m, q, ha + thick_a, gap, 64 * k + label, out)
+                m = keep_contact(view, m, q, ha + thick_a, gap, 64 * k + label, out)
     return m
 
 
@@ -216,7 +216,7 @@ def line_on_line(view: View, separation: float, thick_a: float, thick: float, re
     if cross * cross > PARALLEL_SINE * PARALLEL_SINE * dd * ee:
         t = wp.clamp(side_product(b - a, e) / cross, 0.0, 1.0)
         p = a + t * d
-        return keep(view, 0, p, p[2] + thick_a, separation - thick, 512, out)
+        return keep_contact(view, 0, p, p[2] + thick_a, separation - thick, 512, out)
     if dd == 0.0 or ee == 0.0:
         return 0
     t0 = ((b[0] - a[0]) * d[0] + (b[1] - a[1]) * d[1]) / dd
@@ -231,7 +231,7 @@ def line_on_line(view: View, separation: float, thick_a: float, thick: float, re
             p = a + t * d
             gap = b[2] + (t - t0) * slope - p[2] - thick
             if gap < reach and (k == 0 or high > low + 1.0e-3):
-                m = keep(view, m, p, p[2] + thick_a, gap, 256 + k, out)
+                m = keep_contact(view, m, p, p[2] + thick_a, gap, 256 + k, out)
     return m
 
 
@@ -330,8 +330,8 @@ def contact_manifold(a: Shape, b: Shape, axis: Axis, reach: float, flip: int, as
             shape = b
             d = -n
     view = view_along(n, out.polygon[0, 0])
-    na = seen(view, 0, count_a, out)
-    nb = seen(view, 1, count_b, out)
+    na = project_row(view, 0, count_a, out)
+    nb = project_row(view, 1, count_b, out)
     corner_a = out.polygon[0, 0]
     corner_b = out.polygon[1, 0]
     middle = 0.5 * (out.polygon[0, count_a // 2] + out.polygon[1, count_b // 2])
@@ -341,9 +341,9 @@ def contact_manifold(a: Shape, b: Shape, axis: Axis, reach: float, flip: int, as
     gap = axis.separation - thick
     m = int(0)
     if count_b == 1:
-        m = keep(view, 0, corner_b, corner_b[2] - axis.separation + thick_a, gap, 1024, out)
+        m = keep_contact(view, 0, corner_b, corner_b[2] - axis.separation + thick_a, gap, 1024, out)
     elif count_a == 1:
-        m = keep(view, 0, corner_a, corner_a[2] + thick_a, gap, 1025, out)
+        m = keep_contact(view, 0, corner_a, corner_a[2] + thick_a, gap, 1025, out)
     elif count_a == 2 and count_b == 2:
         m = line_on_line(view, axis.separation, thick_a, thick, reach, out)
     elif count_a == 2:
@@ -368,6 +368,6 @@ def contact_manifold(a: Shape, b: Shape, axis: Axis, reach: float, flip: int, as
         slot = m
         if m > 1 and (a.kind == CAPSULE or b.kind == CAPSULE):
             slot = shallowest
-        keep(view, slot, middle, middle[2] + thick_a, gap, WITNESS, out)
+        keep_contact(view, slot, middle, middle[2] + thick_a, gap, WITNESS, out)
         m = wp.max(m, slot + 1)
     return write_kept(m, n, flip, out)

@@ -10,7 +10,7 @@ import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates
 from simwarp.kernels.collision.contact_lists import FoundContact, FoundContacts, ListState, Search, Searches
-from simwarp.kernels.collision.contact_slots import ContactProgress, keep_last_contacts, keep_pair, passed_contacts
+from simwarp.kernels.collision.contact_slots import ContactProgress, keep_last_contacts, keep_pair, skip_contacts
 from simwarp.kernels.collision.narrow import axis_between, axis_contacts, formula_contacts, has_formula, swapped
 from simwarp.kernels.collision.placement import (
     CollisionScratch,
@@ -54,7 +54,7 @@ def has_ground_pairs(topology: Topology) -> bool:
 
 
 @wp.func
-def way_of(shape0: int, shape1: int, topology: Topology) -> int:
+def contact_method(shape0: int, shape1: int, topology: Topology) -> int:
     """How the contacts of a pair are found: by FORMULA, SEARCHED for, or on the triangles of a GROUND."""
     kind0 = topology.shape_type[shape0]
     kind1 = topology.shape_type[shape1]
@@ -66,7 +66,7 @@ def way_of(shape0: int, shape1: int, topology: Topology) -> int:
 
 
 @wp.func
-def reach_of(
+def contact_reach(
     world: int, scratch_slot: int, shape0: int, shape1: int, near: float, time: float, parameters: Parameters,
     scratch: CollisionScratch,
 ) -> float:  # fmt: skip
@@ -114,7 +114,7 @@ def place_world(
 
 
 @wp.func
-def touch_pairs(
+def collide_simple_pairs(
     world: int, scratch_slot: int, config: StepConfig, topology: Topology, parameters: Parameters, assets: Assets,
     scratch: CollisionScratch, grid: Grid, manifold: Manifold, found: FoundContacts,
 ):  # fmt: skip
@@ -124,8 +124,8 @@ def touch_pairs(
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
-            if way_of(shape0, shape1, topology) == FORMULA:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
+            if contact_method(shape0, shape1, topology) == FORMULA:
+                reach = contact_reach(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
                 if reach >= 0.0:
                     origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
                     p = placed(shape0, world, origin, scratch_slot, topology, parameters, scratch)
@@ -152,8 +152,8 @@ def list_pairs(
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
-            if way_of(shape0, shape1, topology) == SEARCHED:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
+            if contact_method(shape0, shape1, topology) == SEARCHED:
+                reach = contact_reach(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
                 if reach >= 0.0:
                     if count == pairs.search.shape[0]:
                         lost += 1
@@ -194,18 +194,18 @@ def search_pairs(world: int, assets: Assets, pairs: Searches):
 
 
 @wp.func
-def cut_search(k: int, flip: int, assets: Assets, searches: Searches, manifold: Manifold) -> int:
+def clip_search(k: int, flip: int, assets: Assets, searches: Searches, manifold: Manifold) -> int:
     """Contacts of a pair whose normal is known."""
     s = searches.search[k]
     return axis_contacts(s.p, s.q, searches.axis[k], s.reach, flip, assets, manifold)
 
 
 @wp.func
-def cut_pairs(world: int, assets: Assets, pairs: Searches, manifold: Manifold, found: FoundContacts):
+def clip_pairs(world: int, assets: Assets, pairs: Searches, manifold: Manifold, found: FoundContacts):
     """Contacts of the pairs that were searched."""
     found.list[SEARCHED].lost = pairs.list[0].lost
     for k in range(pairs.list[0].count):
-        contacts = cut_search(k, pairs.search[k].flip, assets, pairs, manifold)
+        contacts = clip_search(k, pairs.search[k].flip, assets, pairs, manifold)
         add_found(SEARCHED, pairs.search[k].shape0, pairs.search[k].shape1, contacts, manifold, found)
 
 
@@ -266,7 +266,7 @@ def keep_contacts(
         shape0 = found.contact[way, found.list[way].passed].shape0
         shape1 = found.contact[way, found.list[way].passed].shape1
         count = next_pair(way, manifold, found)
-        progress.cursor = passed_contacts(scratch_slot, shape0, shape1, progress.cursor, cached, scratch)
+        progress.cursor = skip_contacts(scratch_slot, shape0, shape1, progress.cursor, cached, scratch)
         origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
         progress.count = keep_pair(
             world, scratch_slot, shape0, shape1, count, origin, progress.count, cached, progress.cursor, topology,

@@ -7,7 +7,8 @@ import functools
 import warp as wp
 
 from simwarp.kernels.collision.collide import (
-    cut_pairs,
+    clip_pairs,
+    collide_simple_pairs,
     has_formula_pairs,
     has_ground_pairs,
     has_searched_pairs,
@@ -15,18 +16,17 @@ from simwarp.kernels.collision.collide import (
     list_pairs,
     place_world,
     search_pairs,
-    touch_pairs,
 )
 from simwarp.kernels.collision.contact_lists import (
     ContactLists,
-    pack_cut,
+    pack_clipped,
     pack_found,
     pack_pairs,
     pack_triangles,
     pack_valid,
 )
 from simwarp.kernels.collision.ground import (
-    cut_triangles,
+    clip_triangles,
     drop_invalid,
     join_triangles,
     list_triangles,
@@ -46,7 +46,7 @@ ROOM = StageRoom(
     },
     locals={
         "grid": (pack_grid, "scratch"), "manifold": (pack_manifold, "scratch"), "raw": (pack_raw, "scratch"),
-        "pairs": (pack_pairs, "lists"), "triangles": (pack_triangles, "lists"), "cut": (pack_cut, "lists"),
+        "pairs": (pack_pairs, "lists"), "triangles": (pack_triangles, "lists"), "clipped": (pack_clipped, "lists"),
         "valid": (pack_valid, "lists"), "found": (pack_found, "lists"),
     },
 )  # fmt: skip
@@ -54,19 +54,19 @@ ROOM = StageRoom(
 STAGES = (
     Stage(name="place_shapes", function=place_world,
           reads="poses, velocities", writes="shapes in the world, their bounds, the grid"),
-    Stage(name="touch_pairs", function=touch_pairs, when=has_formula_pairs,
+    Stage(name="collide_simple_pairs", function=collide_simple_pairs, when=has_formula_pairs,
           reads="shapes, bounds", writes="contacts of pairs with a formula"),
     Stage(name="list_pairs", function=list_pairs, when=has_searched_pairs,
           reads="shapes, bounds", writes="convex pairs that may touch"),
     Stage(name="search_pairs", function=search_pairs, when=has_searched_pairs,
           reads="convex pairs", writes="their normals"),
-    Stage(name="cut_pairs", function=cut_pairs, when=has_searched_pairs,
+    Stage(name="clip_pairs", function=clip_pairs, when=has_searched_pairs,
           reads="convex pairs, normals", writes="contacts of convex pairs"),
     Stage(name="list_triangles", function=list_triangles, when=has_ground_pairs,
           reads="shapes, bounds", writes="triangles that shapes may touch"),
     Stage(name="search_triangles", function=search_triangles, when=has_ground_pairs,
           reads="triangles", writes="their normals"),
-    Stage(name="cut_triangles", function=cut_triangles, when=has_ground_pairs,
+    Stage(name="clip_triangles", function=clip_triangles, when=has_ground_pairs,
           reads="triangles, normals", writes="contacts with single triangles"),
     Stage(name="drop_invalid", function=drop_invalid, when=has_ground_pairs,
           reads="contacts with single triangles", writes="those that the surface as a whole has"),

@@ -87,7 +87,7 @@ class TriangleScratch(ScratchGroup, packed=False, prefix="triangles_"):
     facing = scratch_array(FacingTriangle, "triangles")
 
 
-class CutScratch(ScratchGroup, packed=False, prefix="cut_"):
+class ClippedScratch(ScratchGroup, packed=False, prefix="clipped_"):
     """Contacts with triangles of the ground, in the order of the searches that they are from."""
 
     list = scratch_array(ListState, 1)
@@ -109,14 +109,14 @@ class FoundScratch(ScratchGroup, packed=False, prefix="found_"):
 
 
 Searches = PairScratch.struct("Searches", __name__)
-TriangleContacts = CutScratch.struct("TriangleContacts", __name__)
+TriangleContacts = ClippedScratch.struct("TriangleContacts", __name__)
 FoundContacts = FoundScratch.struct("FoundContacts", __name__)
 
-GROUPS = (PairScratch, TriangleScratch, CutScratch, ValidScratch, FoundScratch)
+GROUPS = (PairScratch, TriangleScratch, ClippedScratch, ValidScratch, FoundScratch)
 ContactLists = memory_struct("ContactLists", __name__, GROUPS)
 pack_pairs = slot_function("pack_pairs", __name__, PairScratch, Searches, ContactLists)
 pack_triangles = slot_function("pack_triangles", __name__, TriangleScratch, Searches, ContactLists)
-pack_cut = slot_function("pack_cut", __name__, CutScratch, TriangleContacts, ContactLists)
+pack_clipped = slot_function("pack_clipped", __name__, ClippedScratch, TriangleContacts, ContactLists)
 pack_valid = slot_function("pack_valid", __name__, ValidScratch, TriangleContacts, ContactLists)
 pack_found = slot_function("pack_found", __name__, FoundScratch, FoundContacts, ContactLists)
 

@@ -106,7 +106,7 @@ def match_contacts(
 
 
 @wp.func
-def passed_contacts(
+def skip_contacts(
     scratch_slot: int, shape0: int, shape1: int, cursor: int, cached: int, scratch: CollisionScratch
 ) -> int:
     """The first of the last step's contacts from `cursor` on that is of this pair or of a later one."""

@@ -7,7 +7,7 @@ have are dropped; the others are thinned out and joined.
 import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates
-from simwarp.kernels.collision.collide import GROUND, add_found, cut_search, find_axes, reach_of, way_of
+from simwarp.kernels.collision.collide import GROUND, add_found, clip_search, contact_method, contact_reach, find_axes
 from simwarp.kernels.collision.contact_lists import (
     FoundContacts,
     ListState,
@@ -79,8 +79,8 @@ def list_triangles(
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
-            if way_of(shape0, shape1, topology) == GROUND:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
+            if contact_method(shape0, shape1, topology) == GROUND:
+                reach = contact_reach(world, scratch_slot, shape0, shape1, near, time, parameters, scratch)
                 if reach >= 0.0:
                     g = surface_of(world, scratch_slot, shape0, shape1, reach, topology, parameters, scratch)
                     count = gather(g, 0, raw.triangle, assets)
@@ -155,9 +155,9 @@ def search_triangles(world: int, assets: Assets, triangles: Searches):
 
 
 @wp.func
-def cut_triangles(world: int, assets: Assets, triangles: Searches, manifold: Manifold, cut: TriangleContacts):
+def clip_triangles(world: int, assets: Assets, triangles: Searches, manifold: Manifold, clipped: TriangleContacts):
     """Contacts of convex shapes with each triangle."""
-    cut.list[0] = ListState()
+    clipped.list[0] = ListState()
     for k in range(triangles.list[0].count):
         wanted = triangles.search[k].wanted
         contacts = int(0)
@@ -168,7 +168,7 @@ def cut_triangles(world: int, assets: Assets, triangles: Searches, manifold: Man
                 margin = triangles.search[k].q.margin
                 contacts = triangle_sphere(t, margin, b, triangles.search[k].reach, manifold)
             else:
-                contacts = cut_search(k, 1, assets, triangles, manifold)
+                contacts = clip_search(k, 1, assets, triangles, manifold)
         sunk = triangles.facing[k].sunk
         overlap = float(0.0)
         for i in range(contacts):
@@ -179,36 +179,38 @@ def cut_triangles(world: int, assets: Assets, triangles: Searches, manifold: Man
                 c.point = manifold.point[i]
                 c.gap = manifold.gap[i]
                 c.feature = manifold.feature[i]
-                add_contact(k, 0, c, cut)
+                add_contact(k, 0, c, clipped)
         if sunk == 1 and (wanted == 0 or overlap < 0.0):
-            add_contact(k, 1, SurfaceContact(), cut)
+            add_contact(k, 1, SurfaceContact(), clipped)
 
 
 @wp.func
 def drop_invalid(
     world: int, scratch_slot: int, topology: Topology, parameters: Parameters, assets: Assets,
-    scratch: CollisionScratch, triangles: Searches, manifold: Manifold, cut: TriangleContacts,
+    scratch: CollisionScratch, triangles: Searches, manifold: Manifold, clipped: TriangleContacts,
     valid: TriangleContacts,
 ):  # fmt: skip
     """Those of them that the surface as a whole has (`surface_contact`)."""
     valid.list[0] = ListState()
-    valid.list[0].lost = cut.list[0].lost
+    valid.list[0].lost = clipped.list[0].lost
     entry = int(0)
-    while entry < cut.list[0].count:
-        k = cut.contact[entry].search
-        if cut.contact[entry].sunk == 1:
+    while entry < clipped.list[0].count:
+        k = clipped.contact[entry].search
+        if clipped.contact[entry].sunk == 1:
             add_contact(k, 1, SurfaceContact(), valid)
             entry += 1
         else:
             entry = keep_valid(
-                world, scratch_slot, k, entry, topology, parameters, assets, triangles, cut, scratch, manifold, valid
-            )
+                world, scratch_slot, k, entry, topology, parameters, assets, triangles, clipped, scratch, manifold,
+                valid,
+            )  # fmt: skip
 
 
 @wp.func
 def keep_valid(
     world: int, scratch_slot: int, k: int, first: int, topology: Topology, parameters: Parameters, assets: Assets,
-    searches: Searches, cut: TriangleContacts, scratch: CollisionScratch, manifold: Manifold, valid: TriangleContacts,
+    searches: Searches, clipped: TriangleContacts, scratch: CollisionScratch, manifold: Manifold,
+    valid: TriangleContacts,
 ) -> int:  # fmt: skip
     """Those of the contacts with one triangle, from `first` on; returns where those with the next begin."""
     s = searches.search[k]
@@ -218,13 +220,13 @@ def keep_valid(
     size = core_radius(b, assets) + rounding(b)
     dropped = float(0.0)
     entry = int(first)
-    while entry < cut.list[0].count and cut.contact[entry].search == k:
-        manifold.normal[0] = cut.contact[entry].normal
-        manifold.point[0] = cut.contact[entry].point
-        manifold.gap[0] = cut.contact[entry].gap
-        manifold.feature[0] = cut.contact[entry].feature
+    while entry < clipped.list[0].count and clipped.contact[entry].search == k:
+        manifold.normal[0] = clipped.contact[entry].normal
+        manifold.point[0] = clipped.contact[entry].point
+        manifold.gap[0] = clipped.contact[entry].gap
+        manifold.feature[0] = clipped.contact[entry].feature
         c = surface_contact(0, g, t, size, assets, manifold)
-        if c.taken == 1:
+        if c.kept == 1:
             add_contact(k, 0, c, valid)
         else:
             dropped = wp.max(dropped, -manifold.gap[0])
@@ -232,7 +234,7 @@ def keep_valid(
     if dropped > 0.0 and searches.facing[k].height >= 0.0 and b.kind != SPHERE:
         for corner in range(4):
             c = deepest_vertex(corner, dropped, g, t, b, assets)
-            if c.taken == 1:
+            if c.kept == 1:
                 add_contact(k, 0, c, valid)
     return entry
 

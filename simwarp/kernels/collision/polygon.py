@@ -33,7 +33,7 @@ RIM = wp.constant(8)  # corners that stand for a circle
 
 
 @wp.func
-def put(a: Shape, row: int, i: int, local: wp.vec3, out: Manifold):
+def put_vertex(a: Shape, row: int, i: int, local: wp.vec3, out: Manifold):
     """Writes a point of the shape's frame, in the pair's frame."""
     out.polygon[row, i] = a.x + a.rot * local
 
@@ -46,7 +46,7 @@ def put_rim(a: Shape, row: int, d: wp.vec3, z: float, out: Manifold) -> int:
     s = float(u[1]) * a.size[0]
     h = float(0.7071067811865476)
     for i in range(RIM):
-        put(a, row, i, wp.vec3(c, s, z), out)
+        put_vertex(a, row, i, wp.vec3(c, s, z), out)
         t = (c - s) * h
         s = (c + s) * h
         c = t
@@ -71,7 +71,7 @@ def box_polygon(a: Shape, d: wp.vec3, row: int, out: Manifold) -> int:
         for corner in range(4):
             p[i] = wp.where(corner == 0 or corner == 3, a.size[i], -a.size[i])
             p[j] = wp.where(corner < 2, a.size[j], -a.size[j])
-            put(a, row, corner, p, out)
+            put_vertex(a, row, corner, p, out)
         return 4
     free = int(-1)
     if wp.abs(d[i]) < FLAT_SINE:
@@ -79,12 +79,12 @@ def box_polygon(a: Shape, d: wp.vec3, row: int, out: Manifold) -> int:
     elif wp.abs(d[j]) < FLAT_SINE:
         free = j
     if free < 0:
-        put(a, row, 0, p, out)
+        put_vertex(a, row, 0, p, out)
         return 1
     p[free] = a.size[free]
-    put(a, row, 0, p, out)
+    put_vertex(a, row, 0, p, out)
     p[free] = -a.size[free]
-    put(a, row, 1, p, out)
+    put_vertex(a, row, 1, p, out)
     return 2
 
 
@@ -108,10 +108,10 @@ def round_polygon(a: Shape, d: wp.vec3, row: int, assets: Assets, out: Manifold)
     if (a.kind == CYLINDER or a.kind == CAPSULE or a.kind == CONE) and wp.abs(wp.dot(d, line)) < FLAT_SINE * wp.length(
         line
     ):
-        put(a, row, 0, rim, out)
-        put(a, row, 1, top, out)
+        put_vertex(a, row, 0, rim, out)
+        put_vertex(a, row, 1, top, out)
         return 2
-    put(a, row, 0, local_support(a, d, assets), out)
+    put_vertex(a, row, 0, local_support(a, d, assets), out)
     return 1
 
 
@@ -164,7 +164,8 @@ def hull_polygon(a: Shape, d: wp.vec3, row: int, assets: Assets, out: Manifold) 
         step = (total + FACE_VERTICES - 1) // FACE_VERTICES
         count = (total + step - 1) // step
         for k in range(count):
-            put(a, row, k, wp.cw_mul(a.size, assets.hull_vertex[start + assets.hull_face[first + k * step]]), out)
+            vertex = assets.hull_vertex[start + assets.hull_face[first + k * step]]
+            put_vertex(a, row, k, wp.cw_mul(a.size, vertex), out)
         return count
     top = hull_support_index(a.asset, wp.cw_mul(a.size, d), assets)
     p = wp.cw_mul(a.size, assets.hull_vertex[start + top])
@@ -182,10 +183,10 @@ def hull_polygon(a: Shape, d: wp.vec3, row: int, assets: Assets, out: Manifold) 
                     slope = fall
                     other = j
     if other < 0:
-        put(a, row, 0, p, out)
+        put_vertex(a, row, 0, p, out)
         return 1
-    put(a, row, 0, wp.cw_mul(a.size, assets.hull_vertex[start + wp.min(top, other)]), out)
-    put(a, row, 1, wp.cw_mul(a.size, assets.hull_vertex[start + wp.max(top, other)]), out)
+    put_vertex(a, row, 0, wp.cw_mul(a.size, assets.hull_vertex[start + wp.min(top, other)]), out)
+    put_vertex(a, row, 1, wp.cw_mul(a.size, assets.hull_vertex[start + wp.max(top, other)]), out)
     return 2
 
 

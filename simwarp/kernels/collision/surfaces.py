@@ -331,7 +331,7 @@ def mesh_vertex(asset: int, scale: wp.vec3, triangle: int, corner: int, assets: 
 
 
 @wp.func
-def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
+def rotate_wide(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
     """The product rot v in float64."""
     return wp.vec3d(
         wp.float64(rot[0, 0]) * v[0] + wp.float64(rot[0, 1]) * v[1] + wp.float64(rot[0, 2]) * v[2],
@@ -380,7 +380,7 @@ def triangle_surface_of(a: Shape, x: wp.vec3d, lower: wp.vec3, upper: wp.vec3, r
     g.margin = a.margin
     g.x = x
     g.rot = a.rot
-    middle = times(wp.transpose(a.rot), to_double(0.5 * (lower + upper)) - x)
+    middle = rotate_wide(wp.transpose(a.rot), to_double(0.5 * (lower + upper)) - x)
     half = 0.5 * (upper - lower) + wp.vec3(reach + a.margin, reach + a.margin, reach + a.margin)
     size = to_double(turned_extent(wp.transpose(a.rot), half))
     size += wp.vec3d(wp.float64(1.0), wp.float64(1.0), wp.float64(1.0)) * (wp.float64(1.0e-6) * wp.length(middle))
@@ -470,7 +470,7 @@ def ground_vertex(g: TriangleSurface, triangle: int, corner: int, assets: Assets
         v = mesh_vertex(g.asset, g.scale, triangle, corner, assets)
     else:
         v = field_vertex(g.asset, g.scale, triangle, corner, assets)
-    return to_float(g.x + times(g.rot, v))
+    return to_float(g.x + rotate_wide(g.rot, v))
 
 
 @wp.func

@@ -338,7 +338,7 @@ def add_penetrating(found: ContactAccumulator, t: Triangle, low: wp.vec3, gap: f
 class SurfaceContact:
     """A contact with one triangle as the whole surface has it."""
 
-    taken: int  # 0: it has none
+    kept: int  # 0: it has none
     normal: wp.vec3
     point: wp.vec3
     gap: float
@@ -363,7 +363,7 @@ def deepest_vertex(
     gap = height - g.margin
     distance = distance_to(t, low)
     if gap < 0.0 and gap > -STEEP * deepest and distance * distance < height * height + 0.25 * gap * gap:
-        c.taken = 1
+        c.kept = 1
         c.normal = t.normal
         c.point = low - gap * t.normal
         c.gap = gap
@@ -382,13 +382,13 @@ def surface_contact(
     at = point + manifold.gap[i] * n
     if wp.length_sq(n - t.normal) < SAME_NORMAL * SAME_NORMAL:
         face_gap = wp.dot(t.normal, at - t.p0) - g.margin
-        c.taken = 1
+        c.kept = 1
         c.normal = t.normal
         c.point = at - face_gap * t.normal
         c.gap = face_gap
         c.feature = feature_id(t.index, manifold.feature[i])
     elif is_valid_contact_normal(g, t, n, point - g.margin * n, size, assets):
-        c.taken = 1
+        c.kept = 1
         c.normal = n
         c.point = point
         c.gap = manifold.gap[i]

@@ -185,7 +185,7 @@ def descend_first(problem: ConeProblem, config: ConeConfig) -> SolveReport:
 
 
 @wp.func
-def wants_newton(problem: ConeProblem, config: ConeConfig, residual: float) -> bool:
+def needs_newton(problem: ConeProblem, config: ConeConfig, residual: float) -> bool:
     """True if `descend_first` has left something to Newton steps."""
     return not residual <= config.tolerance and config.max_iterations > BEFORE_NEWTON and can_step_by_newton(problem)
 
@@ -222,7 +222,7 @@ def solve_apgd(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     Newton steps try what is not solved after some iterations; the rest of the iterations take what these leave.
     """
     report = descend_first(problem, config)
-    if wants_newton(problem, config, report.residual):
+    if needs_newton(problem, config, report.residual):
         report = step_newton(problem, config, report)
         if not report.residual <= config.tolerance:
             report = descend_rest(problem, config, report)

@@ -33,16 +33,16 @@ from simwarp.kernels.cones.newton import (
     ZI,
     ZU,
     Q,
-    at,
     impulses_from,
     is_cone,
-    put,
     set_linear_term,
     set_right_side,
     set_scalings,
     set_start,
+    set_triple,
     set_units,
     solve_newton,
+    triple_at,
 )
 from simwarp.kernels.cones.operator import multiply_wide, natural_residual, set_scales
 from simwarp.kernels.cones.problem import AX, BEST, EXACT, LOW, ROLLING, ConeConfig, ConeProblem, SolveReport, X
@@ -78,11 +78,11 @@ def mean_gap(problem: ConeProblem, step: wp.float64) -> wp.float64:
     for block in range(problem.block_count):
         row = problem.block_row[block]
         if is_cone(problem, block):
-            x = at(problem, XI, row)
-            z = at(problem, ZI, row)
+            x = triple_at(problem, XI, row)
+            z = triple_at(problem, ZI, row)
             if step > ZERO:
-                x += step * at(problem, DX, row)
-                z += step * at(problem, DZ, row)
+                x += step * triple_at(problem, DX, row)
+                z += step * triple_at(problem, DZ, row)
             total += wp.dot(x, z)
             count += ONE
         else:
@@ -163,8 +163,8 @@ def step_length(problem: ConeProblem) -> wp.float64:
     for block in range(problem.block_count):
         row = problem.block_row[block]
         if is_cone(problem, block):
-            step = wp.min(step, BACK_OFF * longest_step(at(problem, XI, row), at(problem, DX, row)))
-            step = wp.min(step, BACK_OFF * longest_step(at(problem, ZI, row), at(problem, DZ, row)))
+            step = wp.min(step, BACK_OFF * longest_step(triple_at(problem, XI, row), triple_at(problem, DX, row)))
+            step = wp.min(step, BACK_OFF * longest_step(triple_at(problem, ZI, row), triple_at(problem, DZ, row)))
         else:
             for i in range(row, problem.block_row[block + 1]):
                 if problem.wide[UP, i] > problem.wide[LO, i]:
@@ -199,12 +199,12 @@ def newton_step(problem: ConeProblem):
     for block in range(problem.block_count):
         if is_cone(problem, block):
             row = problem.block_row[block]
-            put(problem, XI, row, moved_inside_cone(at(problem, XI, row)))
-            put(problem, ZI, row, moved_inside_cone(at(problem, ZI, row)))
+            set_triple(problem, XI, row, moved_inside_cone(triple_at(problem, XI, row)))
+            set_triple(problem, ZI, row, moved_inside_cone(triple_at(problem, ZI, row)))
 
 
 @wp.func
-def measure(problem: ConeProblem, friction_law: int, shift: int) -> float:
+def measure_residual(problem: ConeProblem, friction_law: int, shift: int) -> float:
     """Residual at XI; X, AX and TMP (impulses) are set."""
     n = problem.row_count
     impulses_from(problem, XI)
@@ -227,7 +227,7 @@ def solve_convex(problem: ConeProblem, config: ConeConfig, friction_law: int) ->
         step += 1
         stalled += 1
         newton_step(problem)
-        now = measure(problem, friction_law, 0)
+        now = measure_residual(problem, friction_law, 0)
         if now < best:
             if now < 0.7 * best:
                 stalled = 0

@@ -325,7 +325,7 @@ def island_problem(
 
 
 @wp.func
-def worse(a: SolveReport, b: SolveReport) -> SolveReport:
+def worst_report(a: SolveReport, b: SolveReport) -> SolveReport:
     """Of two islands, the more iterations and the greater residual; one that is not a number stays."""
     report = SolveReport()
     report.iterations = wp.max(a.iterations, b.iterations)
@@ -343,5 +343,5 @@ def world_report(islands: int, cone: ConeProblem) -> SolveReport:
         each = SolveReport()
         each.iterations = cone.island_iterations[island]
         each.residual = cone.island_residual[island]
-        report = worse(report, each)
+        report = worst_report(report, each)
     return report

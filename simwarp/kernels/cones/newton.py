@@ -50,13 +50,13 @@ GRADIENTS = wp.constant(40)  # conjugate gradient steps per Newton step, at most
 
 
 @wp.func
-def at(problem: ConeProblem, vector: int, row: int) -> wp.vec3d:
+def triple_at(problem: ConeProblem, vector: int, row: int) -> wp.vec3d:
     """Three rows of a wide vector."""
     return wp.vec3d(problem.wide[vector, row], problem.wide[vector, row + 1], problem.wide[vector, row + 2])
 
 
 @wp.func
-def put(problem: ConeProblem, vector: int, row: int, value: wp.vec3d):
+def set_triple(problem: ConeProblem, vector: int, row: int, value: wp.vec3d):
     """Three rows of a wide vector <- value."""
     problem.wide[vector, row] = value[0]
     problem.wide[vector, row + 1] = value[1]
@@ -169,11 +169,11 @@ def set_scalings(problem: ConeProblem):
     for block in range(problem.block_count):
         row = problem.block_row[block]
         if is_cone(problem, block):
-            x = at(problem, XI, row)
-            z = at(problem, ZI, row)
+            x = triple_at(problem, XI, row)
+            z = triple_at(problem, ZI, row)
             w = scaling_point(x, z)
             eta = scaling_size(x, z)
-            put(problem, W, row, w)
+            set_triple(problem, W, row, w)
             problem.wide[ETA, row] = eta
             m = reflected(w)
             f = ONE / (eta * eta)
@@ -223,8 +223,8 @@ def apply_newton(problem: ConeProblem, source: int, target: int):
     for block in range(problem.block_count):
         row = problem.block_row[block]
         if is_cone(problem, block):
-            m = reflected(at(problem, W, row))
-            v = at(problem, source, row)
+            m = reflected(triple_at(problem, W, row))
+            v = triple_at(problem, source, row)
             eta = problem.wide[ETA, row]
             added = (wp.float64(2.0) * wp.dot(m, v) * m - reflected(v)) / (eta * eta)
             for i in range(3):
@@ -286,16 +286,16 @@ def set_right_side(problem: ConeProblem, aim: wp.float64, correct: int):
     for block in range(problem.block_count):
         row = problem.block_row[block]
         if is_cone(problem, block):
-            w = at(problem, W, row)
+            w = triple_at(problem, W, row)
             eta = problem.wide[ETA, row]
-            lam = eta * scaled(w, at(problem, ZI, row))
+            lam = eta * scaled(w, triple_at(problem, ZI, row))
             target = wp.vec3d(aim, ZERO, ZERO) - jordan(lam, lam)
             if correct == 1:
-                dx = scaled(reflected(w), at(problem, PX, row))
-                dz = scaled(w, at(problem, PZ, row))
+                dx = scaled(reflected(w), triple_at(problem, PX, row))
+                dz = scaled(w, triple_at(problem, PZ, row))
                 target -= jordan(dx, dz)
             v = scaled(reflected(w), jordan_divide(lam, target)) / eta
-            put(problem, RHS, row, v - at(problem, RD, row))
+            set_triple(problem, RHS, row, v - triple_at(problem, RD, row))
         else:
             for i in range(row, problem.block_row[block + 1]):
                 low = problem.wide[LO, i]

@@ -233,7 +233,7 @@ class WorkScratch(ScratchGroup):
     j1_lin = scratch_array(wp.vec3, "wrench_rows")
     row_b = scratch_array(wp.float32, "padded_rows")
     row_compliance = scratch_array(wp.float32, "padded_rows")
-    row_bend = scratch_array(wp.float32, "rows")  # half a step times its curvature along the start's velocities
+    curvature_term = scratch_array(wp.float32, "rows")  # half a step times its curvature along the start's velocities
     row_impulse = scratch_array(wp.float32, "padded_rows")
     row_r = scratch_array(wp.float32, "padded_rows")
     row_t = scratch_array(wp.float32, "padded_rows")

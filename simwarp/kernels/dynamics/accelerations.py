@@ -19,8 +19,8 @@ from simwarp.kernels.dynamics.joints import (
     FREE,
     POINT_AXIS0,
     SHAFT,
+    allowed_translation,
     joint_frames,
-    legal_translation,
 )
 from simwarp.kernels.dynamics.tree import Wrench, backward_pass, forward_pass
 
@@ -40,7 +40,7 @@ def velocity_products(
     above = topology.link_parent[link]
     forward = topology.link_sign[link] > 0.0
     frames = joint_frames(joint, world, topology, parameters, work)
-    arm0 = to_float(frames.r0 + legal_translation(topology.link_type[link], frames))
+    arm0 = to_float(frames.r0 + allowed_translation(topology.link_type[link], frames))
     arm1 = to_float(frames.r1)
     omega = work.o_ang[link]
     carrier = wp.vec3()
@@ -90,7 +90,7 @@ def add_changes(world: int, topology: Topology, work: Work, reports: Reports):
 
 
 @wp.func
-def answer_couplings(world: int, topology: Topology, parameters: Parameters, work: Work, reports: Reports):
+def add_coupling_response(world: int, topology: Topology, parameters: Parameters, work: Work, reports: Reports):
     """Adds the answer of the couplings to a motion in `work` that is not the step's, and is in joint_qdd with it.
     Rigid sums change by nothing at all: what they have violated, by rounding too, is not part of an acceleration.
     """
@@ -119,7 +119,7 @@ def answer_couplings(world: int, topology: Topology, parameters: Parameters, wor
 
 
 @wp.func
-def answer_products(
+def add_product_response(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work, reports: Reports
 ):
     """Adds the tree's answer to the velocity products, and to changes of prescribed rates, in place of the
@@ -147,7 +147,7 @@ def answer_products(
     forward_pass(topology, work)
     add_changes(world, topology, work, reports)
     if topology.row_count > 0:
-        answer_couplings(world, topology, parameters, work, reports)
+        add_coupling_response(world, topology, parameters, work, reports)
     for link in range(topology.link_count):
         work.stabilisation_ang[link] = work.f_ang[link]
         work.stabilisation_lin[link] = work.f_lin[link]
@@ -173,7 +173,7 @@ def keep_changes(
     forward_pass(topology, work)
     add_changes(world, topology, work, reports)
     if topology.joint_row_count == 0:
-        answer_products(world, dt, topology, parameters, state, work, reports)
+        add_product_response(world, dt, topology, parameters, state, work, reports)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = work.k_effort[tree_dof]
         work.xi[tree_dof] = work.k_qd[tree_dof]

@@ -43,7 +43,7 @@ GIVEN_UP = wp.constant(1.0e-4)
 
 
 @wp.func
-def about(axis: int, angle: wp.float64) -> wp.mat33d:
+def axis_rotation(axis: int, angle: wp.float64) -> wp.mat33d:
     """Rotation about a coordinate axis."""
     v = wp.vec3d()
     v[axis] = wp.float64(1.0)
@@ -74,17 +74,18 @@ def joint_pose(kind: int, first: int, world: int, joint_q: wp.array2d[float]) ->
     pose = JointPose()
     pose.r = wp.identity(n=3, dtype=wp.float64)
     if kind == REVOLUTE:
-        pose.r = about(2, wp.float64(joint_q[world, first]))
+        pose.r = axis_rotation(2, wp.float64(joint_q[world, first]))
     elif kind == PRISMATIC:
         pose.p = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(joint_q[world, first]))
     elif kind == CYLINDRICAL:
         pose.p = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(joint_q[world, first]))
-        pose.r = about(2, wp.float64(joint_q[world, first + 1]))
+        pose.r = axis_rotation(2, wp.float64(joint_q[world, first + 1]))
     elif kind == UNIVERSAL:
-        pose.r = about(0, wp.float64(joint_q[world, first])) * about(1, wp.float64(joint_q[world, first + 1]))
+        pose.r = axis_rotation(0, wp.float64(joint_q[world, first]))
+        pose.r = pose.r * axis_rotation(1, wp.float64(joint_q[world, first + 1]))
     elif kind == PLANAR:
         pose.p = wp.vec3d(wp.float64(joint_q[world, first]), wp.float64(joint_q[world, first + 1]), wp.float64(0.0))
-        pose.r = about(2, wp.float64(joint_q[world, first + 2]))
+        pose.r = axis_rotation(2, wp.float64(joint_q[world, first + 2]))
     elif kind == SPHERICAL:
         pose.r = exponential(
             wp.float64(joint_q[world, first]),
@@ -139,7 +140,7 @@ def place_links(world: int, topology: Topology, parameters: Parameters, joint_q:
 
 
 @wp.func
-def forget_velocities(topology: Topology, work: Work):
+def clear_velocities(topology: Topology, work: Work):
     """Start velocities of zero: an assembly moves positions only."""
     for link in range(topology.link_count):
         work.o_ang[link] = wp.vec3()
@@ -147,7 +148,7 @@ def forget_velocities(topology: Topology, work: Work):
 
 
 @wp.func
-def geometry(world: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work):
+def place_joints(world: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work):
     """Columns and shifts of all tree joints at the poses in `work`, without stabilisation."""
     for link in range(topology.link_count):
         kind = topology.link_type[link]
@@ -164,12 +165,12 @@ def factor_at_poses(
     dt = config.dt
     time = state.world_time[world]
     load_bodies(world, dt, topology, parameters, state, control, config, work)
-    forget_velocities(topology, work)
+    clear_velocities(topology, work)
     load_tree_dofs(world, dt, time, topology, parameters, state, control, config, work)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
         work.effort[tree_dof] = 0.0
-    geometry(world, topology, parameters, config, work)
+    place_joints(world, topology, parameters, config, work)
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
@@ -280,11 +281,11 @@ def assemble_velocities(
     joint_qd: wp.array2d[float], state: StateArrays, work: Work,
 ):  # fmt: skip
     """Velocities from rates; where loops or couplings bind, the nearest in the mass metric."""
-    forget_velocities(topology, work)
+    clear_velocities(topology, work)
     load_tree_dofs(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
-    geometry(world, topology, parameters, config, work)
+    place_joints(world, topology, parameters, config, work)
     link_rates(world, topology, parameters, joint_qd, state, work)
     for link in range(topology.link_count):
         work.t_ang[link] = work.v_ang[link]

@@ -26,9 +26,9 @@ from simwarp.kernels.dynamics.joints import (
     POINT_AXIS0,
     POINT_AXIS1,
     JointFrames,
+    allowed_translation,
+    curvature_term,
     joint_frames,
-    legal_translation,
-    row_bend,
 )
 from simwarp.kernels.dynamics.tree import Wrench, project_tree_dof, walk_to_root
 
@@ -69,7 +69,7 @@ def row_geometry(
         row.w0.ang = -to_float(axis)
         return row
     u = wp.vec3d()
-    lever0 = frames.r0 + legal_translation(joint_type, frames)
+    lever0 = frames.r0 + allowed_translation(joint_type, frames)
     lever1 = frames.r1
     if kind == POINT_AXIS0:
         u = column(frames.f0, axis0)
@@ -178,8 +178,8 @@ def loop_row_limit(kind: int, config: StepConfig) -> float:
 
 
 @wp.func
-def bend_of_row(row: int, joint: int, dt: float, frames: JointFrames, topology: Topology, work: Work) -> float:
-    """`row_bend` of a row, with the velocities of the step's start."""
+def row_curvature_term(row: int, joint: int, dt: float, frames: JointFrames, topology: Topology, work: Work) -> float:
+    """`curvature_term` of a row, with the velocities of the step's start."""
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
     omega0 = wp.vec3()
@@ -192,7 +192,7 @@ def bend_of_row(row: int, joint: int, dt: float, frames: JointFrames, topology: 
         omega1 = work.o_ang[link1]
         speed += work.o_lin[link1]
     axis0 = topology.row_axis0[row]
-    return row_bend(topology.row_kind[row], axis0, topology.row_axis1[row], dt, omega0, omega1, speed, frames)
+    return curvature_term(topology.row_kind[row], axis0, topology.row_axis1[row], dt, omega0, omega1, speed, frames)
 
 
 @wp.func(inline=True)
@@ -207,7 +207,7 @@ def loop_row_wrenches(
     offset = wp.float64(0.0)
     if topology.row_dof[row] < 0:
         offset = row_offset(kind, joint, world, parameters)
-        work.row_bend[row] = bend_of_row(row, joint, dt, frames, topology, work)
+        work.curvature_term[row] = row_curvature_term(row, joint, dt, frames, topology, work)
     geometry = row_geometry(topology.joint_type[joint], kind, axis0, axis1, offset, frames)
     work.j0_ang[row] = geometry.w0.ang
     work.j0_lin[row] = geometry.w0.lin
@@ -266,7 +266,7 @@ def loop_row_law(
     law = RowLaw()
     if dof < 0:
         # as `corrected` in joints.py
-        bend = work.row_bend[row]
+        bend = work.curvature_term[row]
         law.bias = wp.clamp(float(value) / dt - (1.0 - config.curvature_share) * bend, -limit, limit) + bend
     else:
         law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
@@ -495,7 +495,7 @@ def free_combined_rate(dof: int, world: int, topology: Topology, parameters: Par
 
 
 @wp.func
-def silent_responses(world: int, topology: Topology, parameters: Parameters, work: Work):
+def respond_without_law(world: int, topology: Topology, parameters: Parameters, work: Work):
     """Y of the combinations without a law: what their bounded impulses move."""
     for row in range(topology.row_count, topology.response_count):
         index = row - topology.joint_row_count

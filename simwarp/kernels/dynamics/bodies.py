@@ -32,7 +32,7 @@ from simwarp.kernels.dynamics.joints import (
     SPHERICAL,
     coordinate,
     joint_frames,
-    turned_frames,
+    joint_rotation_vector,
     unwrapped,
     wraps,
 )
@@ -425,7 +425,7 @@ def publish_coordinates(
             state.joint_q[world, first] = float(total)
         elif end > first:
             frames = joint_frames(joint, world, topology, parameters, work)
-            angles = turned_frames(kind, frames)
+            angles = joint_rotation_vector(kind, frames)
             for dof in range(first, end):
                 value = coordinate(kind, dof - first, topology.dof_coupled[dof], frames, angles)
                 if wraps(kind, topology.dof_kind[dof]):

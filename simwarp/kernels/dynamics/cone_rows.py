@@ -234,7 +234,7 @@ def assemble_dense(cone: ConeProblem):
 
 
 @wp.func
-def call_on_groups(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
+def mark_due_groups(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
     """group_due <- 1 where impulses of the blocks act on a group, and row_r of it <- W^T gamma."""
     for group in range(topology.group_count):
         work.group_due[group] = wp.where(topology.unit_count == 1, 1, 0)
@@ -262,7 +262,7 @@ def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
     """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
     add_rows(blocks, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.gamma, work.xi)
     if topology.row_count > 0:
-        call_on_groups(cone, blocks, topology, work)
+        mark_due_groups(cone, blocks, topology, work)
         for group in range(topology.group_count):
             if work.group_due[group] == 1:
                 solve_group_backward(group, topology, work)

@@ -87,7 +87,7 @@ def joint_frames(joint: int, world: int, topology: Topology, parameters: Paramet
 
 
 @wp.func
-def legal_part(kind: int, z: Any, d: Any):
+def allowed_part(kind: int, z: Any, d: Any):
     """The part of a translation `d` that an element with the axis `z` allows, in either precision."""
     if kind == PRISMATIC or kind == CYLINDRICAL or kind == POINT_ON_LINE:
         return z * wp.dot(z, d)
@@ -99,9 +99,9 @@ def legal_part(kind: int, z: Any, d: Any):
 
 
 @wp.func
-def legal_translation(kind: int, frames: JointFrames) -> wp.vec3d:
+def allowed_translation(kind: int, frames: JointFrames) -> wp.vec3d:
     """The part of `d` that the element allows."""
-    return legal_part(kind, column(frames.f0, 2), frames.d)
+    return allowed_part(kind, column(frames.f0, 2), frames.d)
 
 
 @wp.func
@@ -142,7 +142,7 @@ def error_curvature(
     turning = omega1 - omega0
     curvature = ErrorCurvature()
     curvature.lin = wp.cross(omega1, wp.cross(omega1, r1)) - wp.cross(omega0, wp.cross(omega0, r0) + 2.0 * slip)
-    curvature.lin -= legal_part(kind, z0, curvature.lin)
+    curvature.lin -= allowed_part(kind, z0, curvature.lin)
     if kind == REVOLUTE or kind == CYLINDRICAL or kind == PLANAR:
         z1 = to_float(column(frames.f1, 2))
         curvature.ang = wp.cross(z1, omega1) * wp.dot(z1, turning)
@@ -163,7 +163,7 @@ def half_step(omega0: wp.vec3, omega1: wp.vec3, dt: float) -> float:
 
 
 @wp.func
-def row_bend(
+def curvature_term(
     kind: int, axis0: int, axis1: int, dt: float, omega0: wp.vec3, omega1: wp.vec3, speed: wp.vec3, frames: JointFrames
 ) -> float:
     """Half a step (`half_step`) times the second derivative of a row's value (RowKind) along a motion of two bodies, of
@@ -215,7 +215,7 @@ def link_geometry(
     kind = topology.link_type[link]
     sign = topology.link_sign[link]
     frames = joint_frames(joint, world, topology, parameters, work)
-    legal = legal_translation(kind, frames)
+    legal = allowed_translation(kind, frames)
     e_lin = to_float(frames.d - legal)
     e_ang = to_float(misalignment(kind, frames))
     r0 = to_float(frames.r0 + legal)
@@ -279,7 +279,7 @@ def rotation_vector(f0: wp.mat33d, f1: wp.mat33d) -> wp.vec3d:
 
 
 @wp.func
-def turn(cosine: wp.float64, sine: wp.float64, exact: int) -> wp.float64:
+def angle_of(cosine: wp.float64, sine: wp.float64, exact: int) -> wp.float64:
     """Angle in (-pi, pi]; to float32 accuracy, all that a published coordinate holds, unless `exact`."""
     if exact == 1:
         return wp.atan2(sine, cosine)
@@ -287,7 +287,7 @@ def turn(cosine: wp.float64, sine: wp.float64, exact: int) -> wp.float64:
 
 
 @wp.func
-def turned_frames(kind: int, frames: JointFrames) -> wp.vec3d:
+def joint_rotation_vector(kind: int, frames: JointFrames) -> wp.vec3d:
     """Rotation vector of the joints whose coordinates hold one, else zeros."""
     if kind == SPHERICAL or kind == FREE or kind == BUSHING:
         return rotation_vector(frames.f0, frames.f1)
@@ -298,22 +298,22 @@ def turned_frames(kind: int, frames: JointFrames) -> wp.vec3d:
 def coordinate(kind: int, local: int, exact: int, frames: JointFrames, angles: wp.vec3d) -> wp.float64:
     """Coordinate `local` of a joint of type `kind`; angles within one turn, lengths [m].
 
-    `angles` is `turned_frames`, computed once per joint.
+    `angles` is `joint_rotation_vector`, computed once per joint.
     """
     x0 = column(frames.f0, 0)
     y0 = column(frames.f0, 1)
     x1 = column(frames.f1, 0)
     q = wp.float64(0.0)
     if kind == REVOLUTE or (kind == CYLINDRICAL and local == 1) or (kind == PLANAR and local == 2):
-        q = turn(wp.dot(x1, x0), wp.dot(x1, y0), exact)
+        q = angle_of(wp.dot(x1, x0), wp.dot(x1, y0), exact)
     elif kind == PRISMATIC or kind == CYLINDRICAL:
         q = wp.dot(frames.d, column(frames.f0, 2))
     elif kind == UNIVERSAL:
         if local == 0:
             y1 = column(frames.f1, 1)
-            q = turn(wp.dot(y1, y0), wp.dot(y1, column(frames.f0, 2)), exact)
+            q = angle_of(wp.dot(y1, y0), wp.dot(y1, column(frames.f0, 2)), exact)
         else:
-            q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0), exact)
+            q = angle_of(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0), exact)
     elif kind == PLANAR:
         q = wp.dot(frames.d, column(frames.f0, local))
     elif kind == JOINT_DISTANCE:

@@ -12,8 +12,8 @@ from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
     FREE,
     SHAFT,
+    allowed_translation,
     joint_frames,
-    legal_translation,
     misalignment,
 )
 from simwarp.kernels.dynamics.tree import backward_pass, forward_pass
@@ -37,7 +37,7 @@ def residual_stabilisation(world: int, inv_dt: float, topology: Topology, parame
         if kind != FREE and kind != SHAFT:
             sign = topology.link_sign[link]
             frames = joint_frames(topology.link_joint[link], world, topology, parameters, work)
-            legal = legal_translation(kind, frames)
+            legal = allowed_translation(kind, frames)
             e_lin = to_float(frames.d - legal)
             e_ang = to_float(misalignment(kind, frames))
             child = to_float(frames.r1)

@@ -36,7 +36,7 @@ def recovery_speed(dt: float, gap: float, fastest: float) -> float:
 
 
 @wp.func
-def wants_recovery(blocks: int, work: Work) -> bool:
+def needs_recovery(blocks: int, work: Work) -> bool:
     """True if a row of this step has to recover."""
     wanted = bool(False)
     for block in range(blocks):
@@ -98,7 +98,7 @@ def recover_row(block: int, row: int, asked: float, work: Work, cone: ConeProble
 
 
 @wp.func
-def answer_loops(topology: Topology, work: Work, cone: ConeProblem):
+def respond_with_loops(topology: Topology, work: Work, cone: ConeProblem):
     """The loop rows' answer to the recovery, so that it keeps closed loops closed."""
     for row in range(topology.row_count):
         work.row_r[row] = cone.loop_sum[row]
@@ -138,7 +138,7 @@ def find_recovery(
             if work.recovery[block] >= 0.0:
                 recover_row(block, cone.block_row[block], work.recovery[block], work, cone)
     if topology.row_count > 0:
-        answer_loops(topology, work, cone)
+        respond_with_loops(topology, work, cone)
     total = float(0.0)
     for tree_dof in range(topology.tree_dof_count):
         total += wp.abs(work.recovery_xi[tree_dof])

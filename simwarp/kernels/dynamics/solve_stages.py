@@ -10,7 +10,7 @@ import functools
 import warp as wp
 
 from simwarp.core.types import ConeSolver
-from simwarp.kernels.cones.apgd import descend_first, descend_rest, keep_best, solve_apgd, step_newton, wants_newton
+from simwarp.kernels.cones.apgd import descend_first, descend_rest, keep_best, needs_newton, solve_apgd, step_newton
 from simwarp.kernels.cones.interior_point import can_factorise, finish_interior_point, start_interior_point
 from simwarp.kernels.cones.islands import island_problem, island_start, whole_problem
 from simwarp.kernels.cones.padmm import solve_padmm
@@ -97,7 +97,7 @@ def if_not_factorised(problem: ConeProblem) -> bool:
 
 @wp.func
 def descend(problem: ConeProblem, config: ConeConfig) -> SolveReport:
-    """Accelerated gradient descent until Newton steps are worth a try (`go_on_stage`)."""
+    """Accelerated gradient descent until Newton steps are worth a try (`resume_stage`)."""
     report = descend_first(problem, config)
     keep_best(problem)
     return report
@@ -171,21 +171,21 @@ def solve_stage(solver: ConeSolver, stand_in: bool, several: bool) -> Stage:
 
 
 @functools.cache
-def go_on_stage(stand_in: ConeSolver | None, rest: bool, several: bool) -> Stage:
+def resume_stage(stand_in: ConeSolver | None, rest: bool, several: bool) -> Stage:
     """The stage that goes on after gradient descent by proximal Newton steps, or with the `rest` of the descent."""
     applies = always if stand_in is None else STAND_INS[stand_in]
     go_on = descend_rest if rest else step_newton
     islands_of, problem_of = VIEWS[several]
 
     @wp.func(inline=True)
-    def go_on_problems(world: int, config: StepConfig, topology: Topology, progress: StepProgress, cone: ConeProblem):
+    def resume_problems(world: int, config: StepConfig, topology: Topology, progress: StepProgress, cone: ConeProblem):
         """Goes on with the problems that gradient descent has left to Newton steps."""
         if progress.blocks[world] > 0:
             numbers = gradient_config(cone_config(config))
             islands = islands_of(world, progress)
             for island in range(wp.max(islands, 1)):
                 problem = problem_of(island, islands, progress.blocks[world], topology, config, cone)
-                if applies(problem) and wants_newton(problem, numbers, cone.island_residual[island]):
+                if applies(problem) and needs_newton(problem, numbers, cone.island_residual[island]):
                     restore_dense(problem, islands)
                     before = SolveReport()
                     before.iterations = cone.island_iterations[island]
@@ -193,7 +193,7 @@ def go_on_stage(stand_in: ConeSolver | None, rest: bool, several: bool) -> Stage
                     keep_best(problem)
                     keep_report(island, solution, cone)
 
-    return _stage("descend_on" if rest else "step_newton", go_on_problems, several)
+    return _stage("descend_on" if rest else "step_newton", resume_problems, several)
 
 
 @wp.func
@@ -305,7 +305,7 @@ def solver_stages(solver: ConeSolver, *, several: bool, newton: bool, follows: b
 
     def descent(stand_in: ConeSolver | None) -> list[Stage]:
         first = solve_stage(solver, stand_in is not None, several)
-        return [first, *(go_on_stage(stand_in, rest, several) for rest in (False, True) if newton)]
+        return [first, *(resume_stage(stand_in, rest, several) for rest in (False, True) if newton)]
 
     stages = descent(solver) if solver in STAND_INS else []
     if solver == ConeSolver.INTERIOR_POINT:
@@ -323,8 +323,8 @@ def stages_for_cuda_check() -> list[Stage]:
     """All solvers; those of islands stand for each other, but for the interior point."""
     alone = [solve_stage(solver, False, False) for solver in SOLVERS]
     stand_ins = [solve_stage(solver, True, False) for solver in STAND_INS]
-    on = [go_on_stage(None, rest, False) for rest in (False, True)]
-    several = [solve_stage(ConeSolver.APGD, False, True), go_on_stage(None, False, True)]
+    on = [resume_stage(None, rest, False) for rest in (False, True)]
+    several = [solve_stage(ConeSolver.APGD, False, True), resume_stage(None, False, True)]
     newton = [
         stage for each in (False, True)
         for stage in (start_newton_stage(each), follow_newton_stage(each),

@@ -17,9 +17,9 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     loop_responses,
     loop_row_law,
     loop_row_wrenches,
+    respond_without_law,
     rotation_rows,
     rows_residual,
-    silent_responses,
 )
 from simwarp.kernels.dynamics.bodies import (
     apply_row_forces,
@@ -39,8 +39,8 @@ from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, joint_frames, link_geometry
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
-from simwarp.kernels.dynamics.recovery import find_recovery, wants_recovery
-from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
+from simwarp.kernels.dynamics.recovery import find_recovery, needs_recovery
+from simwarp.kernels.dynamics.smooth_contacts import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
 
 wp.set_module_options({"enable_backward": False})
@@ -284,7 +284,7 @@ def collect_bounds(
     total_velocities(topology, work)
     for tree_dof in range(topology.tree_dof_count):
         cone.tree_dof_sum[tree_dof] = 0.0
-    silent_responses(world, topology, parameters, work)
+    respond_without_law(world, topology, parameters, work)
     limits = collect_boxes(world, config.dt, topology, parameters, state, control, config, work, cone)
     for index in range(topology.box_count):
         state.box_impulse[world, index] = 0.0
@@ -317,7 +317,7 @@ def apply_impulses(
             if work.active[block] < topology.box_count:
                 impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
                 state.box_impulse[world, work.active[block]] = impulse
-        if wants_recovery(blocks, work):
+        if needs_recovery(blocks, work):
             progress.recovers[world] = find_recovery(world, blocks, topology, parameters, contacts, work, cone)
     if topology.pair_count > 0:
         publish_contacts(world, config.dt, blocks, topology, contacts, work, cone)

@@ -18,7 +18,7 @@ def nearer(best: SurfaceHit, t: float, normal: wp.vec3) -> SurfaceHit:
 
 
 @wp.func
-def nothing() -> SurfaceHit:
+def no_hit() -> SurfaceHit:
     """A miss."""
     hit = SurfaceHit()
     hit.t = -1.0
@@ -29,7 +29,7 @@ def nothing() -> SurfaceHit:
 @wp.func
 def plane_ray(start: wp.vec3, direction: wp.vec3) -> SurfaceHit:
     """The plane z = 0."""
-    hit = nothing()
+    hit = no_hit()
     if direction[2] != 0.0:
         hit = nearer(hit, -start[2] / direction[2], wp.vec3(0.0, 0.0, 1.0))
     return hit
@@ -63,7 +63,7 @@ def first_root(roots: wp.vec2) -> float:
 @wp.func
 def ellipsoid_ray(start: wp.vec3, direction: wp.vec3, half: wp.vec3) -> SurfaceHit:
     """An ellipsoid or sphere, as the unit sphere of scaled space."""
-    hit = nothing()
+    hit = no_hit()
     s = wp.cw_div(start, half)
     d = wp.cw_div(direction, half)
     t = first_root(sphere_roots(s, d, 1.0))
@@ -76,7 +76,7 @@ def ellipsoid_ray(start: wp.vec3, direction: wp.vec3, half: wp.vec3) -> SurfaceH
 @wp.func
 def box_ray(start: wp.vec3, direction: wp.vec3, half: wp.vec3) -> SurfaceHit:
     """A box, by its slabs (Kay and Kajiya 1986)."""
-    hit = nothing()
+    hit = no_hit()
     low = float(-3.0e38)
     high = float(3.0e38)
     axis_low = int(0)
@@ -120,7 +120,7 @@ def tube_roots(start: wp.vec3, direction: wp.vec3, radius: float) -> wp.vec2:
 @wp.func
 def tube_ray(start: wp.vec3, direction: wp.vec3, radius: float, half_length: float) -> SurfaceHit:
     """The side of a cylinder about z."""
-    hit = nothing()
+    hit = no_hit()
     roots = tube_roots(start, direction, radius)
     if roots[0] <= roots[1]:
         for k in range(2):
@@ -170,7 +170,7 @@ def capsule_ray(start: wp.vec3, direction: wp.vec3, radius: float, half_length: 
 @wp.func
 def cone_ray(start: wp.vec3, direction: wp.vec3, radius: float, half_length: float) -> SurfaceHit:
     """A cone about z, its tip at half_length: x^2 + y^2 = (k (half_length - z))^2."""
-    hit = disc_ray(nothing(), start, direction, radius, -half_length, -1.0)
+    hit = disc_ray(no_hit(), start, direction, radius, -half_length, -1.0)
     k = radius / (2.0 * half_length)
     # from the point of the line nearest to the tip, so that far starts keep their digits
     s = start - wp.vec3(0.0, 0.0, half_length)
@@ -213,4 +213,4 @@ def primitive_ray(kind: int, size: wp.vec3, start: wp.vec3, direction: wp.vec3) 
         return cone_ray(start, direction, size[0], size[1])
     if kind == PLANE:
         return plane_ray(start, direction)
-    return nothing()
+    return no_hit()

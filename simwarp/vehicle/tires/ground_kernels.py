@@ -6,7 +6,7 @@ A plane, a height field or a mesh (the queries are those of contact, kernels/col
 import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, PLANE, Assets
-from simwarp.kernels.collision.surfaces import height_field_height, mesh_ray, times
+from simwarp.kernels.collision.surfaces import height_field_height, mesh_ray, rotate_wide
 from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 
@@ -66,7 +66,7 @@ def open_ground_below(
     elif terrain.kind == HEIGHT_FIELD:
         scale = terrain.scale[world_row(world, terrain.scale.shape[0])]
         asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
-        place = times(wp.transpose(rot), wp.vec3d(relative[0], relative[1], wp.float64(0.0)))
+        place = rotate_wide(wp.transpose(rot), wp.vec3d(relative[0], relative[1], wp.float64(0.0)))
         point = height_field_height(asset, scale, place[0], place[1], assets)
         found.found = point.inside
         found.normal = rot * point.normal
@@ -94,7 +94,7 @@ def ground_below(
     asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
     start = relative + wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(lift))
     down = wp.transpose(rot) * wp.vec3(0.0, 0.0, -1.0)
-    hit = mesh_ray(asset, scale, to_float(times(wp.transpose(rot), start)), down, LONGEST_DROP, assets)
+    hit = mesh_ray(asset, scale, to_float(rotate_wide(wp.transpose(rot), start)), down, LONGEST_DROP, assets)
     found.normal = rot * hit.normal
     if found.normal[2] < 0.0:
         found.normal = -found.normal

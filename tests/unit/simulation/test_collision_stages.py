@@ -141,9 +141,9 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
         return [command.kernel.key.rpartition("__")[2] for command in in_parts(sim, Contacts(model))]
 
     ends = ["place_shapes", "keep_contacts"]
-    formula = ["touch_pairs"]
-    searched = ["list_pairs", "search_pairs", "cut_pairs"]
-    triangles = ["list_triangles", "search_triangles", "cut_triangles", "drop_invalid", "join_triangles"]
+    formula = ["collide_simple_pairs"]
+    searched = ["list_pairs", "search_pairs", "clip_pairs"]
+    triangles = ["list_triangles", "search_triangles", "clip_triangles", "drop_invalid", "join_triangles"]
     assert kernels("ant") == [ends[0], *formula, ends[1]]
     assert kernels("stack") == [ends[0], *formula, *searched, ends[1]]
     assert kernels("mesh") == [ends[0], *formula, *searched, *triangles, ends[1]]

@@ -186,7 +186,7 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
     contacts = ["collect_bounds", "collect_contacts", "respond_to_contacts", "reduce_contacts"]
     assert kernels("pendulum") == [*start, *end]
     assert kernels("four_bar") == [*start, *loops, *end]
-    collision = ["place_shapes", "touch_pairs", "keep_contacts"]
+    collision = ["place_shapes", "collide_simple_pairs", "keep_contacts"]
     solves = ["solve_by_apgd", "step_newton", "descend_on"]
     assert kernels("ant") == [*collision, *start, *contacts, *solves, "apply_impulses", *end]
     several = kernels("stack")
