@@ -6,6 +6,7 @@ All on the host, in float64.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -88,6 +89,14 @@ def convex_hull(points: npt.ArrayLike) -> Hull:
         raise ModelError(
             f"convex hull: points must be (N >= 4, 3) finite numbers, got {_shape_of(points, p)}; pass vertices"
         )
+    hull = _hull_of(p.tobytes())
+    return Hull(hull.vertices.copy(), hull.faces, hull.normals.copy(), hull.edges.copy())
+
+
+@functools.lru_cache(maxsize=256)
+def _hull_of(points: bytes) -> Hull:
+    """The hull of float64 points; scenes add the same rock again and again."""
+    p = np.frombuffer(points, np.float64).reshape(-1, 3)
     extent = float(np.ptp(p, axis=0).max())
     triangles = _triangles(p, extent)
     faces, normals = _merged_faces(p, triangles, COPLANAR * extent)
