@@ -20,15 +20,21 @@ for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.S
 os.environ["SIMWARP_CACHE"] = tempfile.mkdtemp(prefix="simwarp-tests-")
 
 import pytest
-import torch
-import warp as wp
 
-from simwarp.core.warp_start import start_warp
 
-wp.config.log_level = wp.LOG_WARNING
-torch.set_num_threads(1)
-start_warp()
-wp.set_device("cpu")  # also where there is a GPU: a test that is for one says so, and is marked `cuda`
+def pytest_configure(config: pytest.Config) -> None:
+    """Import what takes seconds where tests run, which is not where they are handed out to workers."""
+    if config.getoption("numprocesses", None) and "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    import torch
+    import warp as wp
+
+    from simwarp.core.warp_start import start_warp
+
+    wp.config.log_level = wp.LOG_WARNING
+    torch.set_num_threads(1)
+    start_warp()
+    wp.set_device("cpu")  # also where there is a GPU: a test that is for one says so, and is marked `cuda`
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -93,6 +99,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                 raise pytest.UsageError(f"{test}: marks name cases that it does not have: {sorted(named - cases)}")
     _mark_sweeps(items)
     marked = [item for item in items if item.get_closest_marker("cuda")]
+    import warp as wp
+
     if marked and not wp.is_cuda_available():
         for item in marked:
             item.add_marker(pytest.mark.skip(reason="needs a CUDA device"))

@@ -140,7 +140,7 @@ FRONTS = {
     "command lines": Front(_commands, 60, 2600),
     "JSON files": Front(_json, 150, 2400),
     "builder calls": Front(lambda place: strategies_builder.builder_calls(), 150, 2200),
-    "running simulations": Front(lambda place: strategies_state.state_calls(), 80, 1000),
+    "running simulations": Front(lambda place: strategies_state.state_calls(), 30, 1000),
     "checkpoints": Front(_checkpoints, 40, 600),
     "recordings": Front(_recordings, 40, 500),
     "snapshots": Front(_snapshots, 20, 300),

@@ -103,6 +103,7 @@ def tumbling(seed, steps, low, lean):
 @pytest.mark.parametrize("lean", [0.02, 1.0], ids=["flat", "tumbling"])
 @pytest.mark.parametrize(("soil", "seed"), [("mid", 1), ("soft", 2), ("clay", 3)])
 @pytest.mark.parametrize("kind", ["box", "sphere", "capsule"])
+@pytest.mark.sweep
 def test_other_shapes_feel_what_the_reference_says(kind, soil, seed, lean):
     if soil == "clay" and (kind != "box" or lean > 0.1):
         pytest.skip("the touched rectangle of round bodies has no axes of its own")

@@ -133,6 +133,7 @@ def janosi(soil: str, way: np.ndarray, load: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("memory", list(ShearMemory))
 @pytest.mark.parametrize("heading", [0.0, 0.7, math.pi, -1.1])
 @pytest.mark.parametrize("soil", ["mid", "hard"])
+@pytest.mark.sweep
 def test_a_dragged_plate_feels_janosis_curve_in_any_direction(soil, heading, memory):
     drag = dragged_plate(QUIET[soil], heading, "cpu", memory)
     wanted = janosi(soil, drag.way, drag.load)
