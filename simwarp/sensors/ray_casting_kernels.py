@@ -14,26 +14,14 @@ from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.primitives import primitive_ray
 from simwarp.kernels.rays.wide_tree import tree_ray
+from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
-from simwarp.soil.soil_rays_kernels import soil_ray
+from simwarp.sensors.ray_targets_kernels import targets_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 NEAR_COUNT = 8
 Candidates: Any = wp.types.vector(length=2 * NEAR_COUNT + 1, dtype=wp.float32)
-
-
-@wp.struct
-class RayHit:
-    """Hit of a ray in a scene."""
-
-    t: float  # distance along the unit direction [m]; -1: nothing
-    normal: wp.vec3  # unit, world axes, on the outer side of the surface
-    instance: int  # -1: nothing
-    triangle: int  # of a mesh, hull or height field; -1: a primitive
-    bary: wp.vec2  # weights of the triangle's corners 1 and 2
-    local: wp.vec3  # the point in the instance's own frame, before its scale
-    drop: float  # of soil: how far the point was pressed down [m]; else 0
 
 
 @wp.func_native("""
@@ -197,15 +185,9 @@ def closest_hit(
             more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
-    if scene.soil[0].instances > 0:
-        ground = soil_ray(world, start, direction, limit, scene.soil)
-        if ground.t >= 0.0 and (best.t < 0.0 or ground.t < best.t):
-            best.t = ground.t
-            best.normal = ground.normal
-            best.instance = ground.instance
-            best.triangle = ground.triangle
-            best.local = ground.local
-            best.drop = ground.drop
+    target = targets_ray(world, start, direction, limit, scene.targets)
+    if target.t >= 0.0 and (best.t < 0.0 or target.t < best.t):
+        best = target
     return best
 
 
@@ -227,9 +209,8 @@ def any_hit(world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene:
             more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
-    if scene.soil[0].instances > 0:
-        if soil_ray(world, start, direction, reach, scene.soil).t >= 0.0:
-            return 1
+    if targets_ray(world, start, direction, reach, scene.targets).t >= 0.0:
+        return 1
     return 0
 
 

@@ -24,42 +24,11 @@ from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float, t
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.wide_tree import Trees
-from simwarp.soil.deformed_surface_kernels import SoilCover, level_range
+from simwarp.sensors.ray_targets_kernels import RayTargets, target_extent
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 ENDLESS = wp.constant(1.0e18)  # half size of a plane [m]
-SOIL = wp.constant(65)  # beside the kinds of `ShapeType`: a plane or height field that a soil covers
-
-
-@wp.struct
-class SoilPlace:
-    """The undeformed ground in one world of a scene, as rays have it."""
-
-    origin: wp.vec3d  # to which the positions of rays are relative, world [m]
-    x: wp.vec3  # of its frame [m]
-    rot: wp.mat33  # its axes to world axes
-    size: wp.vec3
-    asset: int
-    levels: wp.vec2  # greatest raise and greatest drop of the soil's nodes [m]
-
-
-@wp.struct
-class SoilView:
-    """The instance that a soil covers, with all that rays need of it. Arrays are those of the scene."""
-
-    instances: int  # 0: there is none, 1: it is `instance`
-    instance: int
-    origin: wp.array[wp.vec3d]
-    x: wp.array2d[wp.vec3]
-    rot: wp.array2d[wp.mat33]
-    size: wp.array2d[wp.vec3]
-    asset: wp.array2d[int]
-    lower: wp.array2d[wp.vec3]
-    upper: wp.array2d[wp.vec3]
-    levels: wp.array[wp.vec2]
-    cover: SoilCover
-    assets: Assets
 
 
 @wp.struct
@@ -72,7 +41,7 @@ class RayScene:
     origin_body: int  # -1: the world's origin
     mask: int  # a ray meets instances whose group has one of these bits
 
-    kind: wp.array[int]  # ShapeType, or SOIL
+    kind: wp.array[int]  # ShapeType, or that of a `RayTarget`
     body: wp.array[int]  # -1: world
     shape: wp.array[int]  # the model's shape that it shows, -1: none, its placement is below
     tree: wp.array[int]  # of a hull or mesh: number of the first tree of its kind, to which its asset is added
@@ -98,10 +67,9 @@ class RayScene:
     order: wp.array2d[int]  # scratch
     code: wp.array2d[int]
     node: wp.array2d[float]  # (W, nodes x NODE_WORDS)
-    soil_range: wp.array[wp.vec2]  # (W,) greatest raise and greatest drop of the soil's nodes [m]
 
     trees: Trees
-    soil: wp.array[SoilView]  # (1,) an array, so that soil may come later, and that rays pass on little of it
+    targets: RayTargets
 
 
 @wp.func_native("""
@@ -214,13 +182,8 @@ def half_extent(kind: int, size: wp.vec3) -> wp.vec3:
 @wp.func
 def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
     """Bounds of a placed instance, from its own box turned into the world."""
-    kind = scene.kind[instance]
-    levels = wp.vec2()
-    if kind == SOIL:
-        cover = scene.soil[0].cover
-        kind = cover.terrain.kind
-        levels = level_range(world, cover.nodes)
-        scene.soil_range[world] = levels
+    extent = target_extent(world, scene.kind[instance], scene.targets)
+    kind = extent.kind
     size = scene.place_size[world, instance]
     asset = scene.place_asset[world, instance]
     middle = wp.vec3()
@@ -247,8 +210,8 @@ def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
     reach = turned_extent(rot, half) * 1.000001
     for k in range(3):
         reach[k] += 1.0e-6 * wp.abs(centre[k]) + 1.0e-7
-    scene.lower[world, instance] = centre - reach - wp.vec3(0.0, 0.0, levels[1])
-    scene.upper[world, instance] = centre + reach + wp.vec3(0.0, 0.0, levels[0])
+    scene.lower[world, instance] = centre - reach - wp.vec3(0.0, 0.0, extent.below)
+    scene.upper[world, instance] = centre + reach + wp.vec3(0.0, 0.0, extent.above)
 
 
 @wp.kernel

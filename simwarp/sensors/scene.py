@@ -26,10 +26,13 @@ from simwarp.model.model import Model
 from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import body_index, wanted_arrays
-from simwarp.sensors.ray_instances_kernels import SOIL, RayScene, SoilView, place_instances
-from simwarp.sensors.soil_ground import ground_instance
+from simwarp.sensors.ray_hit_kernels import RayTarget
+from simwarp.sensors.ray_instances_kernels import RayScene, place_instances
+from simwarp.sensors.ray_targets_kernels import TARGETS, RayTargets
+from simwarp.sensors.soil_ground import ground_instance, soil_view
 from simwarp.simulation.attachments import StepContext
 from simwarp.simulation.state import State
+from simwarp.soil.soil_rays_kernels import SOIL_TARGET
 
 if TYPE_CHECKING:
     from simwarp.soil.soil import Soil
@@ -413,7 +416,7 @@ class Scene(Readable):
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else body_index("scene", origin_body, model)
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
-        self._view: Any = None
+        self._views: dict[str, Any] = {}
 
     def _readable_title(self) -> str:
         model = self.model
@@ -450,20 +453,18 @@ class Scene(Readable):
         instance = ground_instance(
             soil, ground, model=self.model, names=self.names, kinds=shapes, bodies=self.body
         )  # fmt: skip
-        if self._view is not None:
+        if SOIL_TARGET.name in self._views:
             raise ModelError("scene: cover_with takes one soil, got a second; give both vehicles' wheels to one Soil")
+        self._replace(instance, SOIL_TARGET, soil_view(soil, instance, self._placed))
+
+    def _replace(self, instance: int, target: RayTarget, view: Any) -> None:
+        """From now on rays meet a target where they met an instance."""
         kinds = self._constants["kind"].numpy()
-        kinds[instance] = int(SOIL)
+        kinds[instance] = target.kind
         self._constants["kind"].assign(kinds)
-        view: Any = SoilView()
-        view.instances, view.instance, view.cover, view.assets = 1, instance, soil.cover, self.model.assets
-        for name in ("x", "rot", "size", "asset"):
-            setattr(view, name, self._placed[f"place_{name}"])
-        view.origin, view.lower, view.upper, view.levels = (
-            self._placed[name] for name in ("origin", "lower", "upper", "soil_range")
-        )
-        self._view = view  # of whose arrays the struct on the device has the addresses alone
-        wp.copy(self._placed["soil"], wp.array([view], dtype=SoilView, device=self.model.device))
+        self._views[target.name] = view  # of whose arrays the struct on the device has the addresses alone
+        views = getattr(self._constants["targets"], target.name)
+        wp.copy(views, wp.array([view], dtype=target.view, device=self.model.device))
 
     def tables(self, mask: int = ALL_GROUPS) -> RayScene:
         """The arrays as a struct for kernels; `mask`: bits of the groups that its rays meet."""
@@ -519,7 +520,16 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
         "group": ints([instance.appearance.group for instance in instances]),
         "label": ints([instance.appearance.label for instance in instances]),
         "trees": tree_tables(((mesh.vertices, mesh.triangles) for mesh in geometry), device),
+        "targets": _no_targets(device),
     }
+
+
+def _no_targets(device: Any) -> Any:
+    """The views of a scene without targets of rays beside its shapes."""
+    targets = RayTargets()
+    for each in TARGETS:
+        setattr(targets, each.name, wp.array([each.view()], dtype=each.view, device=device))
+    return targets
 
 
 def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[Any], Any]]:
@@ -553,8 +563,6 @@ def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
         }.items()
     }  # fmt: skip
     arrays["origin"] = writable((world_count,), wp.vec3d, device)
-    arrays["soil"] = wp.array([SoilView()], dtype=SoilView, device=device)
-    arrays["soil_range"] = writable((world_count,), wp.vec2, device)
     arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
     return arrays
 

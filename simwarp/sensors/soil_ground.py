@@ -1,13 +1,15 @@
-"""Which instance of a scene is the ground that a soil deforms."""
+"""The ground that a soil deforms, as rays of a scene meet it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import warp as wp
 
 from simwarp.core.types import WORLD, ModelError, ShapeType
+from simwarp.soil.soil_rays_kernels import SoilView
 
 if TYPE_CHECKING:
     from simwarp.model.model import Model
@@ -55,3 +57,21 @@ def ground_instance(
             f"{names[index] if 0 <= index < len(names) else ground}; name that of the soil"
         )
     return index
+
+
+def soil_view(soil: Soil, instance: int, placed: Mapping[str, wp.array]) -> Any:
+    """All that rays need of a soil.
+
+    Args:
+        soil: that covers the scene.
+        instance: that it takes the place of.
+        placed: arrays of the scene that `place_instances` writes, by name.
+    """
+    view: Any = SoilView()
+    view.instances, view.instance, view.cover, view.assets = 1, instance, soil.cover, soil.model.assets
+    for name in ("x", "rot", "size", "asset"):
+        setattr(view, name, placed[f"place_{name}"])
+    for name in ("origin", "lower", "upper"):
+        setattr(view, name, placed[name])
+    view.levels = wp.zeros(soil.model.world_count, dtype=wp.vec2, device=soil.model.device)
+    return view

@@ -12,7 +12,7 @@ from simwarp.kernels.collision.shape import HEIGHT_FIELD, Assets
 from simwarp.kernels.collision.surfaces import NEVER, SurfaceHit, height_field_ray
 from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.rays.primitives import plane_ray
-from simwarp.sensors.ray_instances_kernels import SoilPlace, SoilView
+from simwarp.sensors.ray_hit_kernels import RayHit, RayTarget, TargetExtent
 from simwarp.soil.deformed_surface_kernels import (
     FARTHEST,
     SoilCell,
@@ -20,6 +20,7 @@ from simwarp.soil.deformed_surface_kernels import (
     cell_of,
     facet_normal,
     facet_of,
+    level_range,
     soil_cell,
 )
 from simwarp.vehicle.tires.ground_kernels import open_ground_below
@@ -35,15 +36,33 @@ NARROWED = wp.constant(12)
 
 
 @wp.struct
-class SoilHit:
-    """Hit of a ray on soil."""
+class SoilPlace:
+    """The undeformed ground in one world of a scene, as rays have it."""
 
-    t: float  # [m]; -1: nowhere
-    normal: wp.vec3  # unit, upwards, world axes
-    triangle: int  # of a height field where it is undeformed; else -1
-    drop: float  # below the undeformed ground [m]
-    instance: int  # that the soil covers
-    local: wp.vec3  # the point in the instance's frame
+    origin: wp.vec3d  # to which the positions of rays are relative, world [m]
+    x: wp.vec3  # of its frame [m]
+    rot: wp.mat33  # its axes to world axes
+    size: wp.vec3
+    asset: int
+    levels: wp.vec2  # greatest raise and greatest drop of the soil's nodes [m]
+
+
+@wp.struct
+class SoilView:
+    """The instance that a soil covers, with all that rays need of it. Arrays are those of the scene."""
+
+    instances: int  # 0: there is none, 1: it is `instance`
+    instance: int
+    origin: wp.array[wp.vec3d]
+    x: wp.array2d[wp.vec3]
+    rot: wp.array2d[wp.mat33]
+    size: wp.array2d[wp.vec3]
+    asset: wp.array2d[int]
+    lower: wp.array2d[wp.vec3]
+    upper: wp.array2d[wp.vec3]
+    levels: wp.array[wp.vec2]  # (W,) greatest raise and greatest drop of the soil's nodes [m]
+    cover: SoilCover
+    assets: Assets
 
 
 @wp.struct
@@ -53,13 +72,13 @@ class SoilWalk:
     t: float  # as far as it has come [m]
     side: float  # 1: above the ground, -1: below it, 0: not known yet
     done: int  # 1: it hit, 2: there is no more ground
-    hit: SoilHit
+    hit: RayHit
 
 
 @wp.func
 def base_ray(
     kind: int, shift: float, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace, assets: Assets
-) -> SoilHit:  # fmt: skip
+) -> RayHit:  # fmt: skip
     """First hit of a ray with the undeformed ground, a plane or height field, raised by a shift [m]."""
     s = wp.transpose(place.rot) * (start - wp.vec3(0.0, 0.0, shift) - place.x)
     d = wp.transpose(place.rot) * direction
@@ -68,7 +87,7 @@ def base_ray(
         found = height_field_ray(place.asset, place.size, to_double(s), d, reach, assets)
     else:
         found = plane_ray(s, d)
-    hit = SoilHit()
+    hit = RayHit()
     hit.t = -1.0
     if found.t >= 0.0 and found.t <= reach:
         hit.t = found.t
@@ -181,7 +200,7 @@ def undeformed_ray(
 
 @wp.func
 def walk_layer(
-    walk: SoilWalk, base: SoilHit, world: int, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace,
+    walk: SoilWalk, base: RayHit, world: int, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace,
     cover: SoilCover, assets: Assets,
 ) -> SoilWalk:  # fmt: skip
     """The way of a ray from walk.t on, until it hits, leaves the layer, or ends.
@@ -253,7 +272,7 @@ def walk_layer(
 @wp.func
 def ground_ray(
     world: int, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace, cover: SoilCover, assets: Assets
-) -> SoilHit:
+) -> RayHit:
     """First hit of a ray with the deformed ground, from above or below, in world axes."""
     kind = cover.terrain.kind
     base = base_ray(kind, 0.0, start, direction, reach, place, assets)
@@ -272,7 +291,7 @@ def ground_ray(
     elif here[0] <= levels[0]:
         w.side = 0.0
         inside = 1
-    nothing = SoilHit()
+    nothing = RayHit()
     nothing.t = -1.0
     for _ in range(LAYERS):
         ahead = start + w.t * direction
@@ -298,12 +317,12 @@ def ground_ray(
 
 
 @wp.func
-def soil_ray(world: int, start: wp.vec3, direction: wp.vec3, reach: float, soil: wp.array[SoilView]) -> SoilHit:
+def soil_ray(world: int, start: wp.vec3, direction: wp.vec3, reach: float, soil: wp.array[SoilView]) -> RayHit:
     """The ray against the instance that a soil covers, within reach [m].
 
     It is looked for apart from the others and with few arguments: what scenes without soil carry along is one test.
     """
-    hit = SoilHit()
+    hit = RayHit()
     hit.t = -1.0
     i = soil[0].instance
     if soil[0].lower[world, i][2] <= soil[0].upper[world, i][2]:
@@ -318,3 +337,20 @@ def soil_ray(world: int, start: wp.vec3, direction: wp.vec3, reach: float, soil:
         hit.instance = i
         hit.local = wp.transpose(place.rot) * (start + hit.t * direction - place.x)
     return hit
+
+
+@wp.func
+def soil_extent(world: int, soil: wp.array[SoilView]) -> TargetExtent:
+    """The undeformed ground, and how far nodes rise above it and lie below it; keeps these levels for `soil_ray`."""
+    view = soil[0]
+    levels = level_range(world, view.cover.nodes)
+    view.levels[world] = levels
+    extent = TargetExtent()
+    extent.kind = view.cover.terrain.kind
+    extent.above = levels[0]
+    extent.below = levels[1]
+    return extent
+
+
+SOIL_TARGET = RayTarget(name="soil", kind=65, view=SoilView, extent=soil_extent, ray=soil_ray)
+"""A plane or height field that a soil covers."""

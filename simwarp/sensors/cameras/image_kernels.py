@@ -16,7 +16,8 @@ from simwarp.sensors.cameras.shade_kernels import LightArrays, facing, light_alo
 from simwarp.sensors.clock_kernels import BEGIN, SampleEvents
 from simwarp.sensors.motion.mount_motion_kernels import MountArrays, mount_position, mount_rotation
 from simwarp.sensors.random_kernels import draw_bits, subkey
-from simwarp.sensors.ray_casting_kernels import RayHit, closest_hit
+from simwarp.sensors.ray_casting_kernels import closest_hit
+from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

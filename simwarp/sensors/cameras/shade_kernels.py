@@ -8,7 +8,8 @@ import warp as wp
 from simwarp.kernels.collision.shape import HULL, MESH, Assets
 from simwarp.kernels.core.tables import world_row
 from simwarp.sensors.cameras.appearance_kernels import AppearanceArrays, surface_color
-from simwarp.sensors.ray_casting_kernels import RayHit, any_hit
+from simwarp.sensors.ray_casting_kernels import any_hit
+from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

@@ -27,7 +27,8 @@ from simwarp.sensors.ranging.beams_kernels import (
     sensor_motion,
     sweep_back,
 )
-from simwarp.sensors.ray_casting_kernels import RayHit, closest_hit
+from simwarp.sensors.ray_casting_kernels import closest_hit
+from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray, world_position
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
