@@ -8,9 +8,9 @@ from typing import Any
 import warp as wp
 
 from simwarp.model.model import Model
-from simwarp.sensors.clock import Field
+from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
-from simwarp.sensors.interface import Schedule
+from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.noise import Noise, NoiseChain
 
 
@@ -22,7 +22,9 @@ class VectorSensor(FrameSensor):
         name: of the sensor.
         schedule: times of the measurements.
         channels: of a frame.
-        noise: stages by option, each with the number of channels that it acts on; they follow one another.
+        noise: stages by option, each with the number of channels that it acts on; they follow one another. An attribute
+            of the option's name has their `NoiseChain`.
+        mount: place and axes on a body; None: it has none.
         dtype: of data and truth.
         seed: of the randomness, together with the name.
         randomised: True if every world has a row of its own in the parameters of the noise (and in the mount).
@@ -31,8 +33,8 @@ class VectorSensor(FrameSensor):
 
     def __init__(
         self, model: Model, name: str, schedule: Schedule, channels: int,
-        noise: Mapping[str, tuple[Sequence[Noise], int]], *, dtype: Any = wp.float32, seed: int = 0,
-        randomised: bool = False, others: Mapping[str, Field] | None = None,
+        noise: Mapping[str, tuple[Sequence[Noise], int]], *, mount: Mount | None = None, dtype: Any = wp.float32,
+        seed: int = 0, randomised: bool = False, others: Mapping[str, Field] | None = None,
     ) -> None:  # fmt: skip
         fields = {"data": Field((channels,), dtype), "truth": Field((channels,), dtype), **(others or {})}
         super().__init__(name, schedule, model, fields, seed=seed)
@@ -44,7 +46,10 @@ class VectorSensor(FrameSensor):
             thing = f"sensor '{name}': {option}"
             chain = NoiseChain(thing, stages, count, model, copies=self.copies, first_draw=draws)
             self._chains[option] = chain
+            setattr(self, option, chain)
             draws += chain.draws
+        if mount is not None:
+            self.mount = mount_arrays(name, mount, model, self.copies)
 
     @property
     def data(self) -> wp.array:

@@ -42,7 +42,6 @@ from simwarp.simulation.attachments import (
     recorded,
     recorded_or_none,
 )
-from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.joint_values import joint_values
@@ -59,10 +58,10 @@ from simwarp.simulation.simulation_arguments import (
 )
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions, needs_all_solvers, step_config
+from simwarp.simulation.stage_recording import record_collision, record_step
 from simwarp.simulation.state import Control, State, initial_arrays
 from simwarp.simulation.state_check import StateCheck, StateFaults
 from simwarp.simulation.step_program import StepProgram
-from simwarp.simulation.step_recording import StepArrays, record_step
 from simwarp.simulation.step_sizes import (
     collision_sizes,
     list_sizes,
@@ -141,7 +140,10 @@ class Simulation(Readable, Readings, FixedAttributes):
             )  # fmt: skip
             self._measuring.launch()
             self._resetting = self._record_reset()
-            self._colliding = self._record_collision()
+            self._colliding = record_collision(
+                self.shares, model, config=self._config, state=self.state.arrays, contacts=self.contacts.arrays,
+                scratch=self._collision_scratch, lists=self._contact_lists,
+            )  # fmt: skip
             self.physics_commands = self._record_physics()
             """Recorded launches of a sub-step; those of the sensors come after them."""
             self.sensor_commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
@@ -387,30 +389,17 @@ class Simulation(Readable, Readings, FixedAttributes):
         self._contact_lists = make_lists(model.device, slots, list_sizes(model, own_slots=self.shares.own_slots))
         self.state = initial_arrays(model)
 
-    def _record_collision(self) -> list[WorldLaunch]:
-        """The launches that find the contacts."""
-        return record_collision(
-            self.shares,
-            CollisionArrays(
-                config=self._config, model=self.model, state=self.state.arrays, contacts=self.contacts.arrays,
-                scratch=self._collision_scratch, lists=self._contact_lists,
-            ),
-        )  # fmt: skip
-
     def _record_physics(self) -> list[Any]:
         """The launches of a sub-step, in order: forces of the elements, collision, step, what elements measure."""
-        arrays = StepArrays(
-            config=self._config, topology=self.model.topology, parameters=self.model.parameters,
-            control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
+        stepping = record_step(
+            self.shares, self.model, all_solvers=self._all_solvers, newton=self._sizes.factor_rows > 0,
+            config=self._config, control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
             reports=self.diagnostics.arrays, scratch=self._scratch, progress=self._progress,
         )  # fmt: skip
-        newton = self._sizes.factor_rows > 0
-        return [
-            *(command for part in self.elements for command in recorded(part.record, self, self._config.dt)),
-            *self._colliding,
-            *record_step(self.shares, arrays, all_solvers=self._all_solvers, newton=newton),
-            *(command for part in self.elements for command in recorded(part.record_after, self, self._config.dt)),
-        ]
+        dt = self._config.dt
+        before = [command for part in self.elements for command in recorded(part.record, self, dt)]
+        after = [command for part in self.elements for command in recorded(part.record_after, self, dt)]
+        return [*before, *self._colliding, *stepping, *after]
 
     def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state, which is that of now, back in the worlds of the mask."""

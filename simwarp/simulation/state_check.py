@@ -20,9 +20,9 @@ from simwarp.kernels.dynamics.recovery import LEAST_SHARE
 from simwarp.kernels.dynamics.world import make_scratch, measure_worlds
 from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
-from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.solver_options import SolverOptions, step_config
+from simwarp.simulation.stage_recording import record_collision
 from simwarp.simulation.state import State, initial_arrays
 from simwarp.simulation.step_sizes import collision_sizes, list_sizes, scratch_slots_of, step_sizes
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares
@@ -267,12 +267,12 @@ def initial_faults(model: Model) -> StateFaults:
     inputs = [worlds, model.topology, model.parameters, scratch]
     shares.record(measure_worlds, inputs=inputs, outputs=[state.arrays, contacts.arrays]).launch()
     config = step_config(SolverOptions(), USUAL_STEP, model.mass_ratio, reactions=False, accelerations=False)
-    arrays = CollisionArrays(
-        config=config, model=model, state=state.arrays, contacts=contacts.arrays,
+    colliding = record_collision(
+        shares, model, config=config, state=state.arrays, contacts=contacts.arrays,
         scratch=make_collision_scratch(model.device, slots, collision_sizes(model)),
         lists=make_lists(model.device, slots, list_sizes(model, own_slots=shares.own_slots)),
     )  # fmt: skip
-    return StateCheck(model, state, contacts, config, record_collision(shares, arrays)).of(0)
+    return StateCheck(model, state, contacts, config, colliding).of(0)
 
 
 class Mechanisms:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias, cast
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, cast
 
 import numpy as np
 import warp as wp
@@ -16,14 +16,11 @@ from simwarp.core.rotation import unit_vector
 from simwarp.core.types import JointType, ModelError, RowKind, formatted, numbers
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
-from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model
 from simwarp.sensors.motion.encoders_kernels import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers, PositiveNumbers
 from simwarp.sensors.vector_sensor import VectorSensor
-
-if TYPE_CHECKING:
-    from simwarp.simulation.attachments import StepContext
+from simwarp.simulation.attachments import StepContext
 
 READINGS: Final = ("position", "counts", "speed")
 MEMORY: Final = ("origin", "last", "start")
@@ -97,6 +94,8 @@ class Encoder(VectorSensor):
         ModelError: there is no such joint, it has no coordinate or several, or counts per turn of a slide.
     """
 
+    noise: NoiseChain
+
     def __init__(
         self, model: Model, coordinates: Coordinate | Sequence[Coordinate], config: EncoderConfig | None = None, *,
         name: str = "encoder", seed: int = 0, randomised: bool = False,
@@ -108,7 +107,7 @@ class Encoder(VectorSensor):
         count = len(self.dofs)
         if not count:
             raise ModelError(f"sensor '{name}': coordinates must name at least one, got none; give a joint")
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, count)}
+        noise = {"noise": (self.config.noise, count)}
         super().__init__(model, name, self.config.schedule, count, noise, seed=seed, randomised=randomised)
         arrays = cast(Any, EncoderArrays())
         arrays.reading = READINGS.index(self.config.reading)
@@ -131,11 +130,6 @@ class Encoder(VectorSensor):
         """(1 or W, n) travel of the encoder per coordinate."""
         found: WritableArray = self._encoder.ratio
         return found
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of what is read."""
-        return self._chains["noise"]
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -220,25 +214,22 @@ class Tachometer(VectorSensor):
     """
 
     only_in_windows: ClassVar[bool] = True
+    noise: NoiseChain
 
     def __init__(
         self, model: Model, source: Mount | Coordinate, config: TachometerConfig | None = None, *,
         name: str = "tachometer", seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, TachometerConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
-        super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
         mount = source if isinstance(source, Mount) else Mount()
-        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        super().__init__(
+            model, name, self.config.schedule, 1, {"noise": (self.config.noise, 1)}, mount=mount, seed=seed,
+            randomised=randomised,
+        )  # fmt: skip
         self._meter = _meter(self.mount, unit_vector("TachometerConfig", "axis", self.config.axis))
         self._meter.turning = 1
         self._meter.dof = -1 if mount is source else _column(name, source, model)
         self._meter.scale = wp.float64(60.0 / TURN if self.config.unit == "rpm" else 1.0)
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of the reading."""
-        return self._chains["noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         return [_record_rate(self, self._meter, simulation)]
@@ -266,21 +257,18 @@ class Speedometer(VectorSensor):
     """
 
     only_in_windows: ClassVar[bool] = True
+    noise: NoiseChain
 
     def __init__(
         self, model: Model, mount: Mount, config: SpeedometerConfig | None = None, *, name: str = "speedometer",
         seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, SpeedometerConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
-        super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
-        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        super().__init__(
+            model, name, self.config.schedule, 1, {"noise": (self.config.noise, 1)}, mount=mount, seed=seed,
+            randomised=randomised,
+        )  # fmt: skip
         self._meter = _meter(self.mount, (1.0, 0.0, 0.0))
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of the reading."""
-        return self._chains["noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         return [_record_rate(self, self._meter, simulation)]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -17,9 +17,7 @@ from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index
 from simwarp.sensors.motion.force_sensor_kernels import sample_forces, sample_touch
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
-
-if TYPE_CHECKING:
-    from simwarp.simulation.attachments import StepContext
+from simwarp.simulation.attachments import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,18 +74,17 @@ class ContactSensor(VectorSensor):
     """
 
     only_in_windows: ClassVar[bool] = True
+    noise: NoiseChain
 
     def __init__(
         self, model: Model, mount: Mount, config: ContactSensorConfig | None = None, *, name: str = "contact",
         seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, ContactSensorConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 3)}
         super().__init__(
-            model, name, self.config.schedule, 3, noise, seed=seed, randomised=randomised,
-            others={"touch": Field((), wp.uint8)},
+            model, name, self.config.schedule, 3, {"noise": (self.config.noise, 3)}, mount=mount, seed=seed,
+            randomised=randomised, others={"touch": Field((), wp.uint8)},
         )  # fmt: skip
-        self.mount: Any = mount_arrays(name, mount, model, self.copies)
         self._body = body_index(name, mount.body, model)
         if self._body == WORLD or not (model.topology.shape_body.numpy() == self._body).any():
             raise ModelError(
@@ -98,11 +95,6 @@ class ContactSensor(VectorSensor):
     def touch(self) -> wp.array:
         """(W,) uint8, 1 where the measured force reaches the threshold."""
         return self.frames.data["touch"]
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of the force."""
-        return self._chains["noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
@@ -140,29 +132,19 @@ class LoadCell(VectorSensor):
     """
 
     only_in_windows: ClassVar[bool] = True
+    noise: NoiseChain
+    torque_noise: NoiseChain
 
     def __init__(
         self, model: Model, joint: str | int, config: LoadCellConfig | None = None, *, name: str = "load_cell",
         rotation: Quat = (0.0, 0.0, 0.0, 1.0), seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, LoadCellConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {
-            "noise": (self.config.noise, 3), "torque_noise": (self.config.torque_noise, 3),
-        }  # fmt: skip
+        noise = {"noise": (self.config.noise, 3), "torque_noise": (self.config.torque_noise, 3)}
         super().__init__(model, name, self.config.schedule, 6, noise, seed=seed, randomised=randomised)
         self._joint = _joint_index(name, joint, model)
         body = int(model.topology.joint_body1.numpy()[self._joint])
-        self.mount: Any = mount_arrays(name, Mount(body, pose(rotation=rotation)), model, self.copies)
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of the force."""
-        return self._chains["noise"]
-
-    @property
-    def torque_noise(self) -> NoiseChain:
-        """Noise of the torque."""
-        return self._chains["torque_noise"]
+        self.mount = mount_arrays(name, Mount(body, pose(rotation=rotation)), model, self.copies)
 
     def check(self, simulation: StepContext, dt: float) -> None:
         """Refuses a Simulation that it cannot be part of.

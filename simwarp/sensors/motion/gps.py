@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import warp as wp
@@ -13,15 +13,13 @@ import warp as wp
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
-from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.clock import Field
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.geodesy_kernels import GeoFrame
 from simwarp.sensors.motion.gps_kernels import GpsRings, sample_gps
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
-
-if TYPE_CHECKING:
-    from simwarp.simulation.attachments import StepContext
+from simwarp.simulation.attachments import StepContext
 
 MAJOR = 6378137.0
 """Equatorial radius of WGS84 [m]."""
@@ -150,21 +148,20 @@ class Gps(VectorSensor):
     """
 
     only_in_windows: ClassVar[bool] = True
+    noise: NoiseChain
+    velocity_noise: NoiseChain
 
     def __init__(
         self, model: Model, mount: Mount, config: GpsConfig | None = None, *, name: str = "gps", seed: int = 0,
         randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, GpsConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {
-            "noise": (self.config.noise, 3), "velocity_noise": (self.config.velocity_noise, 3),
-        }  # fmt: skip
         metres = Field((3,), wp.float32)
+        noise = {"noise": (self.config.noise, 3), "velocity_noise": (self.config.velocity_noise, 3)}
         super().__init__(
-            model, name, self.config.schedule, 3, noise, dtype=wp.float64, seed=seed, randomised=randomised,
-            others={"velocity": metres, "velocity_truth": metres, "position": metres},
+            model, name, self.config.schedule, 3, noise, mount=mount, dtype=wp.float64, seed=seed,
+            randomised=randomised, others={"velocity": metres, "velocity_truth": metres, "position": metres},
         )  # fmt: skip
-        self.mount: Any = mount_arrays(name, mount, model, self.copies)
         self._frame = geo_frame(self.config.origin, self.config.earth == "sphere")
 
     @property
@@ -181,16 +178,6 @@ class Gps(VectorSensor):
     def velocity_truth(self) -> wp.array:
         """(W, 3) float32, without noise, east, north, up [m/s]."""
         return self.frames.data["velocity_truth"]
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of the position."""
-        return self._chains["noise"]
-
-    @property
-    def velocity_noise(self) -> NoiseChain:
-        """Noise of the velocity."""
-        return self._chains["velocity_noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         frames = self.frames

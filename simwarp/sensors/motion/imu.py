@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, cast, get_args
+from typing import Annotated, Any, Final, Literal, TypeAlias, cast, get_args
 
 import warp as wp
 
 from simwarp.core.constraints import As, Different, MinLen, OneOrMany
 from simwarp.model.model import Model
-from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.imu_kernels import InertialArrays, sample_inertial
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
-
-if TYPE_CHECKING:
-    from simwarp.simulation.attachments import StepContext
+from simwarp.simulation.attachments import StepContext
 
 Output: TypeAlias = Literal["accelerometer", "gyroscope"]
 OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()]
@@ -67,36 +64,25 @@ class Imu(VectorSensor):
         ModelError: the body does not exist, or noise does not fit the channels.
     """
 
+    accelerometer_noise: NoiseChain
+    gyroscope_noise: NoiseChain
+
     def __init__(
         self, model: Model, mount: Mount, config: ImuConfig | None = None, *, name: str = "imu", seed: int = 0,
         randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, ImuConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {
-            "accelerometer_noise": (self.config.accelerometer_noise, 3),
-            "gyroscope_noise": (self.config.gyroscope_noise, 3),
-        }
         outputs = self.config.outputs
+        noise = {name: (getattr(self.config, name), 3) for name in ("accelerometer_noise", "gyroscope_noise")}
         super().__init__(
-            model, name, self.config.schedule, 3 * len(outputs), noise, seed=seed, randomised=randomised
+            model, name, self.config.schedule, 3 * len(outputs), noise, mount=mount, seed=seed, randomised=randomised
         )  # fmt: skip
-        self.mount: Any = mount_arrays(name, mount, model, self.copies)
         self._inertial = cast(Any, InertialArrays())
         for part in PARTS:
             setattr(self._inertial, part, 3 * outputs.index(part) if part in outputs else -1)
         for field, dtype in MOTION.items():
             setattr(self._inertial, field, wp.zeros(model.world_count, dtype=dtype, device=model.device))
         self._inertial.sums = self._sums
-
-    @property
-    def accelerometer_noise(self) -> NoiseChain:
-        """Noise of the specific force."""
-        return self._chains["accelerometer_noise"]
-
-    @property
-    def gyroscope_noise(self) -> NoiseChain:
-        """Noise of the angular velocity."""
-        return self._chains["gyroscope_noise"]
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar
 
 import warp as wp
 
 from simwarp.core.constraints import Ge, Le, Meaning, NotNegative
 from simwarp.model.model import Model
-from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
 from simwarp.sensors.motion.magnetometer_kernels import sample_magnetometer
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
-
-if TYPE_CHECKING:
-    from simwarp.simulation.attachments import StepContext
+from simwarp.simulation.attachments import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,25 +64,22 @@ class Magnetometer(VectorSensor):
     """
 
     only_in_windows: ClassVar[bool] = True
+    noise: NoiseChain
 
     def __init__(
         self, model: Model, mount: Mount, config: MagnetometerConfig | None = None, *, name: str = "magnetometer",
         seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
         self.config = checked_config(name, config, MagnetometerConfig)
-        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 3)}
-        super().__init__(model, name, self.config.schedule, 3, noise, seed=seed, randomised=randomised)
-        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        super().__init__(
+            model, name, self.config.schedule, 3, {"noise": (self.config.noise, 3)}, mount=mount, seed=seed,
+            randomised=randomised,
+        )  # fmt: skip
         self._frame = geo_frame(self.config.origin)
         latitude, longitude = math.radians(self.config.pole_latitude), math.radians(self.config.pole_longitude)
         self._pole = wp.vec3d(
             math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude), math.sin(latitude)
         )
-
-    @property
-    def noise(self) -> NoiseChain:
-        """Noise of the field."""
-        return self._chains["noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         frames = self.frames

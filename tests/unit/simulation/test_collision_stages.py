@@ -12,8 +12,8 @@ from simwarp import scenes
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.simulation import world_launches
-from simwarp.simulation.collision_recording import CollisionArrays, record_collision
 from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.stage_recording import record_collision
 from simwarp.simulation.step_sizes import collision_sizes, list_sizes
 from simwarp.simulation.world_launches import WorldShares
 
@@ -91,11 +91,10 @@ def in_parts(sim: sw.Simulation, contacts: Contacts) -> list[world_launches.Worl
     shares = WorldShares(WORLDS, 1, sim.model.device)
     assert shares.own_slots
     scratch = make_collision_scratch(sim.model.device, WORLDS, collision_sizes(sim.model))
-    arrays = CollisionArrays(
-        config=sim._config, model=sim.model, state=sim.state.arrays, contacts=contacts.arrays, scratch=scratch,
+    return record_collision(
+        shares, sim.model, config=sim._config, state=sim.state.arrays, contacts=contacts.arrays, scratch=scratch,
         lists=make_lists(sim.model.device, WORLDS, list_sizes(sim.model, own_slots=True)),
     )  # fmt: skip
-    return record_collision(shares, arrays)
 
 
 @pytest.mark.parametrize("name", MODELS)
