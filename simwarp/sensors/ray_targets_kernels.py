@@ -5,6 +5,7 @@ may come after the sensors, and rays of a scene without it carry along a pointer
 """
 
 import linecache
+from collections.abc import Sequence
 from typing import Any, Final
 
 import warp as wp
@@ -16,53 +17,57 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 TARGETS: Final[tuple[RayTarget, ...]] = (SOIL_TARGET,)
 
-RayTargets: Any = wp.struct(
-    type(
-        "RayTargets", (), {
-            "__doc__": "Views of the targets of a scene, (1,) each.", "__module__": __name__,
-            "__annotations__": {target.name: wp.array(dtype=target.view) for target in TARGETS},
-        },
-    )
-)  # fmt: skip
+EXTENT: Final = """\
+def target_extent(world: int, kind: int, targets: RayTargets):
+    extent = TargetExtent()
+    extent.kind = kind
+{}    return extent
+"""
+EXTENT_OF_ONE: Final = """\
+    if kind == {kind}:
+        extent = {name}_extent(world, targets.{name})
+"""
+RAY: Final = """\
+def targets_ray(world: int, start: wp.vec3, direction: wp.vec3, reach: float, targets: RayTargets):
+    best = RayHit()
+    best.t = -1.0
+    limit = float(reach)
+{}    return best
+"""
+RAY_OF_ONE: Final = """\
+    if targets.{name}[0].instances > 0:
+        {name}_hit = {name}_ray(world, start, direction, limit, targets.{name})
+        if {name}_hit.t >= 0.0:
+            best = {name}_hit
+            limit = {name}_hit.t
+"""
 
 
-def _function(name: str, head: str, lines: list[str]) -> Any:
-    """A device function of a text, from which Warp compiles it."""
-    source = "\n".join([f"def {name}({head}):", *(f"    {line}" for line in lines), ""])
-    file = f"<{__name__}.{name}>"
-    linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+def target_functions(targets: Sequence[RayTarget], module: str) -> tuple[Any, Any, Any]:
+    """What is made from a table of targets.
+
+    Args:
+        targets: rows of the table.
+        module: that the functions belong to.
+
+    Returns:
+        The struct of their views, (1,) each; the device function of world, kind of an instance and views that returns
+        its `TargetExtent`, that of its shape if it is none of the targets; and the one of a ray that returns the
+        nearest `RayHit` with a target within reach [m].
+    """
+    hints = {target.name: wp.array(dtype=target.view) for target in targets}
+    views = wp.struct(type("RayTargets", (), {"__module__": module, "__annotations__": hints}))
     scope: dict[str, Any] = {
-        "wp": wp, "RayHit": RayHit, "RayTargets": RayTargets, "TargetExtent": TargetExtent, "__name__": __name__,
-        **{f"{target.name}_{part}": getattr(target, part) for target in TARGETS for part in ("ray", "extent")},
+        "wp": wp, "RayHit": RayHit, "RayTargets": views, "TargetExtent": TargetExtent, "__name__": module,
+        **{f"{target.name}_{part}": getattr(target, part) for target in targets for part in ("ray", "extent")},
     }  # fmt: skip
-    exec(compile(source, file, "exec"), scope)
-    return wp.func(scope[name])
+    for name, frame, row in (("target_extent", EXTENT, EXTENT_OF_ONE), ("targets_ray", RAY, RAY_OF_ONE)):
+        source = frame.format("".join(row.format(name=target.name, kind=target.kind) for target in targets))
+        file = f"<{module}.{name}>"  # Warp compiles functions from their source
+        linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+        exec(compile(source, file, "exec"), scope)
+        scope[name] = wp.func(scope[name])
+    return views, scope["target_extent"], scope["targets_ray"]
 
 
-_RAY: Final = "world: int, start: wp.vec3, direction: wp.vec3, reach: float, targets: RayTargets"
-
-target_extent = _function(
-    "target_extent", "world: int, kind: int, targets: RayTargets",
-    [
-        "extent = TargetExtent()", "extent.kind = kind",
-        *(f"if kind == {each.kind}:\n        extent = {each.name}_extent(world, targets.{each.name})"
-          for each in TARGETS),
-        "return extent",
-    ],
-)  # fmt: skip
-"""Extent of an instance, which is that of its shape where its kind is none of a target's."""
-
-targets_ray = _function(
-    "targets_ray", _RAY,
-    [
-        "best = RayHit()", "best.t = -1.0", "limit = float(reach)",
-        *(f"if targets.{each.name}[0].instances > 0:\n"
-          f"        hit = {each.name}_ray(world, start, direction, limit, targets.{each.name})\n"
-          "        if hit.t >= 0.0 and (best.t < 0.0 or hit.t < best.t):\n"
-          "            best = hit\n"
-          "            limit = hit.t"
-          for each in TARGETS),
-        "return best",
-    ],
-)  # fmt: skip
-"""The nearest hit of a ray with a target, within reach [m]."""
+RayTargets, target_extent, targets_ray = target_functions(TARGETS, __name__)

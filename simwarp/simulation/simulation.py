@@ -78,7 +78,13 @@ __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 class Simulation(Readable, Readings, FixedAttributes):
     """Steps `model.world_count` worlds together.
 
-    Nothing is allocated and nothing is read back to the host in `step`.
+    It owns the arrays of a run: state, control, contacts, diagnostics, and scratch memory. A sub-step has these phases:
+
+    1. force elements write their forces (`ForceElement.record`);
+    2. collision finds the contacts, and the step moves the bodies (`stage_recording.py`);
+    3. force elements measure (`ForceElement.record_after`), and sensors follow on their clocks (`Sensor.record`).
+
+    All launches are recorded when the Simulation is made; nothing is allocated or read back to the host in `step`.
 
     Args:
         model: from `ModelBuilder.finalize`.
@@ -87,7 +93,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         solver: see `SolverOptions`.
         joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
         joint_accelerations: record the acceleration of every coordinate (`diagnostics.joint_qdd`).
-        elements: force elements, such as a Vehicle's, launched before each sub-step.
+        elements: force elements, such as a Vehicle's, launched before each sub-step. They, and the sensors, belong to
+            this Simulation for good.
         sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
         read_every: calls of `step` between two reads of the sensors' data; frames that nobody would see are not taken.
             With 1, every frame that is the latest after some `step` is there.
@@ -97,8 +104,8 @@ class Simulation(Readable, Readings, FixedAttributes):
             the same bits for any number. A GPU needs one.
 
     Raises:
-        ModelError: dt, substeps or read_every is not usable, two sensors have the same name, or one cannot be part of
-            this Simulation. No sensor belongs to it then, and all may be used in another.
+        ModelError: dt, substeps or read_every is not usable, two sensors have the same name, or a force element or
+            sensor cannot be part of this Simulation. None belongs to it then, and all may be used in another.
     """
 
     FIXED: ClassVar = (
@@ -189,7 +196,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self._program.run(checked_steps(steps, self.substeps))
 
     def advance(self, steps: int) -> None:
-        """Take so many steps: another name for `step(steps)`."""
+        """Another name for `step(steps)`."""
         self.step(steps)
 
     def program(self, before: Sequence[WorldLaunch]) -> StepProgram:
