@@ -272,7 +272,7 @@ class FixedAttributes:
 
 
 def writable(
-    shape: tuple[int, ...], dtype: Any, device: Any, *, label: str = "array", domain: Domain | None = None,
+    shape: int | tuple[int, ...], dtype: Any, device: Any, *, label: str = "array", domain: Domain | None = None,
     hint: str = "",
 ) -> WritableArray:  # fmt: skip
     """Zeros of the given shape that support item assignment."""
@@ -284,6 +284,14 @@ def writable_from(
 ) -> WritableArray:
     """An array with the given contents that supports item assignment."""
     return _named(wp.array(data, dtype=dtype, device=device), label, domain, hint)
+
+
+def with_zeros(instance: Any, shape: int | tuple[int, ...], device: Any, *names: str) -> Any:
+    """The instance of a Warp struct, whose array members of these names (all when there are none) get zeros."""
+    members = instance._cls.vars
+    for name in names or members:
+        setattr(instance, name, writable(shape, members[name].type.dtype, device))
+    return instance
 
 
 def on_host(array: Any) -> bool:

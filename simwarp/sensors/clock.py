@@ -1,17 +1,17 @@
-"""Clocks of sensors and the frames that wait to be published: the part of every sensor that is the same."""
+"""Clocks of sensors, and the frames that wait to be published."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.arrays import writable_from
+from simwarp.core.arrays import with_zeros, writable_from
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, formatted
@@ -150,11 +150,8 @@ class FrameBuffer(Readable):
             for name, field in fields.items()
         }
         self.ring: dict[str, wp.array] = {}
-        self.tick = SampleEvents()
-        self._state = ClockState()
-        for struct, instance in ((SampleEvents, self.tick), (ClockState, self._state)):
-            for name, dtype in _members(struct).items():
-                setattr(instance, name, wp.zeros(model.world_count, dtype=dtype, device=model.device))
+        self.tick = with_zeros(SampleEvents(), model.world_count, model.device)
+        self._state = with_zeros(ClockState(), model.world_count, model.device)
         self.clock = ClockSettings()
         self.steps = ScheduleSteps(0, 0, 0)
         self.dt = 0.0
@@ -183,7 +180,7 @@ class FrameBuffer(Readable):
     @property
     def memory(self) -> dict[str, wp.array]:
         """State that a snapshot keeps, (W, ...) or (W·slots, ...), complete once recorded. Names have two words."""
-        kept = {f"clock {name}": getattr(self._state, name) for name in _members(ClockState)}
+        kept = {f"clock {name}": getattr(self._state, name) for name in cast(Any, ClockState).vars}
         kept |= {f"data {name}": array for name, array in self.data.items()}
         kept |= {f"ring {name}": array for name, array in self.ring.items() if array is not self.data[name]}
         return {name: array for name, array in kept.items() if array.size}
@@ -240,7 +237,7 @@ class FrameBuffer(Readable):
     def _slots(self, steps: ScheduleSteps) -> int:
         """Frames of a world that may be in waiting; 0: they are written where they are published.
 
-        A row is taken from the first write of a frame to its publication, which comes after the writes of a sub-step.
+        A frame occupies a row from its first write to its publication, which comes after the writes of a sub-step.
         """
         if steps.lag == 0 and (steps.window == 0 or not self._gradual):
             return 0
@@ -362,20 +359,15 @@ class ClockInterval:
         self._shifted = False
 
     def in_phase(self) -> bool:
-        """Whether no world has a phase: nobody was given the array to write into it, nor a snapshot with others."""
+        """Whether no world has a phase: the array was not handed out to be written, and no snapshot set one."""
         return not self._frames._phases_written and not self._shifted
 
     def counts(self) -> npt.NDArray[np.int32]:
-        """(W,) sub-steps since the clocks began. Waits for the device, and looks anew whether they are in phase."""
+        """(W,) sub-steps since the clocks began. Waits for the device, and updates `in_phase`."""
         state = self._frames._state
         self._shifted = bool(state.phase.numpy().any())
         counts: npt.NDArray[np.int32] = state.count.numpy()
         return counts
-
-
-def _members(struct: Any) -> dict[str, Any]:
-    """Dtypes of the arrays of a Warp struct by name."""
-    return {name: member.type.dtype for name, member in struct.vars.items()}
 
 
 def _rows(array: wp.array, count: int, whole: bool) -> wp.array:

@@ -279,7 +279,7 @@ class Visuals(Readable):
         )
 
     def _follow(self) -> None:
-        """Takes in the shapes that the builder got since the last appearance."""
+        """Adds instances for shapes that the builder got since the last call."""
         names = {instance.name for instance in self.instances}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
             if shape.name in names:
@@ -437,9 +437,9 @@ class Scene(Readable):
         return self.names.index(name)
 
     def cover_with(self, soil: Soil, ground: int | str | None = None) -> None:
-        """From now on the ground is seen with the ruts in a soil, and darker where it was pressed down.
+        """Shows the ruts of a soil in the ground, darker where it is pressed down.
 
-        It may come at any time, after the sensors and the Simulation too; those see it from their next frame on.
+        Call it at any time, also after the sensors and the Simulation are made: their next frames have it.
 
         Args:
             soil: of the same model, on a plane or height field that the scene shows in the same place.
@@ -458,7 +458,7 @@ class Scene(Readable):
         self._replace(instance, SOIL_TARGET, soil_view(soil, instance, self._placed))
 
     def _replace(self, instance: int, target: RayTarget, view: Any) -> None:
-        """From now on rays meet a target where they met an instance."""
+        """Replaces an instance by a target of rays."""
         kinds = self._constants["kind"].numpy()
         kinds[instance] = target.kind
         self._constants["kind"].assign(kinds)
@@ -477,7 +477,7 @@ class Scene(Readable):
         return scene
 
     def place(self, state: State, tables: RayScene, due: wp.array | None = None) -> None:
-        """Places the instances of the worlds that are due, (W,) int32, as the state has them, for rays to follow.
+        """Moves the instances of the worlds that are due, (W,) int32, to their poses in the state. Rays may follow.
 
         Raises:
             ModelError: an array lies on another device than the scene.

@@ -15,5 +15,5 @@ def sensor_names() -> list[str]:
 
 
 def catalogue() -> dict[str, str]:
-    """Name -> what it is."""
+    """Summaries of the shipped sensors by name."""
     return {name: json.loads((DATA / f"{name}.json").read_text(encoding="utf-8"))["summary"] for name in sensor_names()}

@@ -1,4 +1,4 @@
-"""The common part of sensors of a few numbers: frames of measured and true values, noise, means over the window."""
+"""The base of sensors of a few numbers: measured and true values, noise, means over the window."""
 
 from __future__ import annotations
 

@@ -103,8 +103,8 @@ class ForceElement(Readable):
         return ()
 
     def record_outputs(self, simulation: StepContext, mask: wp.array[wp.bool]) -> Sequence[Any]:
-        """Recorded launches that publish what follows from the present state. They run at construction, and where
-        somebody sets the state of worlds.
+        """Recorded launches that publish outputs of the present state. They run at construction, and whenever the state
+        of worlds is set.
 
         Args:
             simulation: the element's Simulation.
@@ -119,7 +119,7 @@ class ForceElement(Readable):
         return None
 
     def world_problems(self) -> Mapping[int, str]:
-        """By world a line with the remedy where it ran short of something, for `Simulation.problems`."""
+        """Faults by world, in a line with the remedy each, for `Simulation.problems`: such as memory that ran out."""
         return {}
 
 
@@ -208,7 +208,7 @@ def _refuse_mistyped_hooks(cls: type, base: type) -> None:
 
 
 def _letters(name: str) -> list[str]:
-    """What is left of a name when letters change places, case and underscores apart."""
+    """The letters of a name without their order, case and underscores."""
     return sorted(name.lower().replace("_", ""))
 
 
@@ -260,7 +260,7 @@ def _instances(what: str, given: Any, base: type, kind: str, example: str) -> tu
 
 @contextlib.contextmanager
 def attached(parts: Sequence[ForceElement | Sensor]) -> Iterator[None]:
-    """Makes force elements and sensors parts of the Simulation that is built inside, for good; of none if that fails.
+    """Attaches force elements and sensors to the Simulation that the block builds; frees them if the block fails.
 
     Raises:
         ModelError: one is part of a Simulation already.

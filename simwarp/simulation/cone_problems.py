@@ -197,7 +197,7 @@ class _Given:
         return cls(matrix, offset, friction, begin, d, m, v, single, kind)
 
     def check(self, bilateral: int, limits: int) -> None:
-        """Raises what the solvers could not live with."""
+        """Refuses problems that the solvers cannot solve."""
         rows = self.r.shape[1]
         for name, value in (("bilateral_count", bilateral), ("limit_count", limits)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:

@@ -37,7 +37,14 @@ def explain_worlds(
     model: Model, state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float, *,
     findings: Iterable[Mapping[int, str]] = (),
 ) -> list[str]:  # fmt: skip
-    """See `Simulation.problems`; `findings`: more lines by world."""
+    """The lines of `Simulation.problems`.
+
+    Args:
+        model: of the worlds.
+        state, contacts, diagnostics: of the last sub-step.
+        tolerance: of the solver [m/s].
+        findings: more lines by world.
+    """
     checks = (
         _status_lines(state),
         _overflow_lines(contacts),

@@ -108,7 +108,7 @@ def joints_apart(model: Model, state: State, position_error: wp.array) -> dict[i
 
 
 def _of_masses(model: Model) -> str:
-    """What masses far apart have to do with it."""
+    """A hint where bodies of very different masses explain the errors."""
     if model.mass_ratio < UNEQUAL:
         return ""
     return (

@@ -28,11 +28,11 @@ class IntervalLaunches(Protocol):
         ...
 
     def in_phase(self) -> bool:
-        """Whether frames of all worlds begin at whole periods of their clocks, as `launches` takes for granted."""
+        """Whether frames of all worlds begin at whole periods of their clocks. `launches` are right only then."""
         ...
 
     def counts(self) -> npt.NDArray[np.int32]:
-        """(W,) sub-steps since the clocks began. Waits for the device, and looks anew whether they are in phase."""
+        """(W,) sub-steps since the clocks began. Waits for the device, and updates `in_phase`."""
         ...
 
 
@@ -45,7 +45,7 @@ class ReadInterval:
 
     Attributes:
         sensors: launches of each sensor that are due in an interval, in their order; None: all in every sub-step.
-        asked_before_replay: whoever captures steps asks for `at_start` before every replay, and captures whole
+        asked_before_replay: True if whoever captures steps reads `at_start` before every replay, and captures whole
             intervals.
     """
 
@@ -57,7 +57,7 @@ class ReadInterval:
         self._position = 0  # sub-steps since the last read
         self._began_apart = False  # a clock began elsewhere than at a read
         self._begin_captured = False  # replays of it are not seen here
-        self._lost = False  # steps may be taken that are not seen here: for good
+        self._lost = False  # a replayed graph may have advanced the clocks unseen: for good
 
     @property
     def at_start(self) -> bool:
@@ -74,7 +74,7 @@ class ReadInterval:
         return substeps // self.length
 
     def advance(self, substeps: int) -> None:
-        """Counts sub-steps of a program that launches all sensors in each."""
+        """Counts sub-steps in which all sensors are launched."""
         rest = substeps % self.length
         if rest and (self._begin_captured or self._shares.device.is_capturing):
             self._lost = True
@@ -95,7 +95,7 @@ class ReadInterval:
             self._began_apart = True
 
     def begin_from_clocks(self) -> None:
-        """The clocks are those of a snapshot: reads the position from them. Waits for the device."""
+        """Reads the position from the clocks, which a snapshot has set. Waits for the device."""
         clocks = [each for each in self.sensors if each is not None]
         if not clocks:
             return

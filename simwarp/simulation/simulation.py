@@ -1,4 +1,4 @@
-"""Simulation: owns the buffers of a run, steps all worlds, resets and sets some of them, takes snapshots."""
+"""Simulation: it owns the arrays of a run, steps all worlds, resets some of them, and makes snapshots."""
 
 from __future__ import annotations
 
@@ -210,8 +210,8 @@ class Simulation(Readable, Readings, FixedAttributes):
 
         Args:
             world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads.
-            sensors: take their first frames, and publish a vehicle's outputs, now; where more is set before a world is
-                ready, leave it to `begin_sensors`.
+            sensors: publish first frames, and a vehicle's outputs, now. Pass False where more of the state is set
+                afterwards, and call `begin_sensors` then.
         """
         mask = self._mask("reset", world_mask)
         self._run_in(mask, self._resetting)
@@ -219,13 +219,13 @@ class Simulation(Readable, Readings, FixedAttributes):
             self._begin_sensors(mask)
 
     def begin_sensors(self, world_mask: Any = None) -> None:
-        """Starts the sensors' clocks in the worlds of the mask anew, with a frame and a vehicle's outputs of the
-        present state.
+        """Restarts the sensors' clocks in the worlds of the mask. Sensors publish a frame of the present state, and
+        force elements their outputs.
         """
         self._begin_sensors(self._mask("begin_sensors", world_mask))
 
     def keep_as_initial(self) -> None:
-        """From now on a reset brings back the present state, at time 0: of a vehicle that has settled, say."""
+        """Makes the present state, at time 0, the one that a reset brings back: that of a settled vehicle, say."""
         self._initial.copy_from(self.state)
         self._initial.world_time.zero_()
         for present, initial in self._initial_memory:
@@ -276,7 +276,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         return self.diagnostics.energy
 
     def problems(self) -> list[str]:
-        """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
+        """One line for each world that is in trouble: the fault and its remedy. Waits for the device."""
         model = self.model
         titles = coordinate_titles(model.joint_names, model.joint_dof_start)
         findings = [
@@ -291,8 +291,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         )  # fmt: skip
 
     def check_state(self, world: int = 0) -> StateFaults:
-        """Shapes that overlap and coordinates outside their limits in the present state of a world, which a step takes
-        away by moving alone (docs/theory.md). Waits for the device; nothing changes.
+        """Shapes that overlap and coordinates outside their limits in the present state of a world. A step corrects
+        them by moving the bodies (docs/theory.md). Waits for the device; nothing changes.
 
         Raises:
             ModelError: there is no such world.
@@ -490,7 +490,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
 
 def _span(array: wp.array, unit: str) -> str:
-    """The values of an array between which all are; of a GPU, which would have to be waited for, nothing."""
+    """The least and the greatest value of an array; nothing of an array on a GPU, for which it would have to wait."""
     if not on_host(array):
         return ""
     values = array.numpy()

@@ -125,7 +125,7 @@ def _length(depth: float) -> str:
 
 
 class StateCheck:
-    """Looks for faults of the present state, which a step takes away by moving alone (docs/theory.md).
+    """Looks for faults of the present state that a step corrects by moving the bodies (docs/theory.md).
 
     Args:
         model: of the simulation.
@@ -297,8 +297,8 @@ class Mechanisms:
                     self._held.add(link.body)
 
     def is_own(self, pair: tuple[int, int]) -> bool:
-        """True of two shapes of one mechanism, what the world holds being one: parts of a model as built, and no things
-        that are put somewhere else before the first step.
+        """True of two shapes of one mechanism. Everything that joints hold to the world counts as one mechanism. Loose
+        bodies do not: they may be put elsewhere before the first step.
         """
         one, other = (self._shape_body[shape] for shape in pair)
         held = all(body == WORLD or body in self._held for body in (one, other))

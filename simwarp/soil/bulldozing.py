@@ -1,4 +1,4 @@
-"""Soil that is pushed aside: how much of it, how steep heaps stay, and the launch that does it."""
+"""Bulldozing: options of how soil that a shape presses down rises beside it, and the launch that moves it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-import warp as wp
-
+from simwarp.core.arrays import with_zeros
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.checks import whole_number
@@ -90,9 +89,7 @@ class SoilFlow:
         flow.every = max(1, round(b.period / dt))
         flow.steepest = self.spacing * math.tan(b.angle)
         flow.iterations, flow.margin = b.iterations, b.propagation + 1
-        scratch: Any = FlowScratch()
         slots = scratch_slots_of(shares)
-        scratch.level = wp.zeros((slots, 2, self._nodes), dtype=float, device=shares.device)
-        for name, dtype in (("top", float), ("moved", float), ("mine", int)):
-            setattr(scratch, name, wp.zeros((slots, self._nodes), dtype=dtype, device=shares.device))
+        scratch = with_zeros(FlowScratch(), (slots, self._nodes), shares.device, "top", "moved", "mine")
+        with_zeros(scratch, (slots, 2, self._nodes), shares.device, "level")
         return shares.record(push_soil_aside, inputs=[flow, *placed], outputs=[nodes, scratch])

@@ -1,4 +1,4 @@
-"""Checks of what a soil is given beside its parameters: pages, the ground that it lies on, a map of soils."""
+"""Checks of a soil's pages, of the ground that it lies on, and of its map of soils."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def checked_pages(pages: Any, spacing: float, least: int) -> int:
 
 
 def check_ground(ground: Any) -> None:
-    """Refuses what is no ground, and a plane that leans by more than 45 degrees."""
+    """Refuses a ground of another type, and a plane that leans by more than 45 degrees."""
     if getattr(ground, "_cls", None) is not TerrainTables:
         raise ModelError(
             f"soil: ground must be of simwarp.vehicle.tires.ground, got {formatted(ground)}; make it by that"

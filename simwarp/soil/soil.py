@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.array_devices import array_from_host, array_on
-from simwarp.core.arrays import writable, writable_from
+from simwarp.core.arrays import with_zeros, writable, writable_from
 from simwarp.core.readable import Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, formatted, number, numbers
 from simwarp.model.checks import checked_flag
@@ -58,8 +58,8 @@ class ShearMemory(enum.Enum):
 class Soil(ForceElement):
     """Deformable ground: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
 
-    Only nodes that something touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that
-    was touched longest ago is taken again, and its ruts are gone (`recycled` counts).
+    Only nodes that a shape has touched use memory, in pages of 8 x 8. When a world has used up its pages, it recycles
+    the one that was touched longest ago, and loses the ruts in it (`recycled` counts).
 
     Args:
         model: of the worlds.
@@ -82,7 +82,7 @@ class Soil(ForceElement):
             of wheels.
         force_w, torque_w: (W, shapes) vec3 on the shape, at its centre, world axes [N, N·m].
         touched: (W, shapes) nodes with pressure.
-        recycled: (W,) pages that were taken again.
+        recycled: (W,) pages that were recycled.
         rest_force_b, rest_torque_b: (W, shapes) vec3 that `imprint` makes the soil carry, at the shape's centre, axes
             of its body [N, N·m]; no force: what fresh soil bears there. `keep_forces` writes them.
 
@@ -134,8 +134,8 @@ class Soil(ForceElement):
         self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
         tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
         self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
-        self._reports = _reports((worlds, len(self.shapes)), device)
         each = (worlds, len(self.shapes))
+        self._reports = with_zeros(SoilReports(), each, device)
         self.rest_force_b = writable(each, wp.vec3, device, label="soil.rest_force_b")
         self.rest_torque_b = writable(each, wp.vec3, device, label="soil.rest_torque_b")
         self._all_worlds = wp.full(worlds, True, dtype=wp.bool, device=device)
@@ -192,7 +192,7 @@ class Soil(ForceElement):
 
     @property
     def recycled(self) -> wp.array:
-        """(W,) pages that were taken again since the last reset."""
+        """(W,) pages that were recycled since the last reset."""
         return self._nodes.recycled
 
     @property
@@ -237,7 +237,7 @@ class Soil(ForceElement):
         return height, normal
 
     def world_problems(self) -> dict[int, str]:
-        """Worlds that took pages again since their last reset, with the remedy. Waits for the device."""
+        """Worlds that recycled pages since their last reset, with the remedy. Waits for the device."""
         again = self.recycled.numpy()
         return {
             int(world): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them "
@@ -246,7 +246,7 @@ class Soil(ForceElement):
         }  # fmt: skip
 
     def keep_forces(self, world_mask: Any = None) -> None:
-        """Makes the present forces on the shapes those that `imprint` puts back: for where all has come to rest.
+        """Keeps the present forces on the shapes for `imprint`. Call it where everything has come to rest.
 
         Args:
             world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads; all worlds when None.
@@ -257,8 +257,8 @@ class Soil(ForceElement):
         self._launch_in("keep_forces", 0, world_mask)
 
     def imprint(self, world_mask: Any = None) -> None:
-        """Makes the soil fresh in the worlds of a mask, and presses all shapes into it where they stand, as if they had
-        come to rest there: an episode starts without a fall.
+        """Makes the soil fresh in the worlds of a mask, and presses all shapes into it where they stand. An episode
+        starts as if they had come to rest there, without a fall.
 
         Nodes below a shape get stresses that carry `rest_force_b` and `rest_torque_b`, whatever the soil; where these
         are zero, the pressures of fresh soil at their depth. A shape above the ground leaves nothing. Poses must have
@@ -273,9 +273,8 @@ class Soil(ForceElement):
         self._launch_in("imprint", 1, world_mask)
 
     def resting_shifts(self, world_mask: Any = None) -> wp.array:
-        """How far up each shape would have to be for fresh soil to bear the vertical part of its `rest_force_b`: what
-        settled on one soil is moved by their mean before `imprint` where it stands on another. Each shape counts as if
-        it were alone.
+        """How far each shape would have to rise for fresh soil to bear the vertical part of its `rest_force_b`, as if
+        it were alone. A vehicle that settled on one soil is moved by their mean before `imprint` on another.
 
         Args:
             world_mask: as in `imprint`; other worlds keep what they have.
@@ -332,7 +331,7 @@ class Soil(ForceElement):
         return self._carriers
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """Launches before a sub-step: pages below the shapes, then the forces of all bodies that have some.
+        """Launches before a sub-step: pages below the shapes, then the forces on all bodies.
 
         Raises:
             ModelError: an element that comes later writes the forces of one of these bodies.
@@ -355,7 +354,7 @@ class Soil(ForceElement):
         return launches
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launch after a sub-step: what acted in it."""
+        """The launch after a sub-step: reports of the forces that acted in it."""
         return [
             simulation.shares.record(
                 report_shapes, len(self.shapes),
@@ -380,7 +379,7 @@ def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
 
 
 def _adds(soil: Soil, simulation: StepContext) -> list[int]:
-    """For each body with shapes: 0 the soil writes its entries first, 1 it adds to forces, 2 to blocks too."""
+    """For each body with shapes: the soil writes its forces (0), adds to them (1), or adds to its blocks too (2)."""
     place = next(k for k, part in enumerate(simulation.elements) if part is soil)
     bodies = soil.assigned_bodies
     found = [0] * len(bodies)
@@ -433,28 +432,10 @@ def _checked_points(points: Any, model: Model) -> wp.array:
 
 
 def _nodes(worlds: int, pages: int, shapes: int, bulldozing: bool, device: Any) -> Any:
-    nodes: Any = SoilNodes()
-    nodes.node = wp.zeros((worlds, pages * PAGE_NODES, NODE_VALUES), dtype=float, device=device)
-    for name in ("place_x", "place_y", "used_at"):
-        setattr(nodes, name, wp.zeros((worlds, pages), dtype=int, device=device))
-    nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
-    for name in ("count", "step", "recycled"):
-        setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
-    nodes.foot = wp.zeros((worlds, shapes), dtype=wp.vec4i, device=device)
-    nodes.deepest = wp.zeros((worlds, shapes), dtype=float, device=device)
-    nodes.raised = wp.zeros((worlds, pages * PAGE_NODES * bulldozing), dtype=float, device=device)
-    for name in ("highest", "pending"):
-        setattr(nodes, name, wp.zeros((worlds, shapes * bulldozing), dtype=float, device=device))
-    return nodes
-
-
-def _reports(shape: tuple[int, int], device: Any) -> Any:
-    reports: Any = SoilReports()
-    for name in ("load", "sinkage", "slip_ratio"):
-        setattr(reports, name, writable(shape, wp.float32, device))
-    reports.touched = wp.zeros(shape, dtype=int, device=device)
-    for name in ("force_w", "torque_w", "before_v", "before_omega", "pushed", "turned"):
-        setattr(reports, name, writable(shape, wp.vec3, device))
-    for name in ("mass", "coupling", "inertia"):
-        setattr(reports, name, writable(shape, wp.mat33, device))
-    return reports
+    nodes = with_zeros(SoilNodes(), (worlds, pages), device, "place_x", "place_y", "used_at")
+    with_zeros(nodes, (worlds, pages * PAGE_NODES, NODE_VALUES), device, "node")
+    with_zeros(nodes, (worlds, 1 << (2 * pages - 1).bit_length()), device, "entry")
+    with_zeros(nodes, worlds, device, "count", "step", "recycled")
+    with_zeros(nodes, (worlds, shapes), device, "foot", "deepest")
+    with_zeros(nodes, (worlds, pages * PAGE_NODES * bulldozing), device, "raised")
+    return with_zeros(nodes, (worlds, shapes * bulldozing), device, "highest", "pending")

@@ -1,4 +1,4 @@
-"""Parameters of soils, and those of published ones."""
+"""Parameters of soils, and presets from the literature."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class SoilSpec(ReadableFields):
             raise _wrong("elastic", rule, self.elastic, "raise it, or lower k_phi")
 
     def values(self) -> tuple[float, ...]:
-        """In the order that kernels read them."""
+        """The parameters in the order of `SoilParameter`."""
         return (
             self.k_phi, self.k_c, self.exponent, self.cohesion, math.tan(self.friction_angle), self.shear_length,
             self.elastic, self.damping,

@@ -104,7 +104,7 @@ SoilShape: TypeAlias = SoilWheel | SoilBox | SoilSphere | SoilCapsule | SoilCyli
 
 
 class _Row(NamedTuple):
-    """A shape as the kernels take it."""
+    """A row of the tables of shapes that kernels read."""
 
     kind: int
     offset: Any
@@ -281,7 +281,7 @@ def _ints(values: Any, device: Any) -> wp.array:
 
 
 def soil_shapes(model: Model, bodies: Sequence[int | str] | None = None) -> list[SoilShape]:
-    """The collision shapes of bodies as soil takes them, in their order: a robot's feet, a chassis' belly.
+    """Collision shapes of bodies as shapes of a soil, in their order: a robot's feet, a chassis' belly.
 
     Args:
         model: of the worlds; where they differ in shapes, those of world 0 count.

@@ -85,12 +85,9 @@ class SoilNodes:
     recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
     foot: wp.array2d[wp.vec4i]  # (W, shapes) nodes below each in this step: columns from, to, rows from, to
     deepest: wp.array2d[float]  # (W, shapes) greatest drop of a node that each has left [m]
-    raised: wp.array2d[
-        float
-    ]  # (W, pages * PAGE_NODES) of the undeformed ground [m]; (W, 0) without bulldozing, so too:
-    highest: wp.array2d[
-        float
-    ]  # (W, shapes) greatest height of a node above the undeformed ground that each has left [m]
+    # of bulldozing; (W, 0) without
+    raised: wp.array2d[float]  # (W, pages * PAGE_NODES) height above the undeformed ground [m]
+    highest: wp.array2d[float]  # (W, shapes) greatest such height that each has left [m]
     pending: wp.array2d[float]  # (W, shapes) sum of nodes' drops that is to rise beside each [m]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.arrays import with_zeros
 from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError, Pose
@@ -18,10 +19,9 @@ from simwarp.sensors.cameras.camera import (
     CameraConfig,
     camera_numbers,
     lights_of,
-    make_views,
     render_arguments,
 )
-from simwarp.sensors.cameras.image_kernels import aim_freely, render
+from simwarp.sensors.cameras.image_kernels import Views, aim_freely, render
 from simwarp.sensors.cameras.image_processing import ImageProcessing
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.clock import Field, check_frames
@@ -59,7 +59,7 @@ class FreeCamera(Readable):
         self._device = model.device
         self._numbers = camera_numbers(config)
         self._tables = scene.tables(config.groups)
-        self._views = make_views(len(chosen), model.device)
+        self._views = with_zeros(Views(), len(chosen), model.device)
         self._views.world = wp.array(chosen, dtype=wp.int32, device=model.device)
         due = np.zeros(model.world_count, np.int32)
         due[chosen] = 1

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Type
 import numpy as np
 import warp as wp
 
+from simwarp.core.arrays import with_zeros
 from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, formatted, pose
@@ -140,7 +141,7 @@ class Camera(FrameSensor):
         )
         self.lights = lights_of(lights, scene, wanted & {*LIGHT_ARRAYS})
         self._tables = scene.tables(config.groups)
-        self._views = make_views(model.world_count, model.device)
+        self._views = with_zeros(Views(), model.world_count, model.device)
         self._sums = wp.zeros((0, 0), dtype=wp.vec3, device=model.device)
 
     @property
@@ -252,15 +253,6 @@ def lights_of(lights: Lights | Lighting | None, scene: Scene, per_world: Iterabl
             )
         return lights
     return Lights(Lighting() if lights is None else lights, scene.model.world_count, scene.model.device, per_world)
-
-
-def make_views(count: int, device: Any) -> Views:
-    """Room for views."""
-    struct: Any = Views
-    views = Views()
-    for name, hint in struct.vars.items():
-        setattr(views, name, wp.zeros(count, dtype=hint.type.dtype, device=device))
-    return views
 
 
 def render_arguments(

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, cast
 import numpy as np
 import warp as wp
 
-from simwarp.core.arrays import WritableArray, writable_from
+from simwarp.core.arrays import WritableArray, with_zeros, writable_from
 from simwarp.core.constraints import Direction, Rule, RuleError
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import JointType, ModelError, RowKind, formatted, numbers
@@ -115,9 +115,7 @@ class Encoder(VectorSensor):
         for field, values in (("ratio", self.config.ratio), ("step", self._steps(model))):
             numbers = np.tile(_per_coordinate(name, field, values, count), (self.copies, 1))
             setattr(arrays, field, writable_from(numbers, wp.float64, model.device))
-        for field in MEMORY:
-            setattr(arrays, field, wp.zeros((model.world_count, count), dtype=wp.float64, device=model.device))
-        self._encoder = arrays
+        self._encoder = with_zeros(arrays, (model.world_count, count), model.device, *MEMORY)
 
     @property
     def step(self) -> WritableArray:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Final, Literal, TypeAlias, cast, get_args
+from typing import Annotated, Any, Final, Literal, TypeAlias, get_args
 
 import warp as wp
 
+from simwarp.core.arrays import with_zeros
 from simwarp.core.constraints import As, Different, MinLen, OneOrMany
 from simwarp.model.model import Model
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
@@ -19,7 +20,7 @@ from simwarp.simulation.attachments import StepContext
 Output: TypeAlias = Literal["accelerometer", "gyroscope"]
 OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()]
 PARTS: Final = get_args(Output)
-MOTION: Final = {"velocity": wp.vec3d, "omega": wp.vec3d, "rotation": wp.quatd}
+MOTION: Final = ("velocity", "omega", "rotation")
 """What is remembered of the body."""
 
 
@@ -77,11 +78,9 @@ class Imu(VectorSensor):
         super().__init__(
             model, name, self.config.schedule, 3 * len(outputs), noise, mount=mount, seed=seed, randomised=randomised
         )  # fmt: skip
-        self._inertial = cast(Any, InertialArrays())
+        self._inertial = with_zeros(InertialArrays(), model.world_count, model.device, *MOTION)
         for part in PARTS:
             setattr(self._inertial, part, 3 * outputs.index(part) if part in outputs else -1)
-        for field, dtype in MOTION.items():
-            setattr(self._inertial, field, wp.zeros(model.world_count, dtype=dtype, device=model.device))
         self._inertial.sums = self._sums
 
     @property

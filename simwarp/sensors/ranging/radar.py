@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 import warp as wp
 
-from simwarp.core.arrays import writable_from
+from simwarp.core.arrays import with_zeros, writable_from
 from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
 from simwarp.sensors.clock import Field, mount_arrays
@@ -240,9 +240,6 @@ class Radar(FrameSensor):
 def cluster_scratch(worlds: int, rays: int, device: Any) -> ClusterScratch:
     """Scratch of `cluster_returns` for this many rays in each world."""
     slots = 1 << (2 * rays - 1).bit_length()
-    scratch: Any = ClusterScratch()
-    fields: Any = ClusterScratch
-    for name, hint in fields.vars.items():
-        length = slots if name == "table" else rays
-        setattr(scratch, name, wp.zeros((worlds, length), dtype=hint.type.dtype, device=device))
-    return scratch
+    scratch = with_zeros(ClusterScratch(), (worlds, rays), device)
+    table: ClusterScratch = with_zeros(scratch, (worlds, slots), device, "table")
+    return table
