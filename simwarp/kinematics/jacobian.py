@@ -11,6 +11,7 @@ from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch
 from simwarp.kinematics.jacobian_kernels import measure_point_jacobian
+from simwarp.model.checks import checked_index
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.step_sizes import scratch_slots_of, step_sizes
 
@@ -80,14 +81,8 @@ def checked_tree(thing: str, simulation: Any) -> None:
 def body_index(thing: str, simulation: Simulation, body: str | int) -> int:
     """Index of a body, from itself or its name."""
     model = simulation.model
-    if isinstance(body, str):
-        return model.body(body)
-    if isinstance(body, bool) or not isinstance(body, int) or not 0 <= body < model.body_count:
-        raise ModelError(
-            f"{thing}: body must be a name or in 0..{model.body_count - 1}, got {formatted(body)}; "
-            "pass what add_body returned"
-        )
-    return body
+    remedy, count = "pass what add_body returned", model.body_count
+    return checked_index(thing, f"body must be a name or in 0..{count - 1}", body, count, model.body, remedy)
 
 
 def tree_scratch(simulation: Simulation) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntEnum
 from typing import Any, Final, TypeVar
 
@@ -95,6 +95,24 @@ def whole_number(thing: str, field: str, value: Any, least: int, most: int, reme
         rule = f">= {least} and <= {most}" if number(value) > most else f">= {least}"
         raise ModelError(f"{thing}: {field} must be an integer {rule}, got {formatted(value)}; {remedy}")
     return int(value)
+
+
+def checked_index(
+    thing: str, rule: str, given: Any, count: int, find: Callable[[str], int], remedy: str, *, least: int = 0
+) -> int:
+    """The index of something that is given by its name, which `find` looks up, or by its index itself.
+
+    Raises:
+        ModelError: there is no such name or index; it says `{thing}: {rule}, got {given}; {remedy}`.
+    """
+    if isinstance(given, str):
+        try:
+            return find(given)
+        except ModelError as error:
+            raise ModelError(f"{thing}: {error}") from None
+    if not isinstance(given, (int, np.integer)) or isinstance(given, bool) or not least <= given < count:
+        raise ModelError(f"{thing}: {rule}, got {formatted(given)}; {remedy}")
+    return int(given)
 
 
 def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> str:

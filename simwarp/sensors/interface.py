@@ -11,13 +11,11 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
-import numpy as np
-
 from simwarp.core.constraints import Meaning, NotNegative, Positive
 from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Fault, Schema, dotted
 from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, formatted, pose
-from simwarp.model.checks import checked_pose
+from simwarp.model.checks import checked_index, checked_pose
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import Sensor
 
@@ -151,18 +149,9 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
     Raises:
         ModelError: the model has no such body.
     """
-    if isinstance(body, str):
-        try:
-            return model.body(body)
-        except ModelError as error:
-            raise ModelError(f"sensor '{sensor}': {error}") from None
-    usable = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
-    if not usable or not (body == WORLD or 0 <= body < model.body_count):
-        raise ModelError(
-            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, "
-            f"got {formatted(body)}; take what add_body returned"
-        )
-    return int(body)
+    rule = f"body must be WORLD (-1), an index below {model.body_count} or a name"
+    remedy = "take what add_body returned"
+    return checked_index(f"sensor '{sensor}'", rule, body, model.body_count, model.body, remedy, least=WORLD)
 
 
 def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) -> set[str]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import ModelError, formatted
-from simwarp.model.checks import whole_number
+from simwarp.model.checks import checked_index, whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.state import State
 
@@ -81,11 +79,14 @@ class Readings:
 
     def _of_body(self, call: str, array: wp.array, body: str | int, world: int) -> Vector:
         names = self.model.body_names
-        return self._of(call, array, world, _index(call, "body", body, len(names), self.model.body))
+        rule = f"body must be a name or an index below {len(names)}"
+        index = checked_index(call, rule, body, len(names), self.model.body, "see model.body_names")
+        return self._of(call, array, world, index)
 
     def _of_joint(self, call: str, array: wp.array, joint: str | int, world: int, local: int) -> float:
         names = self.model.joint_names
-        name = names[_index(call, "joint", joint, len(names), self.model.joint)]
+        rule = f"joint must be a name or an index below {len(names)}"
+        name = names[checked_index(call, rule, joint, len(names), self.model.joint, "see model.joint_names")]
         return float(self._of(call, array, world, self.model.dof(name, local)))
 
     def _of(self, call: str, array: wp.array, world: int, column: int | None = None) -> Vector:
@@ -96,14 +97,3 @@ class Readings:
         first = row if column is None else column
         value: Vector = part[first : first + 1].numpy()[0]
         return value.copy()  # of a CPU it is the memory that the next step writes
-
-
-def _index(call: str, kind: str, wanted: str | int, count: int, index_of: Callable[[str], int]) -> int:
-    """Index of a body or a joint that is given by name or index."""
-    if isinstance(wanted, str):
-        return index_of(wanted)
-    whole = isinstance(wanted, (int, np.integer)) and not isinstance(wanted, bool)
-    if not whole or not 0 <= wanted < count:
-        rule = f"a name or an index below {count}"
-        raise ModelError(f"{call}: {kind} must be {rule}, got {formatted(wanted)}; see model.{kind}_names")
-    return int(wanted)

@@ -14,6 +14,7 @@ from simwarp.core.arrays import WritableArray, with_zeros, writable_from
 from simwarp.core.constraints import Direction, Rule, RuleError
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import JointType, ModelError, RowKind, formatted, numbers
+from simwarp.model.checks import checked_index
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model
@@ -305,25 +306,18 @@ def _listed(sensor: str, coordinates: Any) -> list[Any]:
 
 def _column(sensor: str, item: Any, model: Model) -> int:
     """Column of `joint_q` of a coordinate."""
-    if isinstance(item, str):
-        try:
-            joint = model.joint(item)
-        except ModelError as error:
-            raise ModelError(f"sensor '{sensor}': {error}") from None
-        first, end = model.joint_dof_start[joint : joint + 2]
+
+    def only_column(name: str) -> int:
+        first, end = model.joint_dof_start[model.joint(name) :][:2]
         if end - first != 1:
             raise ModelError(
-                f"sensor '{sensor}': joint '{item}' has {end - first} coordinates, not one; "
-                f"give a column, such as model.dof('{item}', 0), or another joint"
+                f"joint '{name}' has {end - first} coordinates, not one; "
+                f"give a column, such as model.dof('{name}', 0), or another joint"
             )
         return first
-    usable = isinstance(item, (int, np.integer)) and not isinstance(item, bool)
-    if not usable or not 0 <= item < model.dof_count:
-        raise ModelError(
-            f"sensor '{sensor}': a coordinate must be the name of a joint or a column below {model.dof_count}, "
-            f"got {formatted(item)}; take model.dof(name)"
-        )
-    return int(item)
+
+    rule = f"a coordinate must be the name of a joint or a column below {model.dof_count}"
+    return checked_index(f"sensor '{sensor}'", rule, item, model.dof_count, only_column, "take model.dof(name)")
 
 
 def _joint_of(dof: int, model: Model) -> int:

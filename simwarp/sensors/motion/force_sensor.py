@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
 import warp as wp
 
 from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import WORLD, ModelError, Quat, formatted, pose
+from simwarp.model.checks import checked_index
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config
@@ -184,14 +184,6 @@ def _record_forces(
 
 
 def _joint_index(sensor: str, joint: str | int, model: Model) -> int:
-    if isinstance(joint, str):
-        try:
-            return model.joint(joint)
-        except ModelError as error:
-            raise ModelError(f"sensor '{sensor}': {error}") from None
-    if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint < model.joint_count:
-        raise ModelError(
-            f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {formatted(joint)}; "
-            "take what add_joint_... returned"
-        )
-    return int(joint)
+    rule = f"joint must be a name or an index below {model.joint_count}"
+    remedy = "take what add_joint_... returned"
+    return checked_index(f"sensor '{sensor}'", rule, joint, model.joint_count, model.joint, remedy)
