@@ -106,10 +106,7 @@ def checked_index(
         ModelError: there is no such name or index; it says `{thing}: {rule}, got {given}; {remedy}`.
     """
     if isinstance(given, str):
-        try:
-            return find(given)
-        except ModelError as error:
-            raise ModelError(f"{thing}: {error}") from None
+        return find(given)
     if not isinstance(given, (int, np.integer)) or isinstance(given, bool) or not least <= given < count:
         raise ModelError(f"{thing}: {rule}, got {formatted(given)}; {remedy}")
     return int(given)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
 from simwarp.core.constraints import Meaning, NotNegative, Positive
@@ -151,7 +151,21 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
     """
     rule = f"body must be WORLD (-1), an index below {model.body_count} or a name"
     remedy = "take what add_body returned"
-    return checked_index(f"sensor '{sensor}'", rule, body, model.body_count, model.body, remedy, least=WORLD)
+    return sensor_index(sensor, rule, body, model.body_count, model.body, remedy, least=WORLD)
+
+
+def sensor_index(
+    sensor: str, rule: str, given: Any, count: int, find: Callable[[str], int], remedy: str, *, least: int = 0
+) -> int:
+    """`checked_index` of something that a sensor names: all errors begin with the sensor."""
+
+    def find_for_sensor(name: str) -> int:
+        try:
+            return find(name)
+        except ModelError as error:
+            raise ModelError(f"sensor '{sensor}': {error}") from None
+
+    return checked_index(f"sensor '{sensor}'", rule, given, count, find_for_sensor, remedy, least=least)
 
 
 def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) -> set[str]:

@@ -14,10 +14,9 @@ from simwarp.core.arrays import WritableArray, with_zeros, writable_from
 from simwarp.core.constraints import Direction, Rule, RuleError
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import JointType, ModelError, RowKind, formatted, numbers
-from simwarp.model.checks import checked_index
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
-from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model, sensor_index
 from simwarp.sensors.motion.encoders_kernels import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers, PositiveNumbers
 from simwarp.sensors.vector_sensor import VectorSensor
@@ -317,7 +316,7 @@ def _column(sensor: str, item: Any, model: Model) -> int:
         return first
 
     rule = f"a coordinate must be the name of a joint or a column below {model.dof_count}"
-    return checked_index(f"sensor '{sensor}'", rule, item, model.dof_count, only_column, "take model.dof(name)")
+    return sensor_index(sensor, rule, item, model.dof_count, only_column, "take model.dof(name)")
 
 
 def _joint_of(dof: int, model: Model) -> int:

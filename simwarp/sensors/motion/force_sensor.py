@@ -10,10 +10,9 @@ import warp as wp
 
 from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import WORLD, ModelError, Quat, formatted, pose
-from simwarp.model.checks import checked_index
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
-from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config
+from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config, sensor_index
 from simwarp.sensors.motion.force_sensor_kernels import sample_forces, sample_touch
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
@@ -186,4 +185,4 @@ def _record_forces(
 def _joint_index(sensor: str, joint: str | int, model: Model) -> int:
     rule = f"joint must be a name or an index below {model.joint_count}"
     remedy = "take what add_joint_... returned"
-    return checked_index(f"sensor '{sensor}'", rule, joint, model.joint_count, model.joint, remedy)
+    return sensor_index(sensor, rule, joint, model.joint_count, model.joint, remedy)
