@@ -1,4 +1,4 @@
-"""The way of an action: from what the policy asks for, over its delay, to the action in force, limited in its rate."""
+"""The path of an action: the policy's output is delayed, and the current action follows it at a limited rate."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ class ActionPath:
     """Actions of a batch of worlds.
 
     Args:
-        action: (W, N * A) float32, the actions in force of N agents; written here.
+        action: (W, N * A) float32, the current actions of N agents; written here.
         config: of the task: rise times, delay and times of the steps.
-        owner: name of the task: the errors name it.
-        in_physics: the task has physics, in every step of which a limited action moves.
+        owner: name of the task, for errors.
+        in_physics: the task has physics, and a rate-limited action moves in every step of it.
         agents: N, in each world.
 
     Attributes:
-        asked: (W, N * A) float32, what the policy asked for in this control step.
-        request: (W, N * A) float32, what the action moves towards; where nothing is delayed, the same memory.
-        limited: the action's rate is.
-        reach: (N * A,) how far it moves in one physics step; of no length where nothing limits it.
+        asked: (W, N * A) float32, output of the policy in this control step.
+        request: (W, N * A) float32, target of the action; without a delay the same memory as `asked`.
+        limited: True if the rate of actions is limited.
+        reach: (N * A,) largest change in one physics step; empty if no rate is limited.
     """
 
     def __init__(
@@ -57,14 +57,15 @@ class ActionPath:
         return reach if bool((rise > 0.0).any()) else reach[:0]
 
     def delay(self) -> None:
-        """Take what is asked for into the delay, where there is one, and what comes out of it as the request."""
+        """Push the policy's output into the delay line, if there is one, and read the request from it."""
         if self._line is not None:
             self._line.push(self.asked.clamp_(-1.0, 1.0))
             self.request.copy_(self._line.read())
 
     def move(self) -> None:
-        """Move the action towards the request: for a physics step, or for the control step of a task without physics;
-        without a limit it is there at once.
+        """Move the action towards the request for one physics step, or for the control step of a task without physics.
+
+        Without a rate limit it becomes the request at once.
         """
         self._move.launch()
 
