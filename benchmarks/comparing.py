@@ -295,11 +295,11 @@ def conclude(study: Study, name: str, record: RunRecord) -> None:
             "success_rate": [found.success_rate for found in evaluations.values()],
         }
     for key, quantity in study.quantities.items():
-        content[key] = content["evaluation"][quantity.source] if quantity.source else area(shown(content))
+        content[key] = content["evaluation"][quantity.source] if quantity.source else area(learning_curve_of(content))
     write_json(study.result_path(name, run.seed), content)
 
 
-def shown(result: Result) -> dict[str, list[float]]:
+def learning_curve_of(result: Result) -> dict[str, list[float]]:
     """Return a result's learning curve: of the evaluations on the way, or else of training."""
     curve: dict[str, list[float]] = result["evaluations" if "evaluations" in result else "curve"]
     return curve
@@ -425,11 +425,11 @@ def table(rows: Mapping[str, Any], heading: str, quantities: Mapping[str, Quanti
 
 def band(runs: list[Result]) -> tuple[npt.NDArray[np.float64], ...]:
     """Return steps, mean return and the half-width of its 95 % interval, each (points of the curve,)."""
-    values = np.array([shown(run)["mean_reward"] for run in runs])
+    values = np.array([learning_curve_of(run)["mean_reward"] for run in runs])
     half = np.zeros(values.shape[1])
     if len(runs) > 1:
         half = t_quantile(len(runs)) * values.std(axis=0, ddof=1) / math.sqrt(len(runs))
-    return np.array(shown(runs[0])["env_steps"]), values.mean(axis=0), half
+    return np.array(learning_curve_of(runs[0])["env_steps"]), values.mean(axis=0), half
 
 
 def draw_panel(axes: Axes, curves: list[tuple[list[Result], Arm]]) -> None:
@@ -447,7 +447,7 @@ def draw_panel(axes: Axes, curves: list[tuple[list[Result], Arm]]) -> None:
             axes.fill_between(steps, mean - half, mean + half, color=arm.colour, alpha=0.25, linewidth=0)
             continue
         for run in runs:
-            values = shown(run)["mean_reward"]
+            values = learning_curve_of(run)["mean_reward"]
             axes.plot(steps, values, color=arm.colour, linestyle=arm.line, linewidth=0.6, alpha=0.6)
     axes.set_xlabel("environment steps")
     axes.xaxis.set_major_formatter(EngFormatter())

@@ -55,7 +55,7 @@ class Axis:
     scale: float = 1.0
     nominal: Any = None
 
-    def told(self, value: Any) -> str:
+    def value_text(self, value: Any) -> str:
         """A value as tables have it."""
         if isinstance(value, bool):
             return "full" if value else "reduced"

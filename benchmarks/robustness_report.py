@@ -60,7 +60,7 @@ def numbers_of(task: str, obs: str, labels: Sequence[str]) -> dict[str, Any]:
     for label in labels:
         rows = read_rows(path_of(task, obs, label))
 
-        def told(changes: Changes, rows: Mapping[str, Row] = rows) -> dict[str, Any] | None:
+        def share_of(changes: Changes, rows: Mapping[str, Row] = rows) -> dict[str, Any] | None:
             row = rows.get(key_of(config, changes))
             if row is None:
                 return None
@@ -72,18 +72,18 @@ def numbers_of(task: str, obs: str, labels: Sequence[str]) -> dict[str, Any]:
             }  # fmt: skip
 
         axes = {
-            name: [{"value": value, **cell} for value in axis.values if (cell := told({name: value}))]
+            name: [{"value": value, **cell} for value in axis.values if (cell := share_of({name: value}))]
             for name, axis in axes_of_task(task, obs, tuple(AXES)).items()
         }
         maps = {}
         for name, each in MAPS.items():
-            cells = [[told(changes) for changes in line] for line in each.changes()]
+            cells = [[share_of(changes) for changes in line] for line in each.changes()]
             there = sum(cell is not None for line in cells for cell in line)
             if there >= len(each.rows) + len(each.columns):  # more than the two axes have
                 maps[name] = cells
         found[label] = {
             "digest": next((row["digest"] for row in rows.values()), None),
-            "nominal": told({}), "drawn": told({"conditions": "random"}),
+            "nominal": share_of({}), "drawn": share_of({"conditions": "random"}),
             "axes": {name: cells for name, cells in axes.items() if len(cells) > 1}, "maps": maps,
         }  # fmt: skip
     return found
@@ -111,16 +111,16 @@ def tables(task: str, numbers: Mapping[str, Any]) -> str:
         for place, value in enumerate(values):
             head = axis.label if place == 0 else ""
             told = " | ".join(percent(cells[label].get(value)) for label in labels)
-            lines.append(f"| {head} | {axis.told(json.loads(value))} | {told} |")
+            lines.append(f"| {head} | {axis.value_text(json.loads(value))} | {told} |")
     for name, each in MAPS.items():
         down, across = AXES[each.down], AXES[each.across]
         for label in labels:
             if name in numbers[label]["maps"]:
-                shown = " | ".join(across.told(value) for value in each.columns)
+                shown = " | ".join(across.value_text(value) for value in each.columns)
                 lines += ["", f"| {label}: {down.label} \\ {across.label} | {shown} |"]
                 lines.append("|---|" + "---|" * len(each.columns))
                 for value, cells_of in zip(each.rows, numbers[label]["maps"][name], strict=True):
-                    lines.append(f"| {down.told(value)} | {' | '.join(map(percent, cells_of))} |")
+                    lines.append(f"| {down.value_text(value)} | {' | '.join(map(percent, cells_of))} |")
     return "\n".join(lines) + "\n"
 
 
@@ -129,7 +129,7 @@ def lowest(axis: Axis, cells: Sequence[Mapping[str, Any]]) -> str:
     if not cells:
         return "–"
     least = min(cells, key=lambda cell: cell["success"])
-    return f"{100 * least['success']:.0f} at {axis.told(least['value'])}"
+    return f"{100 * least['success']:.0f} at {axis.value_text(least['value'])}"
 
 
 def summary(tasks: Sequence[str], obs: str, first: Sequence[str]) -> str:
@@ -170,7 +170,7 @@ def _draw_axis(panel: Any, axis: Axis, usual: Any, numbers: Mapping[str, Any]) -
             markersize=3.5, marker="o", linestyle="-" if numeric else "none", clip_on=False,
         )  # fmt: skip
     if not numeric:
-        panel.set_xticks(list(places.values()), [axis.told(value) for value in values], fontsize=7)
+        panel.set_xticks(list(places.values()), [axis.value_text(value) for value in values], fontsize=7)
         panel.tick_params(axis="x", rotation=20 if len(values) > 2 else 0)
         panel.set_xlim(-0.5, len(values) - 0.5)
     else:
@@ -211,8 +211,8 @@ def draw(task: str, obs: str, numbers: Mapping[str, Any], picture: Path) -> None
             for to, cell in enumerate(line)
         }
         draw_heat_map(panel, cells, len(ones), len(others))
-        panel.set_xticks(range(len(others)), [across.told(value) for value in others])
-        panel.set_yticks(range(len(ones)), [down.told(value) for value in ones])
+        panel.set_xticks(range(len(others)), [across.value_text(value) for value in others])
+        panel.set_yticks(range(len(ones)), [down.value_text(value) for value in ones])
         panel.set_xlabel(across.label, color=INK, fontsize=8)
         panel.set_ylabel(down.label, color=INK, fontsize=8)
         panel.set_title(label, loc="left", fontsize=9, color=INK)

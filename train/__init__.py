@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from .networks.augmentation import augment
     from .networks.export import ExportFormat, export_policy
     from .networks.policies import find_policy, network_policy, random_policy, zero_policy
-    from .runs.lessons import lesson_by
     from .runs.run_folder import RunFolder, open_run
+    from .runs.saved_distillation import lesson_by
     from .runs.training import TrainResult, train
 
 _HOMES = {
@@ -55,7 +55,7 @@ _HOMES = {
     "networks.augmentation": ("augment",),
     "networks.export": ("ExportFormat", "export_policy"),
     "networks.policies": ("find_policy", "network_policy", "random_policy", "zero_policy"),
-    "runs.lessons": ("lesson_by",),
+    "runs.saved_distillation": ("lesson_by",),
     "runs.run_folder": ("RunFolder", "open_run"),
     "runs.training": ("TrainResult", "train"),
 }  # fmt: skip

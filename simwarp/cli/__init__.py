@@ -57,7 +57,7 @@ COMMANDS = {
         Command("train", "TASK", "train a policy, with live progress and a run folder", "simwarp.cli.training:run"),
         Command("sweep", "TASK", "trainings over seeds and settings, compared", "simwarp.cli.sweeping:run"),
         Command("play", "TASK", "a picture or a short video of a policy at work", "simwarp.cli.playing:run"),
-        Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.viewing:run"),
+        Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.view_command:run"),
         Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluation.evaluating:run"),
         Command("export", "RUN", "a policy as an ONNX or TorchScript file, checked", "simwarp.cli.export:run"),
         Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.imitation.record:run"),
@@ -223,7 +223,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             if alone:
                 exit_at_signals(INTERRUPTED)
-            code = _tell("interrupted", INTERRUPTED)
+            code = _report_failure("interrupted", INTERRUPTED)
             if alone:
                 leave_at_once(code)
             return code
@@ -245,9 +245,9 @@ def _explained(arguments: list[str], *, alone: bool) -> int:
             return DONE
         left = _left_by_task(stop)
         if left:
-            return _tell(left, FELL_SHORT)
+            return _report_failure(left, FELL_SHORT)
         if isinstance(stop.code, str):
-            return _tell(stop.code, WRONG_INPUT)
+            return _report_failure(stop.code, WRONG_INPUT)
         return stop.code or DONE
     except BrokenPipeError:
         # The reader of a pipe went away, as `simwarp list | head` does
@@ -257,7 +257,7 @@ def _explained(arguments: list[str], *, alone: bool) -> int:
         code_of = exit_code_of(error)
         if code_of is None or "--debug" in arguments:
             raise
-        return _tell(explanation(error), code_of)
+        return _report_failure(explanation(error), code_of)
 
 
 def _left_by_task(stop: SystemExit) -> str:
@@ -267,7 +267,7 @@ def _left_by_task(stop: SystemExit) -> str:
     return "" if named is None else str(named)
 
 
-def _tell(text: str, code: int) -> int:
+def _report_failure(text: str, code: int) -> int:
     """Print the one line of a command that did not do what was asked, and return its exit code."""
     with contextlib.suppress(OSError):
         print(f"simwarp: {one_line(text)}", file=sys.stderr, flush=True)

@@ -153,7 +153,7 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
-    _tell(console, spec, options, outcome, found)
+    _print_results(console, spec, options, outcome, found)
     _write(console, spec, options, outcome, found)
     options.emit(_content(spec, options, outcome, found))
     if outcome.interrupted:
@@ -321,7 +321,9 @@ class _Bar:
             self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)
 
 
-def _tell(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> None:
+def _print_results(
+    console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]
+) -> None:
     console.print(_title(spec, options, outcome.maneuver), style="bold", highlight=False, soft_wrap=True)
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     table.add_column("quantity")

@@ -41,8 +41,8 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     device = str(resolve_device(None if options.device == "auto" else options.device))
     begin = time.perf_counter()
-    with _StageProgress(console) as teller:
-        demo = sensor_demo(seed=options.seed, device=device, panel=options.panel, report=teller.tell)
+    with _StageProgress(console) as progress:
+        demo = sensor_demo(seed=options.seed, device=device, panel=options.panel, report=progress.update)
     wall = time.perf_counter() - begin
     with replacing(options.out) as draft:
         demo.sheet.save(draft)
@@ -90,7 +90,7 @@ class _StageProgress:
     def __exit__(self, *reason: object) -> None:
         self._progress.stop()
 
-    def tell(self, stage: str, share: float) -> None:
+    def update(self, stage: str, share: float) -> None:
         """Shows the present stage, and the share of it that is done."""
         if self._console.is_terminal:
             self._progress.update(self._task, description=stage, completed=share)

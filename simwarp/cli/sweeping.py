@@ -170,7 +170,7 @@ def run(arguments: list[str]) -> int:
             runner.run(stop)
         finally:
             report.save(runner.records)
-    report.tell(console)
+    report.print_to(console)
     options.emit(report.content())
     return report.exit_code(stop.requested)
 
@@ -441,7 +441,7 @@ class SweepReport:
             ],
         }
 
-    def tell(self, console: Console) -> None:
+    def print_to(self, console: Console) -> None:
         """Print the ranking, and where things are; failures go to standard error."""
         from simwarp.train.sweeps.run_state import RunState
 

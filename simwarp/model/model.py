@@ -83,7 +83,6 @@ class Model(ParameterFields):
         unit_newton: units that no row ties and whose shapes may touch others: Newton steps can solve their contacts.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         builder: that it was made of.
-        has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
         joint_types, shape_types: in index order.
@@ -109,7 +108,6 @@ class Model(ParameterFields):
         self.box_count = len(tables.boxes)
         masses = [body.mass for body in builder.bodies if not body.is_massless] or [1.0]
         self.mass_ratio = max(masses) / min(masses)
-        self.has_loops = any(dof < 0 for dof in tables.row_dof)
         self.shape_count = len(builder.shapes)
         self.shape_names = tuple(shape.name for shape in builder.shapes)
         surfaces = [shape.material for shape in builder.shapes]

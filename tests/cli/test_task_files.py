@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from simwarp import cli
-from simwarp.cli.view.targets import ViewTarget, find_target
+from simwarp.cli.view.view_target import ViewTarget, find_target
 from simwarp.tasks import InputError, make, task_class
 from simwarp.tasks.framework import registry, task_files
 from simwarp.tasks.framework.task_files import name_of_class

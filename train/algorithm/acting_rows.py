@@ -25,8 +25,8 @@ class ActingRows:
     def __init__(self, steps: int, rows: int, device: str) -> None:
         self._acting = torch.ones(steps, rows, dtype=torch.bool, device=device)
 
-    def take(self, step: int, acting: torch.Tensor) -> None:
-        """Take in the mask of a step, (rows,) bool."""
+    def record(self, step: int, acting: torch.Tensor) -> None:
+        """Record the mask of a step, (rows,) bool."""
         self._acting[step] = acting
 
     @property

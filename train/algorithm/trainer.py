@@ -66,7 +66,7 @@ class Trainer(Learner):
 
     def _after_step(self, step: int) -> None:
         if self._acting is not None and self.env.acting is not None:
-            self._acting.take(step, self.env.acting)
+            self._acting.record(step, self.env.acting)
 
     def _learn(self) -> dict[str, float]:
         warming = self.iteration < self.config.critic_warmup

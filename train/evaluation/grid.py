@@ -46,7 +46,7 @@ class GridPoint:
     @property
     def label(self) -> str:
         """``obstacles = 30, hills = 0.5``."""
-        return ", ".join(f"{key} = {shown(value)}" for key, value in self.values.items())
+        return ", ".join(f"{key} = {value_text(value)}" for key, value in self.values.items())
 
 
 def has_curriculum(config: TaskConfig) -> bool:
@@ -105,7 +105,7 @@ class EvaluationStoppedError(Exception):
         self.end_reasons = end_reasons
 
 
-def shown(value: Any) -> str:
+def value_text(value: Any) -> str:
     """Return a value as people read it."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 

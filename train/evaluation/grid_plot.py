@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from .evaluation import Evaluation
 from .figure_style import GREY, INK, PALE, new_figure, save_figure, style_axes
-from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, shown, words
+from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, value_text, words
 
 COLOURS = {"policy": "#0b6e99", "zero": GREY, "random": "#b8470f"}
 Percent: TypeAlias = tuple[float, float, float]
@@ -76,7 +76,7 @@ def _lines(title: str, note: str, keys: dict[str, list[Any]], results: list[Poin
             x, y, yerr=np.maximum(errors, 0.0), color=COLOURS[name], capsize=4, linewidth=1.4, markersize=5,
             marker="o", linestyle="-" if numeric else "none", clip_on=False,
         )  # fmt: skip
-    axes.set_xticks(list(places.values()), [shown(value) for value in values])
+    axes.set_xticks(list(places.values()), [value_text(value) for value in values])
     if numeric:
         axes.margins(x=0.06)
     else:
@@ -112,12 +112,14 @@ def _heat_maps(title: str, note: str, keys: dict[str, list[Any]], results: list[
             for column, other in enumerate(columns)
         }
         image = draw_heat_map(axes, cells, len(rows), len(columns))
-        axes.set_xticks(range(len(columns)), [shown(value) for value in columns])
-        axes.set_yticks(range(len(rows)), [shown(value) for value in rows])
+        axes.set_xticks(range(len(columns)), [value_text(value) for value in columns])
+        axes.set_yticks(range(len(rows)), [value_text(value) for value in rows])
         axes.set_xlabel(words(across), color=INK)
         axes.set_ylabel(words(down), color=INK)
         if others:
-            text = ", ".join(f"{words(key)} = {shown(value)}" for (key, _), value in zip(others, facet, strict=True))
+            text = ", ".join(
+                f"{words(key)} = {value_text(value)}" for (key, _), value in zip(others, facet, strict=True)
+            )
             axes.set_title(text, loc="left", fontsize=9, color=INK)
     if image is not None:
         bar = figure.colorbar(image, ax=panels, fraction=0.08, pad=0.02, aspect=18)

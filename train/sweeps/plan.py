@@ -88,13 +88,13 @@ def run_name(label: str, seed: int) -> str:
 
 def point_label(values: Mapping[str, Any]) -> str:
     """Return the name of a point, ``ppo.gamma=0.97,task.hills=1``, as a file may have it; empty of a point alone."""
-    words = ",".join(f"{key}={_shown(value)}" for key, value in values.items()).replace("/", "|")
+    words = ",".join(f"{key}={_value_text(value)}" for key, value in values.items()).replace("/", "|")
     return words if len(words.encode()) <= _LONGEST else f"{words[: _LONGEST // 4]}...{_digest(words)}"
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, list | tuple):
-        return "x".join(_shown(item) for item in value)
+        return "x".join(_value_text(item) for item in value)
     return f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else str(value)
 
 

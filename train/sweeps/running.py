@@ -44,7 +44,7 @@ _KILLS: Final = len(_STOPPING)
 class RunSource(Protocol):
     """Tells which run comes next."""
 
-    def take(self) -> SweepRun | None:
+    def next_run(self) -> SweepRun | None:
         """Return a run to do; None while there is none, because all are done or taken."""
 
     def settled(self, record: RunRecord) -> None:
@@ -61,7 +61,7 @@ class RunList:
     def __init__(self, runs: Iterable[SweepRun]) -> None:
         self._left = deque(runs)
 
-    def take(self) -> SweepRun | None:
+    def next_run(self) -> SweepRun | None:
         """Return the next one."""
         return self._left.popleft() if self._left else None
 
@@ -140,7 +140,7 @@ class SweepRunner:
     def _go_on(self) -> bool:
         """Settle what has ended and begin what there is room for; False if there is nothing more to do."""
         self._settle_ended()
-        while len(self._started) < self._jobs and (run := self._source.take()) is not None:
+        while len(self._started) < self._jobs and (run := self._source.next_run()) is not None:
             self._begin(run)
         self._watcher.update(self.records)
         return bool(self._started)

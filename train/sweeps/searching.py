@@ -161,7 +161,7 @@ class Search:
         kind = kinds.IntDistribution if isinstance(dimension.low, int) else kinds.FloatDistribution
         return kind(dimension.low, dimension.high, log=dimension.log)
 
-    def take(self) -> SweepRun | None:
+    def next_run(self) -> SweepRun | None:
         """Return the next run: of the trial that was begun, of one from earlier times, or of a new one."""
         if not self._queue:
             if self._old:

@@ -27,7 +27,7 @@ from simwarp.train.evaluation.grid import (
     PointResult,
     axes_of,
     has_curriculum,
-    shown,
+    value_text,
     words,
 )
 from simwarp.train.networks.policies import PolicySource
@@ -78,7 +78,7 @@ class Report:
         point = self.points[0]
         if LEVEL in point.values or (point.level == 1.0 and not has_curriculum(point.config)):
             return ""
-        return f" at level {shown(point.level)}"
+        return f" at level {value_text(point.level)}"
 
     def content(self) -> dict[str, Any]:
         """Return the content of ``--json``."""
@@ -183,7 +183,7 @@ class Report:
             draw_paths(self._note_file("paths.png"), f"{self.task}: paths from above", note, moving)
         for result in moving:
             if result.paths_driven is not None and result.paths_driven.surroundings:
-                values = "".join(f"_{key}={shown(value)}" for key, value in result.point.values.items())
+                values = "".join(f"_{key}={value_text(value)}" for key, value in result.point.values.items())
                 title = ": ".join(filter(None, [self.task, result.point.label])) + ", first worlds from above"
                 draw_worlds(self._note_file(f"worlds{values.replace('/', '-')}.png"), title, note, result)
         self.save()
@@ -289,13 +289,15 @@ def _show_point(console: Console, title: str, result: PointResult) -> None:
 
 def _list(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Cells:
     """Return the points in rows."""
-    rows = [[*map(shown, values), *_cells(value)] for values, value in found.items()]
+    rows = [[*map(value_text, values), *_cells(value)] for values, value in found.items()]
     return title, [*map(words, keys), *_COLUMNS], rows
 
 
 def _short_list(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Cells:
     """Return the points in rows, with their success alone."""
-    rows = [[*map(shown, values), f"{value.success_rate:.1%}", _interval(value)] for values, value in found.items()]
+    rows = [
+        [*map(value_text, values), f"{value.success_rate:.1%}", _interval(value)] for values, value in found.items()
+    ]
     return title, [*map(words, keys), "success", "95 % interval"], rows
 
 
@@ -306,6 +308,6 @@ def _matrix(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ..
     def cell(value: Evaluation | None) -> str:
         return "-" if value is None else f"{value.success_rate:.1%}\n{_interval(value, '')}"
 
-    lines = [[shown(value), *(cell(found.get((value, other))) for other in columns)] for value in rows]
-    head = [f"{words(down)} \\ {words(across)}", *map(shown, columns)]
+    lines = [[value_text(value), *(cell(found.get((value, other))) for other in columns)] for value in rows]
+    head = [f"{words(down)} \\ {words(across)}", *map(value_text, columns)]
     return f"{title}; success and its 95 % interval", head, lines

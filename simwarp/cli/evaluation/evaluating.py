@@ -98,7 +98,7 @@ def run(arguments: list[str]) -> int:
         except EvaluationStoppedError as stopped:
             report.stopped = stopped
         finally:
-            _tell(report, console, options)
+            _finish(report, console, options)
     if report.stopped is not None:
         return INTERRUPTED
     if report.problem:
@@ -107,14 +107,14 @@ def run(arguments: list[str]) -> int:
     return DONE
 
 
-def _tell(report: Report, console: Console, options: Any) -> None:
+def _finish(report: Report, console: Console, options: Any) -> None:
     """Print the tables and write the files; the JSON also where the pictures cannot be written."""
     try:
-        told = report.finish(console)
+        complete = report.finish(console)
     except OutputError:
         options.emit(report.content())
         raise
-    if told:
+    if complete:
         options.emit(report.content())
 
 

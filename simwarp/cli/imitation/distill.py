@@ -60,8 +60,8 @@ def read_options(word: str, arguments: list[str]) -> Any:
     arguments = expand_shorthands(arguments, cls.name, base)
     from simwarp.train.algorithm.distillation import DistillationConfig
     from simwarp.train.config import student_config, task_config_from_plain, train_config_from_plain
-    from simwarp.train.runs.lessons import distillation_config
     from simwarp.train.runs.run_folder import CONFIG, open_run
+    from simwarp.train.runs.saved_distillation import distillation_config
 
     task_config = with_chosen_obs(arguments, base)
     config, lessons = student_config(cls, task_config), DistillationConfig()
@@ -98,7 +98,7 @@ def run(arguments: list[str]) -> int:
     options = read_options(word, arguments)
     options.check(options.warm_start)
     from simwarp.train.algorithm.distributed import processes
-    from simwarp.train.runs.lessons import lesson_by
+    from simwarp.train.runs.saved_distillation import lesson_by
     from simwarp.train.runs.training import train
 
     lesson = None

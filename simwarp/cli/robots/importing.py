@@ -77,7 +77,7 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     with report_compiling(partial(console.print, highlight=False)):
         faults = _faults(robot)
-    _tell(console, path, kind, robot, faults, options, wall)
+    _print_summary(console, path, kind, robot, faults, options, wall)
     if options.save is not None:
         save_robot(robot, options.save)
         console.print(f"wrote {options.save}", highlight=False, soft_wrap=True)
@@ -93,7 +93,7 @@ def run(arguments: list[str]) -> int:
 # ---- for people ------------------------------------------------------------------------------------------------------
 
 
-def _tell(
+def _print_summary(
     console: Console, path: Path, kind: Format, robot: Imported, faults: StateFaults, options: ImportOptions,
     wall: float,
 ) -> None:  # fmt: skip

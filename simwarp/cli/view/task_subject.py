@@ -91,7 +91,7 @@ class TaskLoop:
         self.policy = policy
         reset_memory(policy)
 
-    def take_over(self, world: int, component: int, value: float | None) -> None:
+    def override(self, world: int, component: int, value: float | None) -> None:
         """A person's value for one action of a world, or the policy's again."""
         self._taken[world, component] = value is not None
         self._given[world, component] = 0.0 if value is None else float(np.clip(value, -1.0, 1.0))
@@ -115,7 +115,7 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
         advance, reset = _with_clock(loop, simulation)
     size = task.action_size
     names = tuple(getattr(task, "action_names", None) or (f"action {index}" for index in range(size)))
-    actions = Actions(names, -np.ones(size), np.ones(size), lambda: _host(loop.actions), loop.take_over)
+    actions = Actions(names, -np.ones(size), np.ones(size), lambda: _host(loop.actions), loop.override)
     subject = Subject(
         task.name, simulation, scene, float(task.config.control_dt), advance, reset, shot,
         paths=lambda: lines_of(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),

@@ -44,14 +44,14 @@ class Actions:
         names: of the components.
         low, high: (A,) ends of the sliders.
         values: returns (W, A), those in force.
-        take_over: of a world and a component: the value to use from now on, None: the policy's again.
+        override: of a world and a component: the value to use from now on, None: the policy's again.
     """
 
     names: tuple[str, ...]
     low: Floats
     high: Floats
     values: Callable[[], Floats]
-    take_over: Callable[[int, int, float | None], None]
+    override: Callable[[int, int, float | None], None]
 
 
 @dataclasses.dataclass(eq=False)

@@ -17,7 +17,7 @@ from simwarp.train.config import NetworkKind, default_config, rsl_rl_config, stu
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import build_actor, network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint
-from simwarp.train.runs.lessons import lesson_by
+from simwarp.train.runs.saved_distillation import lesson_by
 from simwarp.train.runs.training import train
 
 QUIET = Console(quiet=True)

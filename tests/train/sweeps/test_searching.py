@@ -41,7 +41,7 @@ def search(folder, scores, trials=2, space=SPACE):
 def finish(source):
     """Take all runs as they come, and return the values of their points."""
     taken = []
-    while (run := source.take()) is not None:
+    while (run := source.next_run()) is not None:
         taken.append(run.values["ppo.gamma"])
         source.settled(RunRecord(run))
     return taken

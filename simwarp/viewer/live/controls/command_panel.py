@@ -79,14 +79,14 @@ class CommandPanel:
         actions: Actions | None = self._actions
         assert actions is not None
         self._given.setdefault(self.world, {})[component] = value
-        actions.take_over(self.world, component, value)
+        actions.override(self.world, component, value)
         self._tick()
 
     def give_back(self) -> None:
         """All actions of the chosen world are the policy's again."""
         assert self._actions is not None
         for component in self._given.pop(self.world, {}):
-            self._actions.take_over(self.world, component, None)
+            self._actions.override(self.world, component, None)
         self._tick()
 
     def hold_all(self) -> None:

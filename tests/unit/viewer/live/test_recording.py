@@ -219,7 +219,7 @@ def test_names_of_recordings_are_new(tmp_path, monkeypatch):
 )
 def test_a_bad_name_is_refused_before_any_work(tmp_path, monkeypatch, capsys, name, error):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("simwarp.cli.view.showing_tasks.make", lambda *_, **__: pytest.fail("worlds were built"))
+    monkeypatch.setattr("simwarp.cli.view.task_view.make", lambda *_, **__: pytest.fail("worlds were built"))
     assert cli.main(["view", "pendulum", "--record", name, "--seconds", "1", "--checkpoint", "zero"]) == 2
     said = capsys.readouterr()
     assert error in said.err

@@ -18,8 +18,8 @@ from simwarp.scenes import ant, double_pendulum
 
 pytest.importorskip("viser")
 
-from simwarp.cli.view.targets import find_target
 from simwarp.cli.view.task_subject import task_subject
+from simwarp.cli.view.view_target import find_target
 from simwarp.train.networks.policies import zero_policy
 from simwarp.viewer.live import Layout, LiveView, Subject
 from simwarp.viewer.live.pacing import LATE, Pace

@@ -8,10 +8,10 @@ import torch
 
 from simwarp.cli import UsageError
 from simwarp.cli.options import expand_shorthands, parse_options, task_options
-from simwarp.cli.view.actors import find_actor
 from simwarp.cli.view.human_in_task import HumanInTask
-from simwarp.cli.view.opening import open_view, say
+from simwarp.cli.view.policy_choice import find_actor
 from simwarp.cli.view.reloading import PolicyReload
+from simwarp.cli.view.subject_page import open_view, say
 from simwarp.cli.view.task_subject import task_subject
 from simwarp.cli.view.view_options import TaskViewOptions, check_view_options
 from simwarp.tasks import make, resolve_device, task_class

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from simwarp.cli import HELP, UsageError
 from simwarp.cli.options import parse_options, split_path
-from simwarp.cli.view.targets import ViewTarget, find_target
 from simwarp.cli.view.view_options import ACTORS, TaskViewOptions, ViewOptions, announce, check_view_options
+from simwarp.cli.view.view_target import ViewTarget, find_target
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.web_server import WebServer
@@ -25,7 +25,7 @@ def run(arguments: list[str]) -> int:
     target = find_target(str(name))
     server = _early_page(target, arguments)
     try:
-        from simwarp.cli.view.showing import show
+        from simwarp.cli.view.view_session import show
 
         return show(target, arguments, server)
     finally:

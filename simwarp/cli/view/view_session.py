@@ -8,9 +8,9 @@ from typing import Any
 
 from simwarp.cli import DONE, INTERRUPTED
 from simwarp.cli.options import parse_options
-from simwarp.cli.view.opening import open_view, say
-from simwarp.cli.view.targets import ViewTarget
+from simwarp.cli.view.subject_page import open_view, say
 from simwarp.cli.view.view_options import ViewOptions, announce, check_view_options
+from simwarp.cli.view.view_target import ViewTarget
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.recording import Recorder
 from simwarp.viewer.live.web_server import WebServer
@@ -20,7 +20,7 @@ def show(target: ViewTarget, arguments: list[str], server: WebServer | None) -> 
     """Shows what the arguments say, on a page that is open already or on one of its own; returns the exit code."""
     options: Any
     if target.kind == "task":
-        from simwarp.cli.view.showing_tasks import task_view
+        from simwarp.cli.view.task_view import task_view
 
         options, view = task_view(target.name, arguments, server)
     else:
