@@ -104,7 +104,6 @@ class EpisodeRecords:
             "reason": torch.zeros(worlds, rounds, dtype=torch.float64, device=device),
             "success": torch.zeros(worlds, rounds, dtype=torch.float64, device=device),
         }
-        self._rounds = rounds
         self._round = torch.arange(rounds, device=device)
 
     def add(self, result: StepResult) -> None:
