@@ -10,7 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import torch
 
@@ -18,9 +18,7 @@ from simwarp.core.readable import Names, Readable, Row
 from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names
-
-if TYPE_CHECKING:
-    from ..framework.task import Task
+from ..framework.task import Task
 
 MOST_HISTORY: Final = 1000
 """Physics steps that are looked back, at most."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import simwarp as sw
 
+from ..framework.task import Task
 from ..randomisation.actuator_ranges import own_arrays
-
-if TYPE_CHECKING:
-    from ..framework.task import Task
 
 
 def actuators_of(

@@ -168,6 +168,7 @@ class ReachTask(Task[ReachConfig]):
     config_type: ClassVar[type[TaskConfig]] = ReachConfig
     action_size: int = 6
     per_world: ClassVar[tuple[str, ...]] = ("shape_x",)
+    state_buffers: ClassVar[Mapping[str, str]] = {"target": "_target", "near_steps": "_near_steps"}
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 120,
@@ -377,14 +378,13 @@ class ReachTask(Task[ReachConfig]):
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """The target, how long the grip has been near it, and where displacements have brought its aim."""
-        state = {"target": self._target, "near_steps": self._near_steps}
-        return state if self._aiming is None else {**state, "aim": sw.to_torch(self._aiming.search.target)}
+        aim = {} if self._aiming is None else {"aim": sw.to_torch(self._aiming.search.target)}
+        return {**super().extra_state(), **aim}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
-        self._target.copy_(state["target"])
+        """Load it, and place the cube."""
+        super().load_extra_state(state)
         self._cube_x.copy_(self._target)
-        self._near_steps.copy_(state["near_steps"])
         if self._aiming is not None:
             sw.to_torch(self._aiming.search.target).copy_(state["aim"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import torch
 import warp as wp
@@ -12,10 +12,8 @@ import warp as wp
 import simwarp as sw
 
 from ..framework.recorded_launches import WorldLaunch, filled, share_over
+from ..randomisation.randomness import WorldRandom
 from .camera_images_kernels import Disturbance, disturb_images
-
-if TYPE_CHECKING:
-    from ..randomisation.randomness import WorldRandom
 
 RAYLEIGH: Final = (0.046, 0.108, 0.265)
 """Optical depth of clear air towards the zenith at 680, 550 and 440 nm: scattering at sea level of 5.8, 13.5 and

@@ -7,7 +7,7 @@ import enum
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import torch
 
@@ -15,11 +15,9 @@ from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig, require
 from ..framework.errors import InputError
+from ..randomisation.randomness import WorldRandom
 from ..randomisation.uncertainty import Delay, Range, Sensing, Steps, Uncertainty
-
-if TYPE_CHECKING:
-    from ..randomisation.randomness import WorldRandom
-    from .camera_images import CameraImages
+from .camera_images import CameraImages
 
 Elevation: TypeAlias = Annotated[float, Gt(0.0), Le(0.5 * math.pi)]
 Span: TypeAlias = tuple[float, float]

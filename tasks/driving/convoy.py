@@ -163,6 +163,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     # In one set of conditions it learns to drive at the limit of one model: docs/results.md, "The full model"
     trained_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}
+    state_buffers: ClassVar[Mapping[str, str]] = {**DrivingTask.state_buffers, "deviation": "_deviation"}
     navigates: ClassVar[bool] = True
     view_distance: ClassVar[float] = 15.0
 
@@ -347,14 +348,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Store the truck's distance from the path."""
         self._follow_path.launch()
 
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the truck's distance from the path, too."""
-        return super().extra_state() | {"deviation": self._deviation}
-
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
+        """Load difficulties and distances from the path, draw the worlds, and show the leaders."""
         super().load_extra_state(state)
-        self._deviation.copy_(state["deviation"])
         self.show_leaders(self.time())
 
     # ---- what a policy observes and is rewarded for ------------------------------------------------------------------

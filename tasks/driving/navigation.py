@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 import warp as wp
@@ -10,10 +10,8 @@ import warp as wp
 import simwarp as sw
 
 from ..framework.recorded_launches import TensorFunction, TensorLaunch, filled
+from ..randomisation.randomness import WorldRandom
 from .navigation_kernels import Navigator, advance_heading, estimate_positions
-
-if TYPE_CHECKING:
-    from ..randomisation.randomness import WorldRandom
 
 PLACE_NOISE = 0.1
 """Of the receiver, per axis [m]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -15,10 +15,8 @@ import simwarp as sw
 
 from ..framework.drawing import Line
 from ..framework.recorded_launches import TensorFunction, filled
+from ..randomisation.randomness import WorldRandom
 from .obstacles_kernels import UNDERGROUND, SlotArrays, Slots, fill_slots
-
-if TYPE_CHECKING:
-    from ..randomisation.randomness import WorldRandom
 
 
 @dataclasses.dataclass(frozen=True)

@@ -58,6 +58,7 @@ class PlatoonTask(ConvoyTask):
 
     name: ClassVar[str] = "convoy"
     resting_action: float | Sequence[float] = BRAKE
+    state_buffers: ClassVar[Mapping[str, str]] = {**ConvoyTask.state_buffers, "deviation": "deviation"}
 
     vehicles: sw.vehicle.Vehicles
     deviation: torch.Tensor
@@ -227,15 +228,9 @@ class PlatoonTask(ConvoyTask):
         """Notice the last touch, and store the distances from the path."""
         self._finish.launch()
 
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the vehicles' distances from the path, too."""
-        return super().extra_state() | {"deviation": self.deviation}
-
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back; the drivers' memory is the simulation's."""
-        alone = {name: value for name, value in state.items() if name != "deviation"}
-        super().load_extra_state(alone | {"deviation": torch.zeros_like(self._deviation)})
-        self.deviation.copy_(state["deviation"])
+        """Load what `convoy` has; the drivers' memory is the simulation's."""
+        super().load_extra_state(state)
         for begin, driver in zip(self._begin_drivers, self._drivers, strict=True):
             segment = driver.memory["segment"].numpy()
             begin.on(self._every_world)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import torch
 
 import simwarp as sw
 
-if TYPE_CHECKING:
-    from ..randomisation.randomness import WorldRandom
+from ..randomisation.randomness import WorldRandom
 
 RIGID_SHARE: Final = 0.2
 """Of the episodes with drawn soil: in them the ground is nearly rigid."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NoReturn, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, NoReturn, TypeAlias, TypeVar
 
 import torch
 
@@ -38,15 +38,13 @@ from .guard import Guard
 from .interface_checks import check_action, check_names, check_physics_flag, check_reasons
 from .mirror import Mirror
 from .named_contacts import ContactTracker, NamedContacts
-from .recorded_launches import filled, launch_over
+from .recorded_launches import WorldLaunch, filled, launch_over
 from .rewards_and_ends import RewardsAndEnds
 from .saved_task import load_task_state, task_state
 from .simulation_access import Attachments, PhysicsViews, physics_of
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
 
-if TYPE_CHECKING:
-    from simwarp.simulation.world_launches import WorldLaunch
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
 Groups: TypeAlias = dict[str, torch.Tensor]

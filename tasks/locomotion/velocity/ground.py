@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
@@ -32,6 +32,7 @@ from simwarp.tasks import Ge, Le, NotNegative
 from ...framework.config import require
 from ...framework.config_values import Settings
 from ...framework.recorded_launches import TensorFunction, TensorLaunch, fill, filled
+from ...framework.task import Task
 from ..walking_ground_kernels import (
     Climb,
     Heights,
@@ -45,9 +46,6 @@ from ..walking_ground_kernels import (
     show_patches,
 )
 from .height_scan import GridScan, ScanConfig
-
-if TYPE_CHECKING:
-    from ...framework.task import Task
 
 __all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ScanConfig", "ground_of"]
 
