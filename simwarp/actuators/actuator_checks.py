@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull
-from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, formatted, numbers
-from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
+from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, formatted
+from simwarp.model.checks import checked_name, checked_pose, positive_number
 from simwarp.model.effort_routing import EffortRoute
 from simwarp.model.model import Model
+from simwarp.model.rules import held_fields
 
 
 def checked_specs(model: Model, specs: Any) -> tuple[ActuatorSpec, ...]:
@@ -36,8 +36,9 @@ def checked_specs(model: Model, specs: Any) -> tuple[ActuatorSpec, ...]:
         if spec.name in names:
             raise ModelError(f"{thing}: the name is taken by another actuator; choose one of its own")
         names.add(spec.name)
+        held_fields(thing, ActuatorSpec, vars(spec))
         _check_transmission(thing, spec, model)
-        _check_numbers(thing, spec)
+        _check_laws(thing, spec)
         if spec.law is Law.SERVO:
             _check_servo(thing, spec, model)
             place = (spec.terms[0][0], int(spec.target))
@@ -57,20 +58,12 @@ def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
         raise ModelError(f"{thing}: give terms or a site, got {given}; an actuator pulls on one of them")
     if spec.site is not None:
         _check_site(thing, spec.site, model)
-    if not isinstance(spec.terms, Sequence) or isinstance(spec.terms, str):
-        raise ModelError(f"{thing}: terms must be (column, coefficient) pairs, got {formatted(spec.terms)}; list them")
-    for term in spec.terms:
-        pair = numbers(term)
-        if pair.shape != (2,) or isinstance(term[0], bool) or not isinstance(term[0], (int, np.integer)):
-            raise ModelError(
-                f"{thing}: a term must be (column, coefficient), got {formatted(term)}; take model.dof(name)"
-            )
-        column, coefficient = term
+    for column, coefficient in spec.terms:
         if not 0 <= column < model.dof_count:
             raise ModelError(
                 f"{thing}: column must be in 0..{model.dof_count - 1}, got {formatted(column)}; take model.dof(name)"
             )
-        if finite_number(thing, "coefficient", coefficient) == 0.0:
+        if coefficient == 0.0:
             raise ModelError(f"{thing}: coefficient must not be 0, got {formatted(coefficient)}; leave the term out")
         if model.effort_models[column].mode >= DriveMode.PRESCRIBED_POSITION:
             raise ModelError(
@@ -79,9 +72,7 @@ def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
             )
 
 
-def _check_site(thing: str, site: Any, model: Model) -> None:
-    if not isinstance(site, SitePull):
-        raise ModelError(f"{thing}: site must be a SitePull, got {formatted(site)}; write SitePull(body=...)")
+def _check_site(thing: str, site: SitePull, model: Model) -> None:
     ends: list[tuple[str, Any, int]] = [("body", site.body, 0 if site.reference is None else WORLD)]
     if site.reference is not None:
         ends.append(("reference", site.reference, WORLD))
@@ -103,40 +94,17 @@ def _check_site(thing: str, site: Any, model: Model) -> None:
         )
 
 
-def _check_numbers(thing: str, spec: ActuatorSpec) -> None:
-    """Ranges, times and laws that can be computed."""
-    finite_vector(thing, "gain", spec.gain, 3)
-    finite_vector(thing, "bias", spec.bias, 3)
-    finite_number(thing, "length_offset", spec.length_offset)
-    not_negative(thing, "delay", spec.delay, "s")
-    checked_flag(thing, "early", spec.early)
-    for field in ("ctrl_range", "force_range", "activation_range"):
-        _check_range(thing, field, getattr(spec, field))
+def _check_laws(thing: str, spec: ActuatorSpec) -> None:
+    """Fields that need each other."""
     if spec.activation in (Activation.FILTER, Activation.FILTER_EXACT):
         positive_number(thing, "time_constant", spec.time_constant, "s", "use Activation.NONE for no filter")
     if spec.activation_range is not None and not spec.has_activation:
         raise ModelError(f"{thing}: activation_range needs an activation, got Activation.NONE; leave the range out")
-    if spec.torque_speed is None:
-        if spec.corner_speed != 0.0:
-            raise ModelError(f"{thing}: corner_speed needs torque_speed, got None; give (stall force, free speed)")
-        return
-    stall, free = finite_vector(thing, "torque_speed", spec.torque_speed, 2).tolist()
-    positive_number(thing, "torque_speed stall force", stall, "", "leave torque_speed out for no limit")
-    positive_number(thing, "torque_speed free speed", free, "", "leave torque_speed out for no limit")
-    corner = not_negative(thing, "corner_speed", spec.corner_speed)
-    if corner >= free:
+    if spec.torque_speed is None and spec.corner_speed != 0.0:
+        raise ModelError(f"{thing}: corner_speed needs torque_speed, got None; give (stall force, free speed)")
+    if spec.torque_speed is not None and spec.corner_speed >= spec.torque_speed[1]:
+        free, corner = spec.torque_speed[1], spec.corner_speed
         raise ModelError(f"{thing}: corner_speed must be below the free speed {free:g}, got {corner:g}; lower it")
-
-
-def _check_range(thing: str, field: str, given: Any) -> None:
-    if given is None:
-        return
-    pair = numbers(given)
-    lower, upper = pair.tolist() if pair.shape == (2,) else (math.nan, math.nan)
-    if not lower < upper:  # also where one is NaN
-        raise ModelError(
-            f"{thing}: {field} must be (lower, upper) with lower < upper, got {formatted(given)}; None for no bounds"
-        )
 
 
 def _check_servo(thing: str, spec: ActuatorSpec, model: Model) -> None:
@@ -160,8 +128,8 @@ def _check_servo(thing: str, spec: ActuatorSpec, model: Model) -> None:
     asked = None if spec.force_range is None else np.clip(spec.force_range, -1.0e30, 1.0e30)
     if asked is not None and not np.allclose(asked, np.clip((lower, upper), -1.0e30, 1.0e30), rtol=1e-6):
         raise ModelError(
-            f"{thing}: the force_range of a SERVO is that of its drive, {_told(lower, upper)}, got {spec.force_range}; "
-            "give the PositionDrive this effort_limit"
+            f"{thing}: the force_range of a SERVO is that of its drive, {_bounds_text(lower, upper)}, "
+            f"got {spec.force_range}; give the PositionDrive this effort_limit"
         )
 
 
@@ -170,5 +138,5 @@ def _joint_name(model: Model, column: int) -> str:
     return model.joint_names[joint]
 
 
-def _told(lower: float, upper: float) -> str:
+def _bounds_text(lower: float, upper: float) -> str:
     return "which has none" if lower <= -1.0e30 and upper >= 1.0e30 else f"({lower:g}, {upper:g})"

@@ -5,10 +5,16 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from collections.abc import Sequence
+from typing import Annotated, Any, TypeAlias
 
+import numpy as np
+
+from simwarp.core.constraints import Meaning, NotNegative, Parsed, Positive, RuleError
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import Pose
+from simwarp.core.types import Pose, number, numbers
 from simwarp.core.types import pose as make_pose
+from simwarp.model.rules import Name, Passive, Range, Signed, one_of, vector
 
 
 class Activation(enum.IntEnum):
@@ -63,6 +69,20 @@ class SitePull:
     reference_pose: Pose = dataclasses.field(default_factory=make_pose)
 
 
+def _terms(value: Any) -> Any:
+    listed = isinstance(value, Sequence) and not isinstance(value, str)
+    for term in value if listed else (value,):
+        column = term[0] if numbers(term).shape == (2,) else None
+        if isinstance(column, bool) or not isinstance(column, (int, np.integer)) or not math.isfinite(number(term[1])):
+            raise RuleError("(column, coefficient) pairs", "take model.dof(name)")
+    return value
+
+
+Coefficients: TypeAlias = Annotated[tuple[float, float, float], vector(3)]
+Delay: TypeAlias = Annotated[NotNegative, Meaning("seconds, 0 for none")]
+OfCurve: TypeAlias = Annotated[Positive, Meaning("a number of the motor's curve, or leave the curve out for no limit")]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ActuatorSpec(ReadableFields):
     """One actuator: force f = (g0 + g1 l + g2 l') u + b0 + b1 l + b2 l' along its length l, where u is its control or
@@ -91,23 +111,23 @@ class ActuatorSpec(ReadableFields):
         corner_speed: below this speed the whole stall force is there, where `torque_speed` is given.
     """
 
-    name: str
-    terms: tuple[tuple[int, float], ...] = ()
-    site: SitePull | None = None
-    length_offset: float = 0.0
+    name: Name
+    terms: Annotated[tuple[tuple[int, float], ...], Parsed(_terms)] = ()
+    site: Annotated[SitePull, one_of(SitePull)] | None = None
+    length_offset: Signed = 0.0
     law: Law = Law.EFFORT
     target: Target = Target.POSITION
-    gain: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ctrl_range: tuple[float, float] | None = None
-    force_range: tuple[float, float] | None = None
+    gain: Coefficients = (1.0, 0.0, 0.0)
+    bias: Coefficients = (0.0, 0.0, 0.0)
+    ctrl_range: Range | None = None
+    force_range: Range | None = None
     activation: Activation = Activation.NONE
     early: bool = False
-    time_constant: float = 0.0
-    activation_range: tuple[float, float] | None = None
-    delay: float = 0.0
-    torque_speed: tuple[float, float] | None = None
-    corner_speed: float = 0.0
+    time_constant: Passive = 0.0
+    activation_range: Range | None = None
+    delay: Delay = 0.0
+    torque_speed: tuple[OfCurve, OfCurve] | None = None
+    corner_speed: Passive = 0.0
 
     @property
     def has_activation(self) -> bool:

@@ -33,8 +33,9 @@ from simwarp.core.arrays import (
 from simwarp.core.readable import Names, Row, plural
 from simwarp.core.types import WORLD, ModelError, formatted, number
 from simwarp.core.wording import close_names
-from simwarp.model.checks import INFINITE, checked_names, positive_number
+from simwarp.model.checks import checked_names, positive_number
 from simwarp.model.model import Model
+from simwarp.model.rules import INFINITE
 from simwarp.simulation.attachments import ForceElement, StepContext
 
 PER_WORLD: Final = (

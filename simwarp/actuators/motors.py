@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, TypeAlias
 
-from simwarp.actuators.actuator_spec import ActuatorSpec, Law
-from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
-from simwarp.model.checks import checked_name, finite_number, not_negative, positive_number
+from simwarp.actuators.actuator_spec import ActuatorSpec, Delay, Law, OfCurve
+from simwarp.core.constraints import Infinite, Meaning, Positive
+from simwarp.core.types import FLOAT32_MAX
+from simwarp.model.rules import RULES, Name, Passive
+
+ForceLimit: TypeAlias = Annotated[Positive, Infinite(), Meaning("N·m or N; leave it out for no limit")]
 
 
+@RULES.arguments("actuator '{name}'")
 def pd_actuator(
-    name: str, dof: int, *, stiffness: float, damping: float, effort_limit: float = math.inf, delay: float = 0.0,
-    target_range: tuple[float, float] | None = None,
+    name: Name, dof: int, *, stiffness: Passive, damping: Passive, effort_limit: ForceLimit = math.inf,
+    delay: Delay = 0.0, target_range: tuple[float, float] | None = None,
 ) -> ActuatorSpec:  # fmt: skip
     """A PD controller that computes its torque at the start of each sub-step: tau = k (u - q) - d qd, within a limit.
 
@@ -32,19 +36,17 @@ def pd_actuator(
     Raises:
         ModelError: a number is not usable.
     """
-    thing = checked_name("actuator", name)
-    k = not_negative(thing, "stiffness", stiffness, "N·m/rad or N/m")
-    d = not_negative(thing, "damping", damping, "N·m·s/rad or N·s/m")
     return ActuatorSpec(
-        name=name, terms=((dof, 1.0),), gain=(k, 0.0, 0.0), bias=(0.0, -k, -d),
-        force_range=_both_ways(thing, effort_limit), delay=not_negative(thing, "delay", delay, "s"),
+        name=name, terms=((dof, 1.0),), gain=(stiffness, 0.0, 0.0), bias=(0.0, -stiffness, -damping),
+        force_range=_both_ways(effort_limit), delay=delay,
         ctrl_range=target_range,
     )  # fmt: skip
 
 
+@RULES.arguments("actuator '{name}'")
 def dc_motor(
-    name: str, dof: int, *, stall_torque: float, free_speed: float, corner_speed: float = 0.0, stiffness: float = 0.0,
-    damping: float = 0.0, effort_limit: float = math.inf, delay: float = 0.0,
+    name: Name, dof: int, *, stall_torque: OfCurve, free_speed: OfCurve, corner_speed: Passive = 0.0,
+    stiffness: Passive = 0.0, damping: Passive = 0.0, effort_limit: ForceLimit = math.inf, delay: Delay = 0.0,
     target_range: tuple[float, float] | None = None,
 ) -> ActuatorSpec:  # fmt: skip
     """A DC motor behind a PD controller, or without gains one whose control is the torque.
@@ -68,23 +70,18 @@ def dc_motor(
     Raises:
         ModelError: a number is not usable.
     """
-    thing = checked_name("actuator", name)
-    k = not_negative(thing, "stiffness", stiffness, "N·m/rad or N/m")
-    d = not_negative(thing, "damping", damping, "N·m·s/rad or N·s/m")
-    has_gains = k > 0.0 or d > 0.0
+    has_gains = stiffness > 0.0 or damping > 0.0
     return ActuatorSpec(
-        name=name, terms=((dof, 1.0),), gain=(k if has_gains else 1.0, 0.0, 0.0), bias=(0.0, -k, -d),
-        force_range=_both_ways(thing, effort_limit), delay=not_negative(thing, "delay", delay, "s"),
+        name=name, terms=((dof, 1.0),), gain=(stiffness if has_gains else 1.0, 0.0, 0.0),
+        bias=(0.0, -stiffness, -damping),
+        force_range=_both_ways(effort_limit), delay=delay,
         ctrl_range=target_range,
-        torque_speed=(
-            positive_number(thing, "stall_torque", stall_torque, "N·m or N", "pd_actuator has no curve"),
-            positive_number(thing, "free_speed", free_speed, "rad/s or m/s", "pd_actuator has no curve"),
-        ),
-        corner_speed=not_negative(thing, "corner_speed", corner_speed, "rad/s or m/s"),
+        torque_speed=(stall_torque, free_speed), corner_speed=corner_speed,
     )  # fmt: skip
 
 
-def torque_actuator(name: str, dof: int, *, effort_limit: float = math.inf, delay: float = 0.0) -> ActuatorSpec:
+@RULES.arguments("actuator '{name}'")
+def torque_actuator(name: Name, dof: int, *, effort_limit: ForceLimit = math.inf, delay: Delay = 0.0) -> ActuatorSpec:
     """An ideal motor whose control is its torque: tau = u, within a limit.
 
     Args:
@@ -96,15 +93,12 @@ def torque_actuator(name: str, dof: int, *, effort_limit: float = math.inf, dela
     Raises:
         ModelError: a number is not usable.
     """
-    thing = checked_name("actuator", name)
-    limit = _both_ways(thing, effort_limit)
-    return ActuatorSpec(
-        name=name, terms=((dof, 1.0),), force_range=limit, delay=not_negative(thing, "delay", delay, "s"),
-    )  # fmt: skip
+    return ActuatorSpec(name=name, terms=((dof, 1.0),), force_range=_both_ways(effort_limit), delay=delay)
 
 
+@RULES.arguments("actuator '{name}'")
 def servo_actuator(
-    name: str, dof: int, *, delay: float = 0.0, target_range: tuple[float, float] | None = None
+    name: Name, dof: int, *, delay: Delay = 0.0, target_range: tuple[float, float] | None = None
 ) -> ActuatorSpec:  # fmt: skip
     """The target of a joint that has a `PositionDrive`, late if wanted: the drive's law is implicit, its gains and its
     limit are the drive's.
@@ -118,19 +112,12 @@ def servo_actuator(
     Raises:
         ModelError: a number is not usable.
     """
-    thing = checked_name("actuator", name)
     return ActuatorSpec(
-        name=name, terms=((dof, 1.0),), law=Law.SERVO, delay=not_negative(thing, "delay", delay, "s"),
+        name=name, terms=((dof, 1.0),), law=Law.SERVO, delay=delay,
         ctrl_range=target_range,
     )  # fmt: skip
 
 
-def _both_ways(thing: str, limit: Any) -> tuple[float, float] | None:
+def _both_ways(limit: float) -> tuple[float, float] | None:
     """Bounds of a force from its largest size; None where it is infinite."""
-    given = number(limit)
-    if given == math.inf or given > FLOAT32_MAX:
-        return None
-    if not given > 0.0:
-        raise ModelError(f"{thing}: effort_limit must be > 0, got {formatted(limit)}; leave it out for no limit")
-    size = finite_number(thing, "effort_limit", limit)
-    return -size, size
+    return None if limit > FLOAT32_MAX else (-limit, limit)

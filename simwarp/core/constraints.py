@@ -33,6 +33,7 @@ __all__ = [
     "MinLen",
     "NotNegative",
     "OneOrMany",
+    "Parsed",
     "Point",
     "Positive",
     "Products",
@@ -72,6 +73,18 @@ class Rule:
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
         return {**handler(schema), **self._schema}
+
+
+class Parsed:
+    """A field whose values a function reads, which raises `RuleError`: arrays, names, poses, tables."""
+
+    def __init__(self, read: Callable[[Any], Any]) -> None:
+        self._read = read
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(self._read)
 
 
 class Meaning:

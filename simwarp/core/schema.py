@@ -20,12 +20,14 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+import inspect
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
+import typing_extensions
 
 from simwarp.core.constraints import Ge, Gt, Le, Lt, Meaning, Read, RuleError, Tagged
 from simwarp.core.file_keys import old_keys, with_current_keys
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
     from pydantic_core import SchemaValidator
 
 Keys: TypeAlias = tuple[str | int, ...]
+P = ParamSpec("P")
+R = TypeVar("R")
 
 WHOLE: Final = 2**63
 """Whole numbers are below it, and not below its negative."""
@@ -77,6 +81,14 @@ def fault_text(fault: Fault) -> str:
     if fault.kind == "check" and path:
         return f"{path}.{fault.what}"
     return f"{path}: {fault.what}" if path else fault.what
+
+
+def argument_text(fault: Fault, thing: str, given: Mapping[str, Any]) -> str:
+    """A fault of an argument in one line; `thing` begins it and may name others: "body '{name}'"."""
+    if fault.keys[:1] == ("name",):  # a name that is none
+        thing = thing.partition(" '{name")[0]
+    what = f" {fault.what}" if fault.kind == "value" else f": {fault.what}"
+    return f"{thing.format_map(given)}: {dotted(fault.keys)}{what}"
 
 
 class Place(NamedTuple):
@@ -140,16 +152,49 @@ class Schema:
         Raises:
             ValueError: of the room's class; it names the field.
         """
+        kind: Any = type(config)
+        given = {name: getattr(config, name) for name in field_hints(kind)}
+        vars(config).update(self.fields(kind, given, lambda fault: self.describe(fault, kind)))
+
+    def fields(self, kind: Any, values: Mapping[str, Any], describe: Callable[[Fault], str]) -> dict[str, Any]:
+        """Values by name as the fields of a class or of a `TypedDict` want them; `describe` makes the error's line.
+
+        Raises:
+            ValueError: of the room's class; one does not fit, or none has its name.
+        """
         from pydantic_core import ValidationError
 
-        kind: Any = type(config)
-        given = {name: _plain(getattr(config, name)) for name in field_hints(kind)}
+        given = {name: _plain(value) for name, value in values.items()}
         try:
-            vars(config).update(self._validator(kind, fields=True).validate_python((given,))[0])
-            return
+            return cast(dict[str, Any], self._validator(kind, fields=True).validate_python((given,))[0])
         except ValidationError as found:
             errors = _errors(found)
-        raise self.error(self.describe(self._fault(kind, given, errors, python=True), kind)) from None
+        raise self.error(describe(self._fault(kind, given, errors, python=True))) from None
+
+    def arguments(self, thing: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+        """Decorator of a function whose arguments are held to the types and constraints of its signature.
+
+        Args:
+            thing: what errors begin with; it may name arguments: "body '{name}'".
+        """
+
+        def decorate(function: Callable[P, R]) -> Callable[P, R]:
+            names = tuple(inspect.signature(function).parameters)
+
+            @functools.wraps(function)
+            def held(*args: P.args, **kwargs: P.kwargs) -> R:
+                kind = _arguments_of(function)
+                known = field_hints(kind)
+                given = dict(zip(names, args, strict=False)) | kwargs
+                values = {name: value for name, value in given.items() if name in known}
+                checked = self.fields(kind, values, lambda fault: argument_text(fault, thing, given))
+                positional: Any = [checked.get(name, value) for name, value in zip(names, args, strict=False)]
+                keywords: Any = {**kwargs, **{name: checked[name] for name in kwargs if name in checked}}
+                return function(*positional, *cast(Any, args[len(names) :]), **keywords)
+
+            return held
+
+        return decorate
 
     def _validator(self, hint: Any, fields: bool = False) -> SchemaValidator:
         """What holds a tuple of one value to a hint, or of one dictionary to a class's fields; made when needed."""
@@ -377,7 +422,7 @@ def _within(hint: Any, steps: Sequence[str | int]) -> _Place:
         inner, notes = peeled(hint)
         if step == "[key]":  # what is wrong is the key itself
             hint = str
-        elif dataclasses.is_dataclass(inner):
+        elif dataclasses.is_dataclass(inner) or typing_extensions.is_typeddict(inner):
             owner, keys = inner, (*keys, step)
             hint = field_hints(owner).get(str(step), Any)
         elif _tag_of(notes):
@@ -440,11 +485,13 @@ def choices(hint: Any) -> list[Any]:
 
 @functools.cache
 def field_hints(kind: Any) -> dict[str, Any]:
-    """Resolved type of every field of a dataclass, with its constraints.
+    """Resolved type of every field of a dataclass or `TypedDict`, with its constraints.
 
     A field that a subclass declares again with the plain type, to give it another default, keeps those of its base.
     """
     hints, plain = typing.get_type_hints(kind, include_extras=True), typing.get_type_hints(kind)
+    if typing_extensions.is_typeddict(kind):
+        return hints
     bases: list[Any] = [base for base in kind.__mro__[1:] if dataclasses.is_dataclass(base)]
     for base in bases:
         declared = typing.get_type_hints(base)
@@ -476,11 +523,23 @@ def _with_current_keys(node: Any, keys: Mapping[str, str]) -> Any:
 
 
 def _fields_of(kind: Any) -> Any:
-    """A type of dictionaries of a dataclass's fields."""
-    import typing_extensions
-
+    """A type of dictionaries of a dataclass's fields; those of a `TypedDict` may be left out."""
     make: Any = typing_extensions.TypedDict
-    return make(kind.__name__, field_hints(kind))
+    return make(kind.__name__, field_hints(kind), total=bool(dataclasses.is_dataclass(kind)))
+
+
+def _is_constrained(hint: Any) -> bool:
+    """Whether a hint, or one inside of it, has annotations."""
+    return typing.get_origin(hint) is Annotated or any(map(_is_constrained, typing.get_args(hint)))
+
+
+@functools.cache
+def _arguments_of(function: Any) -> Any:
+    """A type of dictionaries of a function's arguments: those with constraints, and truth values."""
+    make: Any = typing_extensions.TypedDict
+    hints = typing.get_type_hints(inspect.unwrap(function), include_extras=True)
+    held = {name: hint for name, hint in hints.items() if name != "return" and (hint is bool or _is_constrained(hint))}
+    return make(function.__name__, held, total=False)
 
 
 def _errors(found: Any) -> list[dict[str, Any]]:
@@ -489,6 +548,8 @@ def _errors(found: Any) -> list[dict[str, Any]]:
 
 def _plain(value: Any) -> Any:
     """NumPy's numbers and arrays as Python's."""
-    if isinstance(value, np.generic):
+    if isinstance(value, np.generic) or (
+        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
+    ):
         return value.item()
     return tuple(value.tolist()) if isinstance(value, np.ndarray) and value.ndim == 1 else value

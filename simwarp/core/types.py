@@ -6,11 +6,12 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from enum import IntEnum, IntFlag
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Fraction, Ge, Le, Meaning, NotNegative
 from simwarp.core.readable import Readable, ReadableFields
 
 WORLD: Final = -1
@@ -375,6 +376,9 @@ class PrescribedSpeed:
     table: Table | None = None
 
 
+_NONE: Final = Meaning("0 for none")
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Material(ReadableFields):
     """Surface of a shape. Two of them meet with the smaller restitution, cohesion and damping, the sum of their
@@ -393,16 +397,16 @@ class Material(ReadableFields):
         priority: whole number of any sign.
     """
 
-    friction: float = 0.6
-    rolling_friction: float = 0.0
-    spinning_friction: float = 0.0
-    restitution: float = 0.0
-    cohesion: float = 0.0
-    compliance: float = 0.0
-    damping: float = 0.0
-    young_modulus: float = 2.0e5
-    poisson_ratio: float = 0.3
-    priority: int = 0
+    friction: Annotated[NotNegative, _NONE] = 0.6
+    rolling_friction: Annotated[NotNegative, _NONE] = 0.0
+    spinning_friction: Annotated[NotNegative, _NONE] = 0.0
+    restitution: Annotated[Fraction, Meaning("a coefficient, 0 for none")] = 0.0
+    cohesion: Annotated[NotNegative, _NONE] = 0.0
+    compliance: Annotated[NotNegative, _NONE] = 0.0
+    damping: Annotated[NotNegative, _NONE] = 0.0
+    young_modulus: Annotated[NotNegative, Meaning("pascals")] = 2.0e5
+    poisson_ratio: Annotated[float, Ge(0.0), Le(0.5), Meaning("a ratio; 0.3 is usual")] = 0.3
+    priority: Annotated[int, Ge(1 - 2**31), Le(2**31 - 1), Meaning("a whole number; 0 is usual")] = 0
 
 
 Drive: TypeAlias = PositionDrive | VelocityMotor | PrescribedPosition | PrescribedSpeed

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import Dof, ModelError, PositionDrive
 from simwarp.exporters.mjcf_tree import Node, PlacedMotion, row_of
-from simwarp.model.checks import INFINITE
 from simwarp.model.model import Model
+from simwarp.model.rules import INFINITE
 
 Array = npt.NDArray[np.float64]
 

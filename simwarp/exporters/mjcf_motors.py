@@ -12,7 +12,7 @@ import numpy as np
 from simwarp.actuators import Activation, Actuators, ActuatorSpec, Law
 from simwarp.core.types import ModelError
 from simwarp.exporters.mjcf_joints import WIDE, FileJoint, text_of
-from simwarp.model.checks import INFINITE
+from simwarp.model.rules import INFINITE
 
 DYNAMICS: Final = {
     Activation.INTEGRATOR: "integrator", Activation.FILTER: "filter", Activation.FILTER_EXACT: "filterexact",

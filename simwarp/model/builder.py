@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, Unpack
+from typing import Annotated, Any, Final, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.readable import Readable, Row
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.core.types import (
@@ -43,14 +44,13 @@ from simwarp.model.checks import (
     checked_pose,
     distance_between,
     dof_from_options,
-    finite_number,
-    positive_number,
 )
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_options import DofOptions
 from simwarp.model.mass_ratios import unsound_ratio
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, Name, PoseField, Vector3
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, Frame, JointSpec, specification_rows
 
@@ -105,15 +105,16 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
 
     # ---- nodes -------------------------------------------------------------------------------------------------
 
+    @RULES.arguments("body '{name}'")
     def add_body(
         self,
-        name: str,
+        name: Name,
         *,
-        mass: float,
+        mass: Annotated[Positive, Meaning("kilograms, or use WORLD for what never moves")],
         inertia: Vec3 | Sequence[Sequence[float]] | Array,
-        pose: Pose | None = None,
-        velocity: Vec3 = (0.0, 0.0, 0.0),
-        omega: Vec3 = (0.0, 0.0, 0.0),
+        pose: PoseField = None,
+        velocity: Vector3 = (0.0, 0.0, 0.0),
+        omega: Vector3 = (0.0, 0.0, 0.0),
         strict: bool = True,
     ) -> int:
         """A rigid body; returns its index.
@@ -128,15 +129,10 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
                 data of vehicles sometimes break the rule, and the equations of motion do not need it.
         """
         thing = self._new_name("body", name, (body.name for body in self.bodies))
-        spec = BodySpec(
-            name,
-            positive_number(thing, "mass", mass, "kg", "use WORLD for what never moves"),
-            checked_inertia(thing, inertia, strict=strict),
-            checked_pose(thing, pose),
-            finite_vector(thing, "velocity", velocity, 3),
-            finite_vector(thing, "omega", omega, 3),
+        body = checked_inertia(thing, inertia, strict=strict)
+        self.bodies.append(
+            BodySpec(name, mass, body, pose or make_pose(), np.array(velocity, np.float64), np.array(omega, np.float64))
         )
-        self.bodies.append(spec)
         return len(self.bodies) - 1
 
     def add_massless_body(self, name: str, *, pose: Pose | None = None) -> int:
@@ -156,9 +152,12 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         self.bodies.append(BodySpec(name, 0.0, np.zeros((3, 3)), checked_pose(thing, pose), zero, zero))
         return len(self.bodies) - 1
 
+    @RULES.arguments("shaft '{name}'")
     def add_shaft(
-        self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Unpack[DofOptions]
-    ) -> int:
+        self, name: Name, *, inertia: Annotated[Positive, Meaning("kg·m², or couple joints directly if it has none")],
+        position: Annotated[float, Meaning("radians")] = 0.0, speed: Annotated[float, Meaning("rad/s")] = 0.0,
+        **options: Unpack[DofOptions],
+    ) -> int:  # fmt: skip
         """A shaft: a node of one rotation, coupled to others by `add_coupling`; returns its joint index.
 
         Args:
@@ -167,14 +166,11 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
             speed: initial speed [rad/s].
             options: the fields of `Dof`.
         """
-        thing = checked_name("shaft", name)
-        origin = Frame(np.zeros(3), IDENTITY)
+        origin, dof = Frame(np.zeros(3), IDENTITY), dof_from_options(f"shaft '{name}'", options)
         return self._append(
             JointSpec(
-                name, JointType.SHAFT, WORLD, WORLD, origin, origin, (dof_from_options(thing, options),),
-                inertia=positive_number(thing, "inertia", inertia, "kg·m²", "couple joints directly if it has none"),
-                initial_q=finite_number(thing, "position", position),
-                initial_qd=finite_number(thing, "speed", speed),
+                name, JointType.SHAFT, WORLD, WORLD, origin, origin, (dof,), inertia=inertia, initial_q=position,
+                initial_qd=speed,
             )
         )  # fmt: skip
 
@@ -326,17 +322,12 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         """Translation in a plane without relative rotation."""
         return self._add(JointType.OLDHAM, name, parent, child, anchor, normal, ())
 
+    @RULES.arguments("joint '{name}'")
     def add_joint_distance(
-        self,
-        name: str,
-        parent: int,
-        child: int,
-        *,
-        anchor0: Vec3,
-        anchor1: Vec3,
-        length: float | None = None,
+        self, name: Name, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3,
+        length: Annotated[Positive, Meaning("metres; use add_joint_spherical for length 0")] | None = None,
         limit: tuple[float, float] | None = None,
-    ) -> int:
+    ) -> int:  # fmt: skip
         """A massless rod between two points: its length is kept, or held within `limit` = (min, max) [m].
 
         Args:
@@ -347,14 +338,12 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         Raises:
             ModelError: both `length` and `limit` are given, the ends are one point, or a value is not usable.
         """
-        thing = checked_name("joint", name)
+        thing = f"joint '{name}'"
         if limit is not None and length is not None:
             raise ModelError(f"{thing}: give length (a rod) or limit (min, max), got both; drop one")
         if limit is not None:
             return self._add_line(name, parent, child, anchor0, anchor1, (Dof(limit=limit),))
-        offset = distance_between(thing, anchor0, anchor1)
-        if length is not None:
-            offset = positive_number(thing, "length", length, "m", "use add_joint_spherical for length 0")
+        offset = distance_between(thing, anchor0, anchor1) if length is None else length
         return self._add(JointType.ROD, name, parent, child, anchor0, None, (), anchor1=anchor1, offset=offset)
 
     def add_joint_revolute_spherical(
@@ -429,7 +418,7 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         thing = checked_name("bushing", name)
         k = finite_vector(thing, "stiffness", stiffness, 6)
         d = finite_vector(thing, "damping", damping, 6)
-        if dofs == ():
+        if isinstance(dofs, tuple) and not dofs:
             dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
         elif k.any() or d.any():
             raise ModelError(f"{thing}: dofs must stand alone, got stiffness or damping too; put them into dofs")
@@ -529,7 +518,7 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
 
     def _new_name(self, kind: str, name: str, taken: Iterable[str]) -> str:
         thing = checked_name(kind, name)
-        if name in set(taken):
+        if name in taken:
             raise ModelError(f"{thing}: the name is taken by another {kind}; choose one of its own")
         return thing
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntEnum
-from typing import Any, Final, TypeVar
+from typing import Any, TypedDict, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,20 +20,16 @@ from simwarp.core.types import (
     ModelError,
     Pose,
     PositionDrive,
-    PrescribedPosition,
-    PrescribedSpeed,
     Vec3,
-    VelocityMotor,
     finite_vector,
     formatted,
     number,
     numbers,
 )
-from simwarp.core.types import (
-    pose as make_pose,
-)
 from simwarp.core.wording import close_names
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.keyword_options import DRIVES, DofOptions
+from simwarp.model.rules import Name, PoseField, held_fields
 from simwarp.model.specifications import JointSpec
 
 Array = npt.NDArray[np.float64]
@@ -43,13 +37,6 @@ Member = TypeVar("Member", bound=IntEnum)
 
 PERPENDICULAR = 1.0e-6
 """Largest cosine between two directions that have to be perpendicular."""
-
-
-LONGEST_NAME: Final = 255
-"""Bytes of the longest name in UTF-8: of a body, a joint, a shape, a sensor."""
-
-INFINITE: Final = 1.0e30
-"""Stands for "no limit" in float32 parameters."""
 
 
 def finite_number(thing: str, field: str, value: Any, remedy: str = "pass a number") -> float:
@@ -161,31 +148,23 @@ def checked_names(thing: str, field: str, given: Any, known: Iterable[str]) -> s
     return set(names)
 
 
+class _Named(TypedDict, total=False):
+    name: Name
+
+
+class _Posed(TypedDict, total=False):
+    pose: PoseField
+
+
 def checked_name(kind: str, name: Any) -> str:
     """The thing's name for errors, such as "body 'arm'"; a ModelError where `name` cannot be one."""
-    if not isinstance(name, str) or not name:
-        raise ModelError(f"{kind}: name must be a non-empty string, got {formatted(name)}; give it one")
-    if any(unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") for letter in name):
-        raise ModelError(
-            f"{kind}: name must be one line of printable text, got {formatted(name)}; leave such letters out"
-        )
-    length = len(name.encode("utf-8"))
-    if length > LONGEST_NAME:
-        raise ModelError(
-            f"{kind}: name must have at most {LONGEST_NAME} bytes, got {length}: {formatted(name)}; shorten it"
-        )
-    return f"{kind} '{name}'"
+    return f"{kind} '{held_fields(kind, _Named, {'name': name})['name']}'"
 
 
 def checked_pose(thing: str, value: Any) -> Pose:
     """A Pose with a unit quaternion; identity when None."""
-    if value is None:
-        return make_pose()
-    if not isinstance(value, Pose):
-        raise ModelError(
-            f"{thing}: pose must be a Pose, got {formatted(value)}; write simwarp.pose(position, rotation)"
-        )
-    return make_pose(value.position, value.rotation)
+    pose: Pose = held_fields(thing, _Posed, {"pose": value})["pose"]
+    return pose
 
 
 def distance_between(thing: str, anchor0: Vec3, anchor1: Vec3) -> float:
@@ -259,12 +238,8 @@ def checked_inertia(thing: str, inertia: Any, strict: bool = True) -> Array:
 
 def dof_from_options(thing: str, options: Mapping[str, Any]) -> Dof:
     """A checked Dof from keyword arguments; an unknown one is answered with the nearest name."""
-    known = [field.name for field in dataclasses.fields(Dof)]
-    for key in options:
-        if key not in known:
-            near = close_names(key, known)
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
-            raise ModelError(f"{thing}: unknown option '{key}'; {hint}")
+    if options.keys() - DofOptions.__annotations__:
+        held_fields(thing, DofOptions, options)
     return checked_dof(thing, Dof(**options))
 
 
@@ -301,117 +276,10 @@ def checked_dof(thing: str, dof: Dof) -> Dof:
     """The Dof itself, or a ModelError for the first field that cannot be used."""
     if not isinstance(dof, Dof):
         raise ModelError(f"{thing}: a degree of freedom must be a Dof, got {formatted(dof)}; write Dof(stiffness=...)")
-    for field in (each.name for each in dataclasses.fields(Dof) if each.default == 0.0):
-        if field in ("preload", "rest"):
-            finite_number(thing, field, getattr(dof, field), "use 0 for none")
-        else:
-            not_negative(thing, field, getattr(dof, field))
-    _check_limit(thing, dof.limit)
-    for field in ("spring_table", "damper_table"):
-        _check_table(f"{thing}: {field}", getattr(dof, field))
-    if dof.damper_map is not None:
-        _check_map(f"{thing}: damper_map", dof.damper_map)
-    _check_drive(thing, dof.drive)
+    held_fields(thing, DofOptions, vars(dof))
+    if dof.drive is not None:
+        held_fields(thing, DRIVES[type(dof.drive)], vars(dof.drive), "drive.")
     return dof
-
-
-def _check_limit(thing: str, limit: Any) -> None:
-    if limit is None:
-        return
-    pair = numbers(limit)
-    lower, upper = pair.tolist() if pair.shape == (2,) else (math.nan, math.nan)
-    if not lower < upper:  # also where one is NaN
-        raise ModelError(
-            f"{thing}: limit must be (lower, upper) with lower < upper, got {formatted(limit)}; "
-            "use float('inf') for a side without a stop, None for no limit"
-        )
-    if lower >= INFINITE or upper <= -INFINITE:
-        raise ModelError(
-            f"{thing}: limit must be (lower, upper) with a stop nearer than 1e30, got {formatted(limit)}; use "
-            "None for none"
-        )
-
-
-def _check_map(thing: str, table: Any) -> None:
-    parts = _arrays(table, 3)
-    if [part.ndim for part in parts] != [1, 1, 2]:
-        raise ModelError(
-            f"{thing} must be (coordinates, rates, forces[rate][coordinate]), got {formatted(table)}; give "
-            "three of them"
-        )
-    places, rates, forces = parts
-    if forces.shape != (len(rates), len(places)):
-        raise ModelError(
-            f"{thing}: forces must have {len(rates)} rows of {len(places)} numbers, got {forces.shape}; "
-            "one row for every rate"
-        )
-    for row in forces:
-        _check_table(thing, (places, row))
-    _check_table(thing, (rates, forces[:, 0] if len(places) else rates))
-
-
-def _arrays(table: Any, count: int) -> list[Array]:
-    """The arrays of a table; none where it has another number of them."""
-    some = isinstance(table, Sequence) or (isinstance(table, np.ndarray) and table.ndim > 0)
-    return [numbers(part) for part in table] if some and len(table) == count else []
-
-
-def _check_drive(thing: str, drive: Any) -> None:
-    match drive:
-        case None:
-            return
-        case PositionDrive():
-            for field in ("stiffness", "damping"):
-                not_negative(thing, f"drive {field}", getattr(drive, field))
-            if not _is_pair(thing, drive.effort_limit) and not number(drive.effort_limit) >= FLOAT32_LEAST:
-                raise ModelError(
-                    f"{thing}: drive effort_limit must be > 0, got {formatted(drive.effort_limit)}; "
-                    "use float('inf') for none"
-                )
-        case VelocityMotor():
-            remedy = "use PrescribedSpeed for a motor without one"
-            if not _is_pair(thing, drive.effort_limit):
-                positive_number(thing, "drive effort_limit", drive.effort_limit, "N or N·m", remedy)
-            elif np.isinf(numbers(drive.effort_limit)).all():
-                raise ModelError(
-                    f"{thing}: drive effort_limit must be finite on one side, got "
-                    f"{formatted(drive.effort_limit)}; {remedy}"
-                )
-        case PrescribedPosition() | PrescribedSpeed():
-            _check_table(f"{thing}: drive table", drive.table)
-        case _:
-            raise ModelError(
-                f"{thing}: drive must be None or a PositionDrive, VelocityMotor, PrescribedPosition or "
-                f"PrescribedSpeed, got {formatted(drive)}; construct one of them"
-            )
-
-
-def _is_pair(thing: str, limit: Any) -> bool:
-    """Whether an effort limit is a pair; a ModelError for one that no drive can have."""
-    pair = numbers(limit)
-    if pair.shape != (2,):
-        return False
-    lower, upper = pair.tolist()
-    if not lower <= 0.0 <= upper or not upper - lower >= FLOAT32_LEAST:
-        raise ModelError(
-            f"{thing}: drive effort_limit must be (lower, upper) with lower <= 0 <= upper and lower < upper, "
-            f"got {formatted(limit)}; use float('inf') for a side without a limit"
-        )
-    return True
-
-
-def _check_table(thing: str, table: Any) -> None:
-    if table is None:
-        return
-    rule = "must be two equally long sequences of finite numbers with increasing abscissae"
-    remedy = "write ((x0, x1, ...), (y0, y1, ...)) with at least two points"
-    parts = _arrays(table, 2)
-    usable = [part.ndim for part in parts] == [1, 1] and parts[0].shape == parts[1].shape and len(parts[0]) >= 2
-    if usable:
-        within = all(bool((np.abs(part) <= FLOAT32_MAX).all()) for part in parts)
-        usable = within and bool((np.diff(parts[0]) > 0.0).all())
-    if not usable:
-        raise ModelError(f"{thing} {rule}, got {formatted(table)}; {remedy}")
 
 
 def check_floats(thing: str, child: int, name: str, joints: Sequence[JointSpec]) -> None:

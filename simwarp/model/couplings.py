@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 
+from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, formatted
-from simwarp.model.checks import checked_name, finite_number, not_negative, whole_number
+from simwarp.model.checks import checked_name, finite_number, whole_number
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.rules import RULES, Name
 from simwarp.model.specifications import CouplingSpec, JointSpec
 
 MAX_COUPLING_TERMS: Final = 12
@@ -24,9 +26,11 @@ class CouplingList:
         self.joints: list[JointSpec] = []
         self.couplings: list[CouplingSpec] = []
 
+    @RULES.arguments("coupling '{name}'")
     def add_coupling(
-        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *, offset: float | None = None,
-        damping: float = 0.0,
+        self, name: Name, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *,
+        offset: Annotated[float, Meaning("a number; None keeps the initial value")] | None = None,
+        damping: Annotated[NotNegative, Meaning("N·m·s/rad; 0 holds it rigidly")] = 0.0,
     ) -> int:  # fmt: skip
         """One bilateral row on coordinates: sum of coefficient x q = offset (the initial value when None).
 
@@ -40,13 +44,11 @@ class CouplingList:
         Raises:
             ModelError: the name is taken, or the terms or a number are not usable.
         """
-        thing = checked_name("coupling", name)
+        thing = f"coupling '{name}'"
         if any(coupling.name == name for coupling in self.couplings):
             raise ModelError(f"{thing}: the name is taken by another coupling; choose one of its own")
         resolved = self._terms(thing, terms, "chain couplings")
-        constant = None if offset is None else finite_number(thing, "offset", offset, "None keeps the initial value")
-        viscous = not_negative(thing, "damping", damping, "N·m·s/rad", "0 holds it rigidly")
-        self.couplings.append(CouplingSpec(name, resolved, constant, viscous))
+        self.couplings.append(CouplingSpec(name, resolved, offset, damping))
         return len(self.couplings) - 1
 
     def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:
@@ -60,21 +62,21 @@ class CouplingList:
         self._check_kind(thing, "rack", rack, 0, lengths=True)
         return self.add_coupling(name, [(pinion, radius), (rack, -1.0)])
 
-    def add_screw(self, name: str, cylindrical: int, *, lead: float) -> int:
+    @RULES.arguments("screw '{name}'")
+    def add_screw(self, name: Name, cylindrical: int, *, lead: Annotated[float, Meaning("metres per turn")]) -> int:
         """The slide of a cylindrical joint advances `lead` [m] per turn.
 
         Raises:
             ModelError: the joint is not CYLINDRICAL, or `lead` is not finite.
         """
-        thing = checked_name("screw", name)
+        thing = f"screw '{name}'"
         spec, _ = self._coordinate(thing, cylindrical, 0)
         if spec.type != JointType.CYLINDRICAL:
             raise ModelError(
                 f"{thing}: joint must be CYLINDRICAL, got {spec.type.name} joint '{spec.name}'; "
                 "use add_coupling for two joints"
             )
-        rate = finite_number(thing, "lead", lead) / (2.0 * math.pi)
-        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, rate)])
+        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, lead / (2.0 * math.pi))])
 
     @property
     def dof_count(self) -> int:
@@ -142,8 +144,9 @@ class CouplingList:
     def _term(self, thing: str, term: Any) -> list[tuple[int, float]]:
         if not isinstance(term, Sequence) or isinstance(term, (str, bytes)) or len(term) not in (2, 3):
             raise ModelError(
-                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got "
-                f"{formatted(term)}; pass a list of such tuples"
+                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), "
+                f"got {formatted(term)}; "
+                "pass a list of such tuples"
             )
         joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
         spec, _ = self._coordinate(thing, joint, local)

@@ -1,26 +1,75 @@
-"""Keyword options that several methods of a builder share, as type checkers and editors know them."""
+"""Keyword options that several methods of a builder share: types for editors, constraints for the schema."""
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Annotated, Any, Final, TypedDict
 
-from simwarp.core.types import DamperMap, Drive, Material, Pose, Table
+from simwarp.core.types import (
+    Drive,
+    Material,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    VelocityMotor,
+)
+from simwarp.model.rules import (
+    DriveLimit,
+    GroupBits,
+    MapField,
+    Margin,
+    MotorLimit,
+    Name,
+    Passive,
+    PoseField,
+    Range,
+    Signed,
+    TableField,
+    one_of,
+)
 
 
 class DofOptions(TypedDict, total=False):
     """Fields of `Dof`, with its defaults."""
 
-    limit: tuple[float, float] | None
-    armature: float
-    stiffness: float
-    rest: float
-    damping: float
-    preload: float
-    friction: float
-    spring_table: Table | None
-    damper_table: Table | None
-    damper_map: DamperMap | None
-    drive: Drive | None
+    limit: Range | None
+    armature: Passive
+    stiffness: Passive
+    rest: Signed
+    damping: Passive
+    preload: Signed
+    friction: Passive
+    spring_table: TableField | None
+    damper_table: TableField | None
+    damper_map: MapField | None
+    drive: Annotated[Drive, one_of(PositionDrive, VelocityMotor, PrescribedPosition, PrescribedSpeed)] | None
+
+
+class PositionDriveFields(TypedDict, total=False):
+    """Fields of `PositionDrive`."""
+
+    stiffness: Passive
+    damping: Passive
+    effort_limit: DriveLimit
+
+
+class VelocityMotorFields(TypedDict, total=False):
+    """Fields of `VelocityMotor`."""
+
+    effort_limit: MotorLimit
+
+
+class MotionFields(TypedDict, total=False):
+    """Fields of `PrescribedPosition` and `PrescribedSpeed`."""
+
+    table: TableField | None
+
+
+DRIVES: Final[dict[type, Any]] = {
+    PositionDrive: PositionDriveFields,
+    VelocityMotor: VelocityMotorFields,
+    PrescribedPosition: MotionFields,
+    PrescribedSpeed: MotionFields,
+}
 
 
 class SurfaceOptions(TypedDict, total=False):
@@ -33,10 +82,10 @@ class SurfaceOptions(TypedDict, total=False):
         mask: groups that it meets, in the same bits; all by default.
     """
 
-    material: Material | None
-    margin: float
-    group: int
-    mask: int
+    material: Annotated[Material, one_of(Material)] | None
+    margin: Margin
+    group: GroupBits
+    mask: GroupBits
 
 
 class ShapeOptions(SurfaceOptions, total=False):
@@ -52,5 +101,5 @@ class ShapeOptions(SurfaceOptions, total=False):
         mask: groups that it meets, in the same bits; all by default.
     """
 
-    name: str
-    pose: Pose | None
+    name: Name
+    pose: PoseField

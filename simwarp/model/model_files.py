@@ -30,7 +30,6 @@ from simwarp.model.checks import (
     checked_member,
     checked_name,
     finite_number,
-    not_negative,
     positive_number,
     whole_number,
 )
@@ -59,7 +58,7 @@ from simwarp.model.model_format import (
     material_entry,
     plain,
 )
-from simwarp.model.shapes import ALL_GROUPS, checked_material, checked_size
+from simwarp.model.shapes import checked_material, checked_size
 from simwarp.model.specifications import BodySpec, CouplingSpec, Frame, JointSpec, ShapeSpec, Specification
 
 Array = npt.NDArray[np.float64]
@@ -360,8 +359,9 @@ def _want(thing: str, field: str, value: Any, wanted: Any, kind: JointType) -> N
     """A field that has one value only in joints of a kind."""
     if value != wanted:
         raise ModelError(
-            f"{thing}: {field} must be {formatted(wanted)} in a joint of type {kind.name.lower()}, got "
-            f"{formatted(value)}; leave it out"
+            f"{thing}: {field} must be {formatted(wanted)} in a joint of type {kind.name.lower()}, "
+            f"got {formatted(value)}; "
+            "leave it out"
         )
 
 
@@ -382,7 +382,6 @@ def _coupling(builder: ModelBuilder, entry: CouplingEntry, taken: NameColumns) -
     if not taken.columns:
         taken.columns = [joint.type for joint in builder.joints for _ in joint.dofs]
     _check_terms(thing, entry.terms, taken.columns)
-    not_negative(thing, "damping", entry.damping, "N·m·s/rad", "0 holds it rigidly")
     return CouplingSpec(entry.name, entry.terms, entry.offset, entry.damping)
 
 
@@ -390,13 +389,10 @@ def _shape(builder: ModelBuilder, entry: ShapeEntry, taken: NameColumns) -> Shap
     thing = taken.new("shape", entry.name)
     kind = checked_member(thing, "type", entry.type, ShapeType)
     whole_number(thing, "body", entry.body, WORLD, len(builder.bodies) - 1, "count bodies from 0; -1 is the world")
-    for field in ("group", "mask"):
-        whole_number(thing, field, getattr(entry, field), 0, ALL_GROUPS, "1 is the default group")
     known = len(getattr(builder, ROOMS[kind])) if kind in ROOMS else 0
     least = 0 if kind in ROOMS else -1
     whole_number(thing, "asset", entry.asset, least, known - 1, f"count {ROOMS.get(kind, 'none: leave it out')} from 0")
     size = checked_size(thing, kind, entry.size)
-    not_negative(thing, "margin", entry.margin, "m", "make the shape smaller instead")
     return ShapeSpec(
         entry.name, entry.body, kind, _pose(thing, entry), size, checked_material(thing, entry.material), entry.margin,
         entry.group, entry.mask, entry.asset,
@@ -438,8 +434,6 @@ def _height_field(entry: HeightFieldEntry) -> HeightField:
         raise ModelError(
             f"heights must be (rows >= 2, columns >= 2), got shape {formatted(heights.shape)}; save it anew"
         )
-    for value in entry.spacing:
-        positive_number("height field", "spacing", value, "m", "give the distances along x and y")
     return HeightField(heights, entry.spacing)
 
 

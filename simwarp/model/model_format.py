@@ -16,10 +16,11 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.constraints import MaxLen, Tagged, Whole
+from simwarp.core.constraints import MaxLen, Meaning, Positive, Tagged, Whole
 from simwarp.core.files import LARGEST_TEXT
 from simwarp.core.schema import Schema
 from simwarp.core.types import (
+    FLOAT32_LEAST,
     FLOAT32_MAX,
     DamperMap,
     Dof,
@@ -34,6 +35,7 @@ from simwarp.core.types import (
     VelocityMotor,
     formatted,
 )
+from simwarp.model.rules import ALL_GROUPS, GroupBits, Margin, Passive
 
 FORMAT: Final = "simwarp model"
 VERSION: Final = 1
@@ -41,12 +43,13 @@ MOST_THINGS: Final = 2**16
 """Bodies, joints, couplings or shapes of one file."""
 MOST_PAIRS: Final = 2**20
 
-MODELS: Final = Schema(ModelError, longest=LARGEST_TEXT)
+MODELS: Final = Schema(ModelError, least=FLOAT32_LEAST, longest=LARGEST_TEXT)
 """The loader of model files, and of what others keep in them."""
 
 Numbers3: TypeAlias = tuple[float, float, float]
 Numbers4: TypeAlias = tuple[float, float, float, float]
 Side: TypeAlias = float | None
+Spacing: TypeAlias = Annotated[Positive, Meaning("metres along x and along y")]
 ZERO: Final = (0.0, 0.0, 0.0)
 USUAL_SURFACE: Final = Material()
 UNTURNED: Final = (0.0, 0.0, 0.0, 1.0)
@@ -195,7 +198,7 @@ class CouplingEntry:
     name: str
     terms: tuple[tuple[Whole, float], ...]
     offset: float | None = None
-    damping: float = 0.0
+    damping: Passive = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -209,9 +212,9 @@ class ShapeEntry:
     position: Numbers3 = ZERO
     rotation: Numbers4 = UNTURNED
     material: Material = USUAL_SURFACE
-    margin: float = 0.0
-    group: int = 1
-    mask: int = 0x7FFFFFFF
+    margin: Margin = 0.0
+    group: GroupBits = 1
+    mask: GroupBits = ALL_GROUPS
     asset: int = -1
 
 
@@ -230,7 +233,7 @@ class HeightFieldEntry:
     """A `HeightField`."""
 
     heights: PackedArray
-    spacing: tuple[float, float]
+    spacing: tuple[Spacing, Spacing]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -22,8 +22,8 @@ from simwarp.core.types import (
     finite_vector,
 )
 from simwarp.kernels.core.fields import ParameterFields
-from simwarp.model.checks import INFINITE
 from simwarp.model.effort_routing import damped_by_table, effort_bounds
+from simwarp.model.rules import INFINITE
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import all_sums, coupling_width
 

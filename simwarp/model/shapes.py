@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Unpack
@@ -40,22 +39,19 @@ from simwarp.model.checks import (
     checked_flag,
     checked_name,
     checked_pose,
-    finite_number,
-    not_negative,
     positive_number,
     whole_number,
 )
 from simwarp.model.keyword_options import ShapeOptions, SurfaceOptions
+from simwarp.model.rules import ALL_GROUPS, held_fields
 from simwarp.model.specifications import ShapeSpec, Specification
 
 Array = npt.NDArray[np.float64]
 
-ALL_GROUPS: Final = 0x7FFFFFFF
 ONE_POINT: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
 TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
 """Shapes of a radius and a half length."""
 NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
-MOST_PRIORITY: Final = 2**31 - 1
 MANIFOLD_CONTACTS: Final = 8
 """Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
 
@@ -175,8 +171,8 @@ class ShapeList:
         checked_flag("add_shape_mesh", "convex", convex)
         if not isinstance(decompose, (bool, dict)):
             raise ModelError(
-                f"add_shape_mesh: decompose must be True, False or a dict of options, got "
-                f"{formatted(decompose)}; choose"
+                f"add_shape_mesh: decompose must be True, False or a dict of options, "
+                f"got {formatted(decompose)}; choose"
             )
         if convex and decompose is not False:
             raise ModelError("add_shape_mesh: give convex or decompose, got both; drop one")
@@ -357,10 +353,7 @@ class ShapeList:
             )
         if pair in self.excluded_shapes:
             raise ModelError(f"add_shape_pair: {self._named(pair)} were excluded by exclude_shapes, got both; drop one")
-        if material is not None and not isinstance(material, Material):
-            raise ModelError(
-                f"add_shape_pair: material must be a Material, got {formatted(material)}; write Material(...)"
-            )
+        held_fields("add_shape_pair", SurfaceOptions, {"material": material})
         self.given_pairs[pair] = None if material is None else checked_material("add_shape_pair", material)
 
     def _shape_pair(self, thing: str, shape0: int, shape1: int) -> tuple[int, int]:
@@ -399,28 +392,16 @@ class ShapeList:
         self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: Mapping[str, Any], asset: int
     ) -> ShapeSpec:
         """The shape, checked but not added."""
-        values = dict(options)
-        name = values.pop("name", f"{kind.name.lower()}{len(self.shapes)}")
+        name = options.get("name", f"{kind.name.lower()}{len(self.shapes)}")
         thing = checked_name("shape", name)
         if any(shape.name == name for shape in self.shapes):
             raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
-        pose = checked_pose(thing, values.pop("pose", None))
-        material = values.pop("material", None)
-        margin = not_negative(thing, "margin", values.pop("margin", 0.0), "m", "make the shape smaller instead")
-        group, mask = values.pop("group", 1), values.pop("mask", ALL_GROUPS)
-        if values:
-            raise ModelError(
-                f"{thing}: unknown option {formatted(next(iter(values)))}; known: name, pose, material, margin, "
-                "group, mask"
-            )
-        if material is not None and not isinstance(material, Material):
-            raise ModelError(f"{thing}: material must be a Material, got {formatted(material)}; write Material(...)")
-        for field, bits in (("group", group), ("mask", mask)):
-            if isinstance(bits, bool) or not isinstance(bits, (int, np.integer)) or not 0 <= bits <= ALL_GROUPS:
-                raise ModelError(f"{thing}: {field} must be 31 bits, got {formatted(bits)}; 1 is the default group")
+        given = {"pose": None, "material": None, "margin": 0.0, "group": 1, "mask": ALL_GROUPS, **options}
+        held = held_fields(thing, ShapeOptions, given)
+        material = checked_material(thing, held["material"] or Material())
         return ShapeSpec(
-            name, int(body), kind, pose, checked_size(thing, kind, size),
-            checked_material(thing, material or Material()), margin, group, mask, asset,
+            name, int(body), kind, held["pose"], checked_size(thing, kind, size), material, held["margin"],
+            held["group"], held["mask"], asset,
         )  # fmt: skip
 
 
@@ -467,15 +448,7 @@ def checked_size(thing: str, kind: ShapeType, size: Vec3 | Sequence[float]) -> A
 
 def checked_material(thing: str, material: Material) -> Material:
     """The material, with every field in its range."""
-    for field in dataclasses.fields(material):
-        if field.name == "priority":
-            whole_number(thing, "material.priority", material.priority, -MOST_PRIORITY, MOST_PRIORITY, "0 is usual")
-            continue
-        value = finite_number(thing, f"material.{field.name}", getattr(material, field.name))
-        highest = {"restitution": 1.0, "poisson_ratio": 0.5}.get(field.name, float("inf"))
-        if not 0.0 <= value <= highest:
-            limits = f"between 0 and {highest:g}" if highest < 10.0 else ">= 0"
-            raise ModelError(f"{thing}: material.{field.name} must be {limits}, got {formatted(value)}; see Material")
+    held_fields(thing, Material, vars(material), "material.")
     return material
 
 

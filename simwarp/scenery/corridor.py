@@ -10,7 +10,7 @@ import numpy as np
 
 from simwarp.core.types import ModelError, ShapeType
 from simwarp.geometry.visual_mesh import VisualMesh, joined
-from simwarp.model.checks import positive_number
+from simwarp.model.rules import RULES, Metres
 from simwarp.scenery.solids import Array, box, closed_loft, moved, ribbon, stream, tone, varied, volume
 from simwarp.scenery.tracks import Track, offset_line
 from simwarp.scenery.visual import Label, Proxy, Visual
@@ -44,8 +44,10 @@ class Corridor:
     lamps: Array
 
 
+@RULES.arguments("corridor")
 def corridor(
-    track: Track, *, width: float = 2.0, height: float = 2.4, square: bool = True, seed: int = 0, furnished: bool = True
+    track: Track, *, width: Metres = 2.0, height: Metres = 2.4, square: bool = True, seed: int = 0,
+    furnished: bool = True,
 ) -> Corridor:  # fmt: skip
     """Walls on both sides of a track.
 
@@ -63,9 +65,7 @@ def corridor(
     Raises:
         ModelError: the track has no room for its walls.
     """
-    wide = positive_number("corridor", "width", width, "m", "pass metres")
-    tall = positive_number("corridor", "height", height, "m", "pass metres")
-    if wide < track.width:
+    if width < track.width:
         raise ModelError(f"corridor: width must be at least that of the track, {track.width:g} m, got {width!r}")
     line = track.corners if square else track.points[:-1]
     # side k of the line ends at its point k; of the rounded line it begins there
@@ -77,19 +77,19 @@ def corridor(
     for side in (1.0, -1.0):
         outer = (side > 0.0) == clockwise
         lower = paint[section % len(paint)] * (1.0 if outer else 0.75)
-        wall = _wall(line, side, wide, tall, lower)
+        wall = _wall(line, side, width, height, lower)
         pieces.append(wall)
         proxies.append(Proxy(kind=ShapeType.MESH, points=wall.vertices, triangles=wall.triangles))
         if furnished:
-            pieces += _furniture(offset_line(line, 0.5 * side * wide), side, tall, rng)
-    borders = np.stack([_closed(offset_line(line, 0.5 * side * wide)) for side in (-1.0, 1.0)])
+            pieces += _furniture(offset_line(line, 0.5 * side * width), side, height, rng)
+    borders = np.stack([_closed(offset_line(line, 0.5 * side * width)) for side in (-1.0, 1.0)])
     count = math.ceil(track.length / 3.0)
     lamps = track.at((np.arange(count) + 0.5) * track.length / count)
-    lamps[:, 2] = tall - 0.15
+    lamps[:, 2] = height - 0.15
     walls = Visual(name="corridor", mesh=joined(pieces), proxies=tuple(proxies), label=Label.WALL)
     return Corridor(
-        track, wide, tall, walls, ribbon(borders, tone("9a968e")), ribbon(borders, tone("f0efe9"), tall, upwards=False),
-        lamps,
+        track, width, height, walls, ribbon(borders, tone("9a968e")),
+        ribbon(borders, tone("f0efe9"), height, upwards=False), lamps,
     )  # fmt: skip
 
 

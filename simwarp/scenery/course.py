@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Count
 from simwarp.core.types import ModelError
 from simwarp.geometry.visual_mesh import VisualMesh
-from simwarp.model.checks import positive_number
+from simwarp.model.rules import RULES, Metres
 from simwarp.scenery.roadside import barrier_chain
 from simwarp.scenery.solids import Array, ribbon, stream, tone, varied
 from simwarp.scenery.tracks import Track
@@ -39,7 +40,8 @@ class Course:
     right: Visual
 
 
-def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: float = 1.0) -> Course:
+@RULES.arguments("race_course")
+def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: Metres = 1.0) -> Course:
     """Red and white barriers on both borders of a track, and the road between them.
 
     Args:
@@ -47,7 +49,7 @@ def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: fl
         barrier_length: of one barrier [m].
         barrier_height: [m]; the feet are three quarters as wide.
     """
-    foot = 0.375 * positive_number("race_course", "barrier_height", barrier_height, "m", "pass metres")
+    foot = 0.375 * barrier_height
     left, right = (
         barrier_chain(track.border(side, track.width + 2.0 * foot)[:-1], closed=True, length=barrier_length,
                       height=barrier_height)
@@ -56,7 +58,8 @@ def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: fl
     return Course(track, road(track.path, width=track.width), left, right)
 
 
-def road(path: Path, *, width: float, dash: float = 3.0, seed: int = 0) -> VisualMesh:
+@RULES.arguments("road")
+def road(path: Path, *, width: Metres, dash: float = 3.0, seed: int = 0) -> VisualMesh:
     """Asphalt along a path with white borders and a broken middle line, one side upwards, `ROAD_HEIGHT` high.
 
     Args:
@@ -65,11 +68,10 @@ def road(path: Path, *, width: float, dash: float = 3.0, seed: int = 0) -> Visua
         dash: length of the dashes and of the gaps between them [m].
         seed: of the shades of the asphalt.
     """
-    wide = positive_number("road", "width", width, "m", "pass metres")
     tangent = path.tangents()
     across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    line = min(0.15, 0.05 * wide)
-    offsets = np.array([-0.5 * wide, -0.5 * wide + line, -0.25 * wide, -0.5 * line])
+    line = min(0.15, 0.05 * width)
+    offsets = np.array([-0.5 * width, -0.5 * width + line, -0.25 * width, -0.5 * line])
     offsets = np.concatenate([offsets, -offsets[::-1]])
     count = len(path.points) - 1
     middle = 0.5 * (path.arc[1:] + path.arc[:-1])
@@ -128,9 +130,10 @@ class Detour:
     clear: float
 
 
+@RULES.arguments("detour")
 def detour(
-    seed: int = 0, *, length: float = 200.0, count: int = 4, radius: tuple[float, float] = (3.0, 6.0),
-    clear: float = 4.0, spacing: float = 0.5,
+    seed: int = 0, *, length: Metres = 200.0, count: Count = 4, radius: tuple[Metres, Metres] = (3.0, 6.0),
+    clear: Metres = 4.0, spacing: float = 0.5,
 ) -> Detour:  # fmt: skip
     """A smooth path around large obstacles, each passed on a side at random: for tests of what was trained on
     `convoy_path`.
@@ -146,35 +149,34 @@ def detour(
     Raises:
         ModelError: there is too little room between the obstacles.
     """
-    least, most = (positive_number("detour", "radius", value, "m", "pass metres") for value in radius)
-    long = positive_number("detour", "length", length, "m", "pass metres")
-    room = positive_number("detour", "clear", clear, "m", "pass metres")
-    pitch = long / (count + 1)
-    if isinstance(count, bool) or count < 1 or least > most or pitch < 3.0 * (most + room):
+    low, high = radius
+    pitch = length / (count + 1)
+    if low > high or pitch < 3.0 * (high + clear):
         raise ModelError(
-            f"detour: count >= 1, least <= greatest radius and 3 (radius + clear) <= length / (count + 1) must hold, "
-            f"got count={count!r}, radius={radius!r}, clear={room:g}, length={long:g} m; make it longer"
+            f"detour: least <= greatest radius and 3 (radius + clear) <= length / (count + 1) must hold, "
+            f"got count={count!r}, radius={radius!r}, clear={clear:g}, length={length:g} m; make it longer"
         )
     rng = stream("detour", seed)
-    sizes = rng.uniform(least, most, count)
-    along = -0.5 * long + pitch * (np.arange(count) + 1.0 + rng.uniform(-0.1, 0.1, count))
+    sizes = rng.uniform(low, high, count)
+    along = -0.5 * length + pitch * (np.arange(count) + 1.0 + rng.uniform(-0.1, 0.1, count))
     aside = rng.uniform(-0.3, 0.3, count) * sizes
     sides = rng.choice([-1.0, 1.0], count)
     obstacles = np.stack([along, aside, sizes], axis=1)
-    past = aside + sides * (sizes + room)
+    past = aside + sides * (sizes + clear)
     for _ in range(30):
-        nodes = np.stack([np.concatenate([[-0.5 * long], along, [0.5 * long]]), np.pad(past, 1)], axis=1)
+        nodes = np.stack([np.concatenate([[-0.5 * length], along, [0.5 * length]]), np.pad(past, 1)], axis=1)
         path = smooth(nodes, spacing=spacing)
         away = np.linalg.norm(path.points[:, None] - obstacles[None, :, :2], axis=2).min(axis=0)
-        short = sizes + room - away
+        short = sizes + clear - away
         if short.max() <= 0.0:
-            return Detour(path, obstacles, room)
+            return Detour(path, obstacles, clear)
         past += sides * np.maximum(1.1 * short, 0.0)
-    raise ModelError(f"detour: a path must stay {room:g} m clear, but none did with seed {seed}; make it longer")
+    raise ModelError(f"detour: a path must stay {clear:g} m clear, but none did with seed {seed}; make it longer")
 
 
+@RULES.arguments("beside")
 def beside(
-    path: Path, count: int, seed: int = 0, *, distance: tuple[float, float] = (4.0, 8.0), clear: float = 0.0
+    path: Path, count: int, seed: int = 0, *, distance: tuple[Metres, Metres] = (4.0, 8.0), clear: float = 0.0
 ) -> Array:  # fmt: skip
     """(count, 3) x, y [m] and yaw [rad] of things along a path, at equal steps of its length.
 
@@ -191,7 +193,7 @@ def beside(
     Raises:
         ModelError: a distance is not positive, or the least is above the greatest.
     """
-    near, far = (positive_number("beside", "distance", value, "m", "pass metres") for value in distance)
+    near, far = distance
     if near > far:
         raise ModelError(f"beside: distance must be the least, then the greatest, got {distance!r}; swap them")
     rng = stream("beside", seed)

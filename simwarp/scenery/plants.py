@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
-from simwarp.core.types import ModelError, ShapeType, pose
+from simwarp.core.types import ShapeType, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
-from simwarp.model.checks import positive_number
+from simwarp.model.rules import RULES, Metres, word_of
 from simwarp.scenery.solids import (
     Array,
     between,
@@ -159,7 +159,8 @@ TREES: Final = tuple(_TREES)
 """Kinds of trees."""
 
 
-def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Visual:
+@RULES.arguments("tree")
+def tree(kind: Annotated[str, word_of(*TREES)] = "oak", seed: int = 0, *, height: Metres | None = None) -> Visual:
     """A tree whose trunk stands at the origin; every seed gives another one.
 
     Args:
@@ -174,10 +175,8 @@ def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Vi
     Raises:
         ModelError: there is no such kind, or the height is not positive.
     """
-    if kind not in _TREES:
-        raise ModelError(f"tree: kind must be one of {', '.join(TREES)}, got {kind!r}; choose one")
     usual, grow = _TREES[kind]
-    tall = usual if height is None else positive_number("tree", "height", height, "m", "pass metres")
+    tall = height or usual
     mesh, proxies = grow(tall, stream(f"tree {kind}", seed))
     return Visual(name=kind, mesh=mesh, proxies=proxies, label=Label.TREE, reflectance=0.45)
 
@@ -213,7 +212,8 @@ def twigs(
     return solid(points.reshape(-1, 3) * radii + at, triangles, color)
 
 
-def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> Visual:
+@RULES.arguments("bush")
+def bush(kind: Annotated[str, word_of(*BUSHES)] = "round", seed: int = 0, *, width: Metres | None = None) -> Visual:
     """A bush: four dented balls of leaves on the ground and twigs that stick out, 480 triangles; its foot is flat.
 
     Args:
@@ -227,10 +227,8 @@ def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> V
     Raises:
         ModelError: there is no such kind, or the width is not positive.
     """
-    if kind not in _BUSHES:
-        raise ModelError(f"bush: kind must be one of {', '.join(BUSHES)}, got {kind!r}; choose one")
     codes, tall, usual = _BUSHES[kind]
-    wide = usual if width is None else positive_number("bush", "width", width, "m", "pass metres")
+    wide = width or usual
     colors = (tone(codes[0]), tone(codes[1]))
     rng = stream(f"bush {kind}", seed)
     parts = [leaves(np.array([0.36, 0.36, 0.38 * tall]), np.array([0.0, 0.0, 0.3 * tall]), colors, rng, rough=0.25)]

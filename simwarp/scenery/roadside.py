@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
+from simwarp.core.types import ShapeType, Vec3, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
-from simwarp.model.checks import positive_number
+from simwarp.model.rules import RULES, Lengths, Metres, Points, Vector3, word_of
 from simwarp.scenery.solids import Array, box, lathe, loft, solid, stream, tone, varied
 from simwarp.scenery.visual import Label, Proxy, Visual
 
@@ -19,7 +18,8 @@ CONES: Final = tuple(_CONES)
 """Colours of cones; the orange one has white bands."""
 
 
-def cone(color: str = "orange", *, height: float = 0.75) -> Visual:
+@RULES.arguments("cone")
+def cone(color: Annotated[str, word_of(*CONES)] = "orange", *, height: Metres = 0.75) -> Visual:
     """A traffic cone on its square plate, 120 triangles; half as wide as it is high.
 
     Args:
@@ -32,23 +32,21 @@ def cone(color: str = "orange", *, height: float = 0.75) -> Visual:
     Raises:
         ModelError: there is no such colour, or the height is not positive.
     """
-    if color not in _CONES:
-        raise ModelError(f"cone: color must be one of {', '.join(CONES)}, got {color!r}; choose one")
-    tall = positive_number("cone", "height", height, "m", "pass metres")
     main, band = _CONES[color]
-    plate = 0.05 * tall
-    levels = np.array([plate, 0.3 * tall, 0.47 * tall, 0.62 * tall, 0.77 * tall, tall])
-    radii = np.interp(levels, [plate, tall], [0.2 * tall, 0.045 * tall])
+    plate = 0.05 * height
+    levels = np.array([plate, 0.3 * height, 0.47 * height, 0.62 * height, 0.77 * height, height])
+    radii = np.interp(levels, [plate, height], [0.2 * height, 0.045 * height])
     bands = np.array([main, band, main, band, main])
     parts = [
-        box((0.25 * tall, 0.25 * tall, 0.5 * plate), 0.8 * main, (0.0, 0.0, 0.5 * plate)),
+        box((0.25 * height, 0.25 * height, 0.5 * plate), 0.8 * main, (0.0, 0.0, 0.5 * plate)),
         lathe(np.stack([radii, levels], axis=1), bands, 9),
     ]
     hull = Proxy(kind=ShapeType.HULL, points=np.concatenate([part.vertices for part in parts]))
     return Visual(name=f"{color} cone", mesh=joined(parts), proxies=(hull,), label=Label.CONE, reflectance=0.7)
 
 
-def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = None) -> Visual:
+@RULES.arguments("pillar")
+def pillar(*, width: Metres = 2.0, height: Metres = 10.0, color: Vector3 | None = None) -> Visual:
     """A square pillar with light bands, the obstacle of obstacle avoidance: 48 triangles.
 
     Args:
@@ -59,21 +57,20 @@ def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = Non
     Returns:
         A visual with one BOX, which it fills.
     """
-    wide = positive_number("pillar", "width", width, "m", "pass metres")
-    tall = positive_number("pillar", "height", height, "m", "pass metres")
-    main = np.array([0.06, 0.06, 0.75]) if color is None else finite_vector("pillar", "color", color, 3)
-    levels = np.array([0.0, 0.06, 0.5 * 0.16, 0.28, 0.31, 1.0]) * tall
+    main = np.array([0.06, 0.06, 0.75] if color is None else color)
+    levels = np.array([0.0, 0.06, 0.5 * 0.16, 0.28, 0.31, 1.0]) * height
     bands = np.array([0.55 * main, _WHITE, main, _WHITE, main])
-    half = 0.5 * wide
+    half = 0.5 * width
     square = np.array([[half, half], [-half, half], [-half, -half], [half, -half]])
     rings = np.concatenate([
         np.broadcast_to(square, (len(levels), 4, 2)), np.broadcast_to(levels[:, None, None], (len(levels), 4, 1)),
     ], axis=2)  # fmt: skip
-    proxy = Proxy(kind=ShapeType.BOX, size=(half, half, 0.5 * tall), pose=pose((0.0, 0.0, 0.5 * tall)))
+    proxy = Proxy(kind=ShapeType.BOX, size=(half, half, 0.5 * height), pose=pose((0.0, 0.0, 0.5 * height)))
     return Visual(name="pillar", mesh=loft(rings, bands), proxies=(proxy,), label=Label.PILLAR)
 
 
-def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Visual:
+@RULES.arguments("crate")
+def crate(*, size: Lengths = (1.0, 1.0, 1.0), seed: int = 0) -> Visual:
     """A wooden crate: six frames of boards about sunk panels, 108 triangles.
 
     Args:
@@ -83,9 +80,7 @@ def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Visual:
     Returns:
         A visual with one BOX.
     """
-    extent = finite_vector("crate", "size", size, 3)
-    for length in extent:
-        positive_number("crate", "size", length, "m", "pass lengths along x, y and z")
+    extent = np.array(size, np.float64)
     rng = stream("crate", seed)
     vertices: list[Array] = []
     triangles: list[list[int]] = []
@@ -128,7 +123,8 @@ def _jersey(height: float) -> Array:
     return np.concatenate([half, half[::-1] * np.array([-1.0, 1.0])])
 
 
-def barrier(*, length: float = 2.0, height: float = 0.8, color: Vec3 | None = None) -> Visual:
+@RULES.arguments("barrier")
+def barrier(*, length: Metres = 2.0, height: Metres = 0.8, color: Vector3 | None = None) -> Visual:
     """A jersey barrier along X: three quarters as wide as high at its foot; 32 triangles.
 
     Args:
@@ -139,10 +135,8 @@ def barrier(*, length: float = 2.0, height: float = 0.8, color: Vec3 | None = No
     Returns:
         A visual with one HULL, a little fuller than the barrier's hollow sides.
     """
-    long = positive_number("barrier", "length", length, "m", "pass metres")
-    outline = _jersey(positive_number("barrier", "height", height, "m", "pass metres"))
-    main = tone("b5b2aa") if color is None else finite_vector("barrier", "color", color, 3)
-    mesh = _block(np.array([-0.5 * long, 0.0]), np.array([0.5 * long, 0.0]), outline, main)
+    main = tone("b5b2aa") if color is None else np.array(color)
+    mesh = _block(np.array([-0.5 * length, 0.0]), np.array([0.5 * length, 0.0]), _jersey(height), main)
     hull = Proxy(kind=ShapeType.HULL, points=mesh.vertices[:16])
     return Visual(name="barrier", mesh=mesh, proxies=(hull,), label=Label.BARRIER)
 
@@ -159,8 +153,9 @@ def _block(start: Array, end: Array, outline: Array, color: Array) -> VisualMesh
     return loft(rings, shades, caps=np.stack([0.8 * color, 0.8 * color]))
 
 
+@RULES.arguments("barrier_chain")
 def barrier_chain(
-    points: npt.ArrayLike, *, closed: bool = False, length: float = 2.0, height: float = 0.8,
+    points: Points, *, closed: bool = False, length: Metres = 2.0, height: Metres = 0.8,
     colors: tuple[Vec3, ...] | None = None,
 ) -> Visual:  # fmt: skip
     """Barriers end to end along a line, in the frame of the line: 32 triangles each.
@@ -179,16 +174,13 @@ def barrier_chain(
         ModelError: the points are not (n >= 2, 2) finite numbers, or a length is not positive.
     """
     line = np.asarray(points, dtype=np.float64)
-    if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.isfinite(line).all():
-        raise ModelError(f"barrier_chain: points must be (n >= 2, 2) finite numbers, got shape {line.shape}; pass x, y")
     if closed:
         line = np.concatenate([line, line[:1]])
-    outline = _jersey(positive_number("barrier_chain", "height", height, "m", "pass metres"))
+    outline = _jersey(height)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     tones = (_RED, _WHITE) if colors is None else tuple(np.asarray(c, dtype=np.float64) for c in colors)
-    step = positive_number("barrier_chain", "length", length, "m", "pass metres")
     count = max(
-        1 + 2 * int(closed), len(tones) * round(arc[-1] / step / len(tones)) if closed else round(arc[-1] / step)
+        1 + 2 * int(closed), len(tones) * round(arc[-1] / length / len(tones)) if closed else round(arc[-1] / length)
     )
     at = np.linspace(0.0, arc[-1], count + 1)
     ends = np.stack([np.interp(at, arc, line[:, k]) for k in range(2)], axis=1)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
-from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector
-from simwarp.model.checks import positive_number
+from simwarp.core.constraints import Ge, Le, Meaning
+from simwarp.core.types import ShapeType
+from simwarp.model.rules import RULES, Lengths, word_of
 from simwarp.scenery.solids import Array, between, face_normals, hull_corners, icosphere, solid, stream, tone, varied
 from simwarp.scenery.visual import Label, Proxy, Visual
 
@@ -37,7 +38,14 @@ ROCKS: Final = tuple(_STYLES)
 """Kinds of rocks. As they come they are as long and wide as the five rocks of the original off-road task."""
 
 
-def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, detail: int = 2) -> Visual:
+@RULES.arguments("rock")
+def rock(
+    kind: Annotated[str, word_of(*ROCKS)] = "boulder",
+    seed: int = 0,
+    *,
+    size: Lengths | None = None,
+    detail: Annotated[int, Ge(1), Le(3), Meaning("1, 2 or 3; 2 has 320 triangles")] = 2,
+) -> Visual:
     """A rock that lies on the ground, its foot flat; every seed gives another one.
 
     Args:
@@ -52,14 +60,8 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
     Raises:
         ModelError: there is no such kind or detail, or a length of `size` is not positive.
     """
-    if kind not in _STYLES:
-        raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}; choose one")
-    if detail not in (1, 2, 3):
-        raise ModelError(f"rock: detail must be 1, 2 or 3, got {detail!r}; 2 has 320 triangles")
     style = _STYLES[kind]
-    extent = finite_vector("rock", "size", style.size if size is None else size, 3)
-    for length in extent:
-        positive_number("rock", "size", length, "m", "pass lengths along x, y and z")
+    extent = np.array(style.size if size is None else size, np.float64)
     rng = stream(f"rock {kind}", seed)
     directions, triangles = icosphere(detail)
     points = _cut(_bumpy(directions, style.bumps, rng), style, rng)

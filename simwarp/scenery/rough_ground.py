@@ -12,13 +12,14 @@ import dataclasses
 import enum
 import math
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, formatted
-from simwarp.model.checks import checked_choice, positive_number, whole_number
+from simwarp.core.constraints import Ge, Le, Lt, Meaning, Positive, Whole
+from simwarp.core.types import ModelError
+from simwarp.model.rules import RULES, Metres, held_fields, word_of
 from simwarp.scenery.solids import between, stream, tone
 
 Array = npt.NDArray[np.float64]
@@ -46,6 +47,13 @@ class GroundKind(enum.Enum):
     STAIRS_DOWN = "stairs_down"
     STONES = "stones"
     GAPS = "gaps"
+
+
+Sizes: TypeAlias = Annotated[tuple[Metres, Metres], Meaning("two sizes [m]: those of levels 0 and 9")]
+Slope: TypeAlias = Annotated[Positive, Lt(0.5 * math.pi), Meaning("radians")]
+Kind: TypeAlias = Annotated[GroundKind | str, word_of(*(kind.value for kind in GroundKind))]
+Level: TypeAlias = Annotated[int, Ge(0), Le(LEVELS - 1), Meaning("a level")]
+Seed: TypeAlias = Annotated[Whole, Meaning("a seed")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,39 +88,26 @@ class GroundPatch:
             and the rim.
     """
 
-    side: float = 8.0
-    spacing: float = 0.05
-    platform: float = 2.0
-    rim: float = 0.5
-    roughness: tuple[float, float] = (0.008, 0.08)
-    slope: tuple[float, float] = (math.radians(2.5), math.radians(25.0))
-    waves: tuple[float, float] = (0.02, 0.2)
-    wavelength: float = 2.0
-    step: tuple[float, float] = (0.015, 0.15)
-    riser: tuple[float, float] = (0.015, 0.15)
-    tread: float = 0.3
-    stone: tuple[float, float] = (0.8, 0.35)
-    stride: tuple[float, float] = (0.1, 0.3)
-    gap: tuple[float, float] = (0.1, 0.55)
-    land: float = 0.7
-    depth: float = 0.6
+    side: Metres = 8.0
+    spacing: Metres = 0.05
+    platform: Metres = 2.0
+    rim: Metres = 0.5
+    roughness: Sizes = (0.008, 0.08)
+    slope: tuple[Slope, Slope] = (math.radians(2.5), math.radians(25.0))
+    waves: Sizes = (0.02, 0.2)
+    wavelength: Metres = 2.0
+    step: Sizes = (0.015, 0.15)
+    riser: Sizes = (0.015, 0.15)
+    tread: Metres = 0.3
+    stone: Sizes = (0.8, 0.35)
+    stride: Sizes = (0.1, 0.3)
+    gap: Sizes = (0.1, 0.55)
+    land: Metres = 0.7
+    depth: Metres = 0.6
 
     def __post_init__(self) -> None:
         """Hold the sizes to their rules."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            unit = "rad" if field.name == "slope" else "m"
-            if isinstance(field.default, tuple) and (not isinstance(value, tuple) or len(value) != 2):
-                raise ModelError(
-                    f"GroundPatch: {field.name} must be two sizes [{unit}], got {formatted(value)}; "
-                    f"pass those of levels 0 and {LEVELS - 1}"
-                )
-            for number in value if isinstance(value, tuple) else (value,):
-                positive_number("GroundPatch", field.name, number, unit, f"pass a size [{unit}]")
-        if max(self.slope) >= 0.5 * math.pi:
-            raise ModelError(
-                f"GroundPatch: slope must be below pi / 2 rad, got {formatted(self.slope)}; it is in radians"
-            )
+        held_fields("GroundPatch", GroundPatch, vars(self))
         if abs(2 * self.half * self.spacing - self.side) > 1e-6 * self.side:
             raise ModelError(
                 f"GroundPatch: side must be an even number of cells of {self.spacing:g} m, got {self.side:g}; "
@@ -149,8 +144,9 @@ class GroundPatch:
         return (1.0 - share) * sizes[0] + share * sizes[1]
 
 
+@RULES.arguments("ground_patch")
 def ground_patch(
-    kind: GroundKind | str, level: int = 0, seed: int = 0, *, patch: GroundPatch | None = None
+    kind: Kind, level: Level = 0, seed: Seed = 0, *, patch: GroundPatch | None = None
 ) -> Heights:  # fmt: skip
     """A patch of rough ground for `add_shape_height_field(..., size=(side, side))`.
 
@@ -169,11 +165,8 @@ def ground_patch(
     Raises:
         ModelError: there is no such kind or level, or the seed is no whole number.
     """
-    names = [each.value for each in GroundKind]
-    chosen = kind if isinstance(kind, GroundKind) else GroundKind(checked_choice("ground_patch", "kind", kind, names))
+    chosen = GroundKind(kind)
     sizes = GroundPatch() if patch is None else patch
-    whole_number("ground_patch", "level", level, 0, LEVELS - 1, "pass a level")
-    whole_number("ground_patch", "seed", seed, 0, 2**63 - 1, "pass a seed")
     heights = _MAKERS[chosen](sizes, level, stream(f"ground {chosen.value}", seed))
     return np.asarray(heights, dtype=np.float32)
 

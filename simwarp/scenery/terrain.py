@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import ModelError
-from simwarp.model.checks import finite_number, positive_number
+from simwarp.model.rules import RULES, Metres
 from simwarp.scenery.solids import stream
 
 Array = npt.NDArray[np.float64]
@@ -19,9 +21,11 @@ WAVES = 48
 """Plane waves that hills are a sum of."""
 
 
+@RULES.arguments("hills")
 def hills(
-    seed: int = 0, *, size: tuple[float, float] = (120.0, 120.0), spacing: float = 1.0, amplitude: float = 2.5,
-    wavelength: tuple[float, float] = (35.0, 90.0),
+    seed: int = 0, *, size: tuple[Metres, Metres] = (120.0, 120.0), spacing: Metres = 1.0,
+    amplitude: Annotated[NotNegative, Meaning("metres; 0 is flat")] = 2.5,
+    wavelength: tuple[Metres, Metres] = (35.0, 90.0),
 ) -> Heights:  # fmt: skip
     """Smooth random hills for `add_shape_height_field(..., size=size)`: the field is centred on the origin.
 
@@ -41,16 +45,13 @@ def hills(
     Raises:
         ModelError: a length is not positive, the amplitude is negative, or the waves are too short for the spacing.
     """
-    extent = [positive_number("hills", "size", value, "m", "pass lengths along x and y") for value in size]
-    step = positive_number("hills", "spacing", spacing, "m", "pass metres")
-    short, long = (positive_number("hills", "wavelength", value, "m", "pass two lengths") for value in wavelength)
-    high = finite_number("hills", "amplitude", amplitude, "0 is flat")
-    if short > long or high < 0.0 or step > 0.5 * short:
+    short, long = wavelength
+    if short > long or spacing > 0.5 * short:
         raise ModelError(
-            f"hills: 0 <= amplitude and 2 spacing <= shortest <= longest wavelength must hold, got amplitude={high:g}, "
-            f"spacing={step:g}, wavelength={(short, long)}; use a finer grid or longer waves"
+            f"hills: 2 spacing <= shortest <= longest wavelength must hold, got spacing={spacing:g}, "
+            f"wavelength={wavelength}; use a finer grid or longer waves"
         )
-    x, y = (np.linspace(-0.5 * length, 0.5 * length, math.ceil(length / step - 1e-9) + 1) for length in extent)
+    x, y = (np.linspace(-0.5 * length, 0.5 * length, math.ceil(length / spacing - 1e-9) + 1) for length in size)
     rng = stream("hills", seed)
     length = np.exp(rng.uniform(math.log(short), math.log(long), WAVES))
     angle = 2.0 * math.pi * (np.arange(WAVES) + rng.random(WAVES)) / WAVES
@@ -60,11 +61,12 @@ def hills(
     along_y = np.exp(1j * (np.outer(y, k * np.sin(angle)) + phase))
     heights = np.real((along_y * length) @ along_x.T)
     heights -= heights.mean()
-    return np.asarray(heights * (high / np.abs(heights).max()), dtype=np.float32)
+    return np.asarray(heights * (amplitude / np.abs(heights).max()), dtype=np.float32)
 
 
+@RULES.arguments("flattened")
 def flattened(
-    heights: npt.ArrayLike, size: Sequence[float], discs: npt.ArrayLike, *, blend: float = 12.0
+    heights: npt.ArrayLike, size: Sequence[float], discs: npt.ArrayLike, *, blend: Metres = 12.0
 ) -> Heights:  # fmt: skip
     """A ground with level discs, each as high as the ground was in its middle; slopes lead to them. Nodes in a
     disc have exactly its height, unless discs overlap. With narrow slopes the ground gets steeper than it was.
@@ -82,10 +84,9 @@ def flattened(
     rows, columns = ground.shape
     x = np.linspace(-0.5 * size[0], 0.5 * size[0], columns)
     y = np.linspace(-0.5 * size[1], 0.5 * size[1], rows)
-    width = positive_number("flattened", "blend", blend, "m", "pass metres")
     total, weights = ground.copy(), np.ones_like(ground)
     for a, b, radius in np.asarray(discs, dtype=np.float64).reshape(-1, 3):
-        t = np.clip((np.hypot(x[None] - a, y[:, None] - b) - radius) / width, 0.0, 1.0)
+        t = np.clip((np.hypot(x[None] - a, y[:, None] - b) - radius) / blend, 0.0, 1.0)
         share = t * t * (3.0 - 2.0 * t)
         # one disc alone gets the weight 1 - share; within a disc it outweighs the ground and all others
         weight = (1.0 - share) / np.maximum(share, 1e-9)

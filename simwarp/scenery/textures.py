@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError
+from simwarp.core.constraints import Ge, Meaning
 from simwarp.geometry.visual_mesh import Image, srgb_from_linear
+from simwarp.model.rules import RULES, word_of
 from simwarp.scenery.solids import Array, between, stream, tone
 
 Layer = Callable[[int, np.random.Generator], Array]
@@ -121,7 +122,13 @@ TEXTURES: Final = {kind: metres for kind, (metres, _) in _KINDS.items()}
 """Kinds of grounds, and what one repeat should cover [m]."""
 
 
-def ground_texture(kind: str = "grass", seed: int = 0, *, pixels: int = 256) -> Image:
+@RULES.arguments("ground_texture")
+def ground_texture(
+    kind: Annotated[str, word_of(*TEXTURES)] = "grass",
+    seed: int = 0,
+    *,
+    pixels: Annotated[int, Ge(32), Meaning("pixels; 256 is usual")] = 256,
+) -> Image:
     """(pixels, pixels, 3) uint8 sRGB of a ground; its edges fit each other.
 
     Args:
@@ -132,9 +139,5 @@ def ground_texture(kind: str = "grass", seed: int = 0, *, pixels: int = 256) -> 
     Raises:
         ModelError: there is no such kind, or `pixels` is not usable.
     """
-    if kind not in _KINDS:
-        raise ModelError(f"ground_texture: kind must be one of {', '.join(TEXTURES)}, got {kind!r}; choose one")
-    if isinstance(pixels, bool) or not isinstance(pixels, (int, np.integer)) or pixels < 32:
-        raise ModelError(f"ground_texture: pixels must be an integer >= 32, got {pixels!r}; 256 is usual")
-    linear = _KINDS[kind][1](int(pixels), stream(f"texture {kind}", seed))
+    linear = _KINDS[kind][1](pixels, stream(f"texture {kind}", seed))
     return np.asarray(np.round(255.0 * srgb_from_linear(np.clip(linear, 0.0, 1.0))), dtype=np.uint8)

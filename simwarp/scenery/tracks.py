@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Count, Meaning
 from simwarp.core.types import ModelError
 from simwarp.model.checks import positive_number
+from simwarp.model.rules import RULES, Metres, Polygon
 from simwarp.scenery.solids import stream
 from simwarp.vehicle.driving.paths import Path
 
@@ -101,8 +103,9 @@ class Track:
         return places
 
 
+@RULES.arguments("track")
 def rounded(
-    corners: npt.ArrayLike, radii: float | Sequence[float] | Array, *, width: float, spacing: float = 0.1
+    corners: Polygon, radii: float | Sequence[float] | Array, *, width: Metres, spacing: Metres = 0.1
 ) -> Track:  # fmt: skip
     """A polygon whose corners are arcs.
 
@@ -116,11 +119,8 @@ def rounded(
         ModelError: arcs overlap, or the lane is wider than twice a radius.
     """
     polygon = np.asarray(corners, dtype=np.float64)
-    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
-        raise ModelError(f"track: corners must be (k >= 3, 2) finite numbers, got shape {polygon.shape}; pass x, y")
     radius = np.broadcast_to(np.asarray(radii, dtype=np.float64), len(polygon))
-    step = positive_number("track", "spacing", spacing, "m", "pass metres")
-    if not (radius > 0.5 * positive_number("track", "width", width, "m", "pass metres")).all():
+    if not (radius > 0.5 * width).all():
         raise ModelError(
             f"track: radii must exceed half the width ({0.5 * width:g} m), got {radius.min():g} m; raise it"
         )
@@ -137,7 +137,7 @@ def rounded(
     for k, corner in enumerate(polygon):
         # the straight before the corner, then its arc, both without their last point
         start = corner - (size[k] - tangent[k - 1]) * into[k]
-        count = math.ceil(max(free[k], 0.0) / step - 1e-9)
+        count = math.ceil(max(free[k], 0.0) / spacing - 1e-9)
         if free[k] > 1e-6:
             share = np.arange(count) / count
             points.append(start + share[:, None] * free[k] * into[k])
@@ -146,7 +146,7 @@ def rounded(
         sign = math.copysign(1.0, turn[k])
         left = np.array([-into[k, 1], into[k, 0]]) * sign
         center = corner - tangent[k] * into[k] + radius[k] * left
-        count = max(4, math.ceil(radius[k] * abs(turn[k]) / step))
+        count = max(4, math.ceil(radius[k] * abs(turn[k]) / spacing))
         angle = np.arange(count) / count * abs(turn[k])
         points.append(center + radius[k] * (np.sin(angle)[:, None] * into[k] - np.cos(angle)[:, None] * left))
         curvature.append(np.full(count, sign / radius[k]))
@@ -165,8 +165,10 @@ def _sides(polygon: Array) -> tuple[Array, Array, Array]:
     return into, size, turn
 
 
+@RULES.arguments("indoor_track")
 def indoor_track(
-    seed: int = 0, *, blocks: int = 5, pitch: float = 3.0, min_radius: float = 0.8, width: float = 1.1,
+    seed: int = 0, *, blocks: Annotated[Count, Meaning("whole blocks; more give more turns")] = 5,
+    pitch: float = 3.0, min_radius: float = 0.8, width: float = 1.1,
     spacing: float = 0.05,
 ) -> Track:  # fmt: skip
     """A random track of right-angled turns, as corridors around blocks of rooms are.
@@ -182,15 +184,13 @@ def indoor_track(
     Raises:
         ModelError: `blocks` is not a positive integer, or the turns do not fit the width and the pitch.
     """
-    if isinstance(blocks, bool) or not isinstance(blocks, (int, np.integer)) or blocks < 1:
-        raise ModelError(f"indoor_track: blocks must be an integer >= 1, got {blocks!r}; more give more turns")
     if not 0.5 * width < min_radius <= 0.5 * pitch:
         raise ModelError(
             f"indoor_track: half the width < min_radius <= half the pitch must hold, got width={width!r}, "
             f"min_radius={min_radius!r}, pitch={pitch!r} m; raise the pitch"
         )
     rng = stream("indoor track", seed)
-    corners = _outline(_blocks(int(blocks), rng))
+    corners = _outline(_blocks(blocks, rng))
     columns, rows = np.unique(corners[:, 0]), np.unique(corners[:, 1])
     lines = [np.arange(values[0], values[-1] + 1) for values in (columns, rows)]
     places = [np.cumsum(pitch * rng.uniform(1.0, 1.7, len(line))) for line in lines]

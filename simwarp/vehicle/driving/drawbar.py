@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 import warp as wp
 
-from simwarp.core.readable import ReadableFields
-from simwarp.core.types import formatted
+from simwarp.core.constraints import Gt, Lt, Meaning, Positive
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drawbar_kernels import Carriage, DrawbarState, pull_carriage
 from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
+from simwarp.vehicle.spec.parts import Spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 
 GRAVITY: Final = 9.81
 
 
+Slip: TypeAlias = Annotated[float, Gt(-1.0), Lt(1.0)]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DrawbarSpec(ReadableFields):
+class DrawbarSpec(Spec):
     """A carriage that holds the vehicle's speed, while its throttle holds the mean slip of the wheels.
 
     Attributes:
@@ -35,18 +38,11 @@ class DrawbarSpec(ReadableFields):
         SpecError: a value breaks its rule.
     """
 
-    speed: float
+    speed: Annotated[Positive, Meaning("m/s")]
     start: float
-    ramp: float
-    sweep: float
-    slips: tuple[float, float] = (0.0, 0.65)
-
-    def __post_init__(self) -> None:
-        for name in ("speed", "ramp", "sweep"):
-            if not getattr(self, name) > 0.0:
-                raise SpecError(f"{name}: must be a positive number, got {formatted(getattr(self, name))}")
-        if not all(-1.0 < slip < 1.0 for slip in self.slips):
-            raise SpecError(f"slips: must be between -1 and 1, got {formatted(self.slips)}")
+    ramp: Annotated[Positive, Meaning("seconds")]
+    sweep: Annotated[Positive, Meaning("seconds")]
+    slips: tuple[Slip, Slip] = (0.0, 0.65)
 
 
 LOCKED: Final = 1.0e5

@@ -7,15 +7,18 @@ import inspect
 import math
 from collections.abc import Callable
 from pathlib import Path as FilePath
-from typing import Final
+from typing import Annotated, Final, TypedDict
 
 import numpy as np
 
+from simwarp.core.constraints import Ge, Le, Meaning
+from simwarp.core.schema import fault_text
 from simwarp.core.wording import close_names
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, circle
+from simwarp.vehicle.spec.parts import SPECS
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 
 SETTLING: Final = 1.0
@@ -196,8 +199,6 @@ def lane_change_path(approach: float) -> Path:
 def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duration: float | None = None) -> Maneuver:
     """A path tracker through the course of ISO 3888-1 at a speed [m/s], behind an approach of ten seconds of it."""
     target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
-    if not target > 0.0:
-        raise SpecError(f"speed: must be above 0 m/s, got {target!r}")
     _needs_axles(spec)
     approach = 10.0 * target
     follow = PathTrackingSpec(
@@ -211,8 +212,6 @@ def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duratio
 
 def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0) -> Maneuver:
     """Uphill on a slope (rise per run) with full brakes and a free engine."""
-    if not -1.0 <= slope <= 1.0:
-        raise SpecError(f"slope: must be from -1 to 1 (rise per run), got {slope!r}")
     return Maneuver(name="slope-hold", script=ScriptSpec(braking=((0.0, 1.0),)), duration=duration, slope=slope)
 
 
@@ -248,6 +247,16 @@ MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
 }
 
 
+class ManeuverOptions(TypedDict, total=False):
+    """Options of manoeuvres; each has some of them."""
+
+    speed: Annotated[float, Ge(SLOWEST), Le(FASTEST), Meaning("m/s")]
+    duration: Annotated[float, Ge(SHORTEST), Meaning("seconds")]
+    steering: Annotated[float, Ge(-1.0), Le(1.0), Meaning("a share of full steering")]
+    radius: Annotated[float, Meaning("metres, negative to the right")]
+    slope: Annotated[float, Ge(-1.0), Le(1.0), Meaning("rise per run")]
+
+
 def maneuver_options(name: str) -> list[str]:
     """Names of the options of a manoeuvre."""
     return [key for key in inspect.signature(MANEUVERS[name]).parameters if key != "spec"]
@@ -264,16 +273,8 @@ def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
     Raises:
         SpecError: there is no such manoeuvre or option, or a value cannot be used.
     """
-    for key, value in options.items():
-        if key in ("speed", "duration") and not (math.isfinite(value) and value > 0.0):
-            raise SpecError(f"{key}: must be a positive number, got {value!r}")
-        if key == "duration" and value < SHORTEST:
-            raise SpecError(f"duration: must be at least {SHORTEST:g} s, got {value!r}")
-        if key == "speed" and not SLOWEST <= value <= FASTEST:
-            raise SpecError(f"speed: must be from {SLOWEST:g} to {FASTEST:g} m/s, got {value!r}")
-        if not math.isfinite(value) or (key == "steering" and abs(value) > 1.0):
-            rule = "from -1 to 1" if key == "steering" else "a finite number"
-            raise SpecError(f"{key}: must be {rule}, got {value!r}")
+    given = {key: options[key] for key in ManeuverOptions.__annotations__ if key in options}
+    SPECS.fields(ManeuverOptions, given, fault_text)
     if name.endswith(".csv"):
         if options.keys() - {"duration"}:
             raise SpecError(f"{min(options.keys() - {'duration'})}: no option of a script; it has only duration")

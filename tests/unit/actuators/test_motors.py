@@ -139,10 +139,13 @@ def test_worlds_with_motors_of_their_own_do_not_meet():
     [
         (lambda: pd_actuator("m", 0, stiffness=-1.0, damping=0.0), "actuator 'm': stiffness"),
         (lambda: pd_actuator("m", 0, stiffness=1.0, damping=math.nan), "actuator 'm': damping"),
-        (lambda: pd_actuator("m", 0, stiffness=1.0, damping=0.0, effort_limit=0.0), "effort_limit must be > 0, got 0"),
+        (
+            lambda: pd_actuator("m", 0, stiffness=1.0, damping=0.0, effort_limit=0.0),
+            "effort_limit must be positive, got 0",
+        ),
         (
             lambda: pd_actuator("m", 0, stiffness=1.0, damping=0.0, effort_limit=cast(Any, "big")),
-            "effort_limit must be > 0",
+            "effort_limit must be a number, got .big.; give N·m or N",
         ),
         (lambda: pd_actuator("", 0, stiffness=1.0, damping=0.0), "name must be a non-empty string"),
         (lambda: dc_motor("m", 0, stall_torque=0.0, free_speed=1.0), "stall_torque must be"),

@@ -57,7 +57,7 @@ def body(**options: Any) -> Callable[[Any], object]:
 
 
 BODIES: list[Case] = [
-    ("zero mass", body(mass=0.0), ("body 'new'", "mass must be finite and > 0 kg", "0.0", "WORLD")),
+    ("zero mass", body(mass=0.0), ("body 'new'", "mass must be positive", "0.0", "WORLD")),
     ("negative mass", body(mass=-1.0), ("body 'new'", "mass", "-1.0")),
     ("infinite mass", body(mass=INF), ("body 'new'", "mass", "inf", "WORLD")),
     ("NaN mass", body(mass=NAN), ("body 'new'", "mass", "nan")),
@@ -87,7 +87,7 @@ BODIES: list[Case] = [
     ("pose rotation", lambda b: pose(rotation=(0, 0, 0, 0)), ("pose", "rotation", "zeros", "(0, 0, 0, 1)")),
 ]
 SHAFTS: list[Case] = [
-    ("zero", lambda b: b.add_shaft("s", inertia=0.0), ("shaft 's'", "inertia must be finite and > 0 kg·m²", "0.0")),
+    ("zero", lambda b: b.add_shaft("s", inertia=0.0), ("shaft 's'", "inertia must be positive", "0.0")),
     ("position", lambda b: b.add_shaft("s", inertia=1.0, position=NAN), ("shaft 's'", "position", "nan")),
     ("speed", lambda b: b.add_shaft("s", inertia=1.0, speed=INF), ("shaft 's'", "speed", "inf")),
     ("option", lambda b: b.add_shaft("s", inertia=1.0, fricton=1.0), ("shaft 's'", "fricton", "'friction'")),
@@ -124,7 +124,7 @@ JOINTS: list[Case] = [
     (
         "length of zero",
         lambda b: b.add_joint_distance("new", 0, 1, anchor0=(0, 0, 0), anchor1=(1, 0, 0), length=0.0),
-        ("joint 'new'", "length must be finite and > 0 m", "0.0", "add_joint_spherical"),
+        ("joint 'new'", "length must be positive", "0.0", "add_joint_spherical"),
     ),
     (
         "infinite length",
@@ -230,11 +230,12 @@ FREE: list[Case] = [
 ]
 TABLE = ((0.0, 1.0), (0.0, 1.0))
 NOT_NEGATIVE = [each.name for each in fields(Dof) if each.default == 0.0 and each.name not in ("preload", "rest")]
+NO_NUMBERS = ((INF, "a finite number"), (NAN, "a finite number"), ("x", "a number"), (None, "a number"))
 DOFS: list[Case] = [
-    *((f"{field} {value}", hinge(**{field: value}), ("joint 'new'", f"{field} must be finite and >= 0", repr(value)))
-      for field in NOT_NEGATIVE for value in (-1.0, INF, NAN, "x", None)),
-    *((f"{field} {value}", hinge(**{field: value}), ("joint 'new'", f"{field} must be a finite number", repr(value)))
-      for field in ("preload", "rest") for value in (INF, -INF, NAN, "x", None)),
+    *((f"{field} {value}", hinge(**{field: value}), ("joint 'new'", f"{field} must be {rule}", repr(value)))
+      for field in NOT_NEGATIVE for value, rule in ((-1.0, "zero or positive"), *NO_NUMBERS)),
+    *((f"{field} {value}", hinge(**{field: value}), ("joint 'new'", f"{field} must be {rule}", repr(value)))
+      for field in ("preload", "rest") for value, rule in ((-INF, "a finite number"), *NO_NUMBERS)),
     *((f"limit {value}", hinge(limit=value), ("joint 'new'", "limit must be (lower, upper)", repr(value), "None"))
       for value in ((1.0, 1.0), (2.0, 1.0), (NAN, 1.0), (0.0, NAN), (INF, INF), (-INF, -INF), (1.0,), (0, 1, 2), 3.0,
                     "ab", ("a", "b"))),
@@ -244,12 +245,12 @@ DOFS: list[Case] = [
                     ((0.0, NAN), (1.0, 2.0)), ((0.0, 1.0), (1.0, INF)), ((0.0, INF), (1.0, 2.0)), (0.0, 1.0), (), "ab",
                     ((0.0, 1.0), (0.0, 1.0), (2.0, 3.0)), (("a", "b"), (0.0, 1.0)))),
     *((f"drive {drive}", hinge(drive=drive), ("joint 'new'", "drive", *parts)) for drive, *parts in (
-        (PositionDrive(stiffness=-1.0), "stiffness must be finite and >= 0", "-1.0"),
+        (PositionDrive(stiffness=-1.0), "stiffness must be zero or positive", "-1.0"),
         (PositionDrive(stiffness=INF), "stiffness", "inf"),
         (PositionDrive(stiffness=NAN), "stiffness", "nan"),
         (PositionDrive(stiffness=1.0, damping=INF), "damping", "inf"),
         (PositionDrive(stiffness=1.0, damping=-2.0), "damping", "-2.0"),
-        (PositionDrive(stiffness=1.0, effort_limit=0.0), "effort_limit must be > 0", "0.0", "inf"),
+        (PositionDrive(stiffness=1.0, effort_limit=0.0), "effort_limit must be positive", "0.0", "inf"),
         (PositionDrive(stiffness=1.0, effort_limit=NAN), "effort_limit", "nan"),
         (PositionDrive(stiffness=1.0, effort_limit=(1.0, 2.0)), "effort_limit must be (lower, upper)", "(1.0, 2.0)"),
         (PositionDrive(stiffness=1.0, effort_limit=(2.0, -1.0)), "lower <= 0 <= upper", "(2.0, -1.0)"),
@@ -258,7 +259,7 @@ DOFS: list[Case] = [
         (PositionDrive(stiffness=1.0, effort_limit=THREE), "effort_limit", "(-1.0, 0.0, 1.0)"),
         (VelocityMotor(effort_limit=(-INF, INF)), "finite on one side", "(-inf, inf)", "PrescribedSpeed"),
         (VelocityMotor(effort_limit=(-1.0, -0.5)), "effort_limit must be (lower, upper)", "(-1.0, -0.5)"),
-        (VelocityMotor(effort_limit=0.0), "effort_limit must be finite and > 0", "0.0"),
+        (VelocityMotor(effort_limit=0.0), "effort_limit must be positive and finite", "0.0"),
         (VelocityMotor(effort_limit=INF), "effort_limit", "inf", "PrescribedSpeed"),
         (VelocityMotor(effort_limit=NAN), "effort_limit", "nan"),
         (PrescribedPosition(table=((0.0,), (0.0,))), "table", "increasing"),

@@ -9,7 +9,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.types import ModelError
-from simwarp.model.shapes import ALL_GROUPS
+from simwarp.model.rules import ALL_GROUPS
 
 Case = tuple[str, Callable[[sw.ModelBuilder], Any], list[str]]
 
@@ -37,7 +37,7 @@ CASES: list[Case] = [
     ("friction_rule", lambda b: sw.ModelBuilder(friction_rule="maximum"), ["friction_rule", "min, max", "'maximum'"]),
     ("pair_rule", lambda b: sw.ModelBuilder(pair_rule="eiter"), ["pair_rule", "both, either", "did you mean 'either'"]),
     ("priority", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", material=sw.Material(priority=0.5)),  # type: ignore[arg-type]
-     ["shape 'b'", "material.priority", "integer", "0.5"]),
+     ["shape 'b'", "material.priority", "whole number", "0.5"]),
 ]  # fmt: skip
 
 

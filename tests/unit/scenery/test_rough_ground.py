@@ -194,13 +194,19 @@ def test_levels_have_colors_that_can_be_told_apart():
     [
         (lambda: ground_patch("swamp"), "ground_patch: kind must be one of flat, rough, .* got 'swamp'"),
         (lambda: ground_patch("stares_up"), "did you mean 'stairs_up'"),
-        (lambda: ground_patch("flat", 10), "ground_patch: level must be an integer >= 0 and <= 9, got 10"),
-        (lambda: ground_patch("flat", 0.5), "ground_patch: level must be an integer"),  # type: ignore[arg-type]
-        (lambda: ground_patch("flat", 0, -1), "ground_patch: seed must be an integer >= 0, got -1"),
+        (lambda: ground_patch("flat", 10), "ground_patch: level must be from 0 to 9, got 10; give a level"),
+        (lambda: ground_patch("flat", 0.5), "ground_patch: level must be a whole number"),  # type: ignore[arg-type]
+        (lambda: ground_patch("flat", 0, -1), "ground_patch: seed must be zero or positive, got -1"),
         (lambda: GroundPatch(spacing=0.0), "GroundPatch: spacing must be .* got 0.0"),
-        (lambda: GroundPatch(riser=LONE), r"GroundPatch: riser must be two sizes \[m\], got 0.1"),
-        (lambda: GroundPatch(riser=(0.1, -0.1)), "GroundPatch: riser must be .* got -0.1"),
-        (lambda: GroundPatch(slope=(2.0, 25.0)), r"GroundPatch: slope must be below pi / 2 rad, got \(2.0, 25.0\)"),
+        (
+            lambda: GroundPatch(riser=LONE),
+            r"GroundPatch: riser must be two sizes \[m\]: those of levels 0 and 9, got 0.1",
+        ),
+        (lambda: GroundPatch(riser=(0.1, -0.1)), "GroundPatch: riser.1. must be positive, got -0.1; give metres"),
+        (
+            lambda: GroundPatch(slope=(2.0, 25.0)),
+            r"GroundPatch: slope\[0\] must be in \(0, 1.5708\), got 2.0; give radians",
+        ),
         (lambda: GroundPatch(side=8.03), "GroundPatch: side must be an even number of cells of 0.05 m, got 8.03"),
         (lambda: GroundPatch(side=3.0), "GroundPatch: a tread must lie between .* side=3; make the side longer"),
     ],

@@ -125,12 +125,12 @@ def test_textures_are_told_apart_and_taken_by_scenes():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: hills(size=(0.0, 10.0)), "hills: size must be"),
-        (lambda: hills(amplitude=-1.0), "hills: 0 <= amplitude and 2 spacing <= shortest <= longest wavelength"),
-        (lambda: hills(spacing=20.0), "hills: 0 <= amplitude and 2 spacing <= shortest <= longest wavelength"),
+        (lambda: hills(size=(0.0, 10.0)), "hills: size[0] must be positive, got 0.0; give metres"),
+        (lambda: hills(amplitude=-1.0), "hills: amplitude must be zero or positive, got -1.0; give metres; 0 is flat"),
+        (lambda: hills(spacing=20.0), "hills: 2 spacing <= shortest <= longest wavelength must hold, got spacing=20"),
         (lambda: flattened(np.zeros((5, 5)), (4.0, 4.0), [(0.0, 0.0, 1.0)], blend=0.0), "flattened: blend must be"),
         (lambda: ground_texture("lava"), "ground_texture: kind must be one of grass, dirt, gravel, asphalt,"),
-        (lambda: ground_texture(pixels=8), "ground_texture: pixels must be an integer >= 32, got 8"),
+        (lambda: ground_texture(pixels=8), "ground_texture: pixels must be at least 32, got 8; give pixels"),
     ],
 )  # fmt: skip
 def test_mistakes_are_told_in_one_line(make, message):

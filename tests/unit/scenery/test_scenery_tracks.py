@@ -292,18 +292,21 @@ def test_scattered_things_are_apart_and_keep_clear():
     [
         (lambda: rounded(SQUARE, 5.0, width=1.0), "track: arcs must fit on the sides, but side"),
         (lambda: rounded(SQUARE, 0.4, width=1.0), "track: radii must exceed half the width (0.5 m), got 0.4 m"),
-        (lambda: rounded(SQUARE[:2], 0.4, width=1.0), "track: corners must be (k >= 3, 2) finite numbers, got shape"),
+        (
+            lambda: rounded(SQUARE[:2], 0.4, width=1.0),
+            "track: corners must be 3 or more (x, y) of finite numbers, got shape",
+        ),
         (
             lambda: rounded(SQUARE, 1.0, width=1.0).starts("bend"),  # type: ignore[arg-type]
             "track: where must be turn, straight or anywhere,",
         ),
-        (lambda: indoor_track(blocks=0), "indoor_track: blocks must be an integer >= 1, got 0"),
+        (lambda: indoor_track(blocks=0), "indoor_track: blocks must be at least 1, got 0; give whole blocks"),
         (lambda: indoor_track(min_radius=4.0), "indoor_track: half the width < min_radius <= half the pitch must"),
         (lambda: race_track(size=40.0), "race_track: 9 turns of radius >= 12 m, 12.5 m wide, must fit into 40 m;"),
         (lambda: corridor(indoor_track(), width=0.5), "corridor: width must be at least that of the track, 1.1 m,"),
         (lambda: corridor(indoor_track(), width=9.0), "line: there must be room"),
         (lambda: convoy_path(16), "convoy_path: index must be in 0..15, got 16"),
-        (lambda: detour(length=50.0), "detour: count >= 1, least <= greatest radius"),
+        (lambda: detour(length=50.0), "detour: least <= greatest radius"),
         (lambda: scenery.scattered(100, half=5.0), "scattered: 100 things 4 m apart must fit into a square of 10 m,"),
         (lambda: scenery.road(convoy_path(0), width=-1.0), "road: width must be"),
     ],
