@@ -330,7 +330,7 @@ def _print_results(
     table.add_column("value", justify="right")
     table.add_column("unit")
     for item in found:
-        table.add_row(item.label, item.shown, item.unit_text)
+        table.add_row(item.label, item.value_text, item.unit_text)
     console.print(table)
     end = float(outcome.run["t_s"][-1])
     if outcome.broken:

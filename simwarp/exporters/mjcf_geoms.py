@@ -58,7 +58,7 @@ class ShapeWriter:
         self._rows = {name: row_of(model, name, world) for name in names}
 
     @property
-    def shown(self) -> list[int]:
+    def enabled_shapes(self) -> list[int]:
         """Shapes that are there."""
         return [index for index in range(self.model.shape_count) if self._rows["shape_enabled"][index]]
 
@@ -66,7 +66,7 @@ class ShapeWriter:
         """Add the geoms of a body to its element; None: those of the world."""
         body = WORLD if node is None else node.body
         origin = np.zeros(3) if node is None else node.origin
-        for index in self.shown:
+        for index in self.enabled_shapes:
             if self.model.builder.shapes[index].body == body:
                 self._write_geom(index, origin, element)
 
@@ -122,7 +122,7 @@ class ShapeWriter:
 
     def write_pairs(self, element: ElementTree.Element) -> None:
         """Add the pairs of shapes that can meet."""
-        shown, shapes = set(self.shown), self.model.builder.shapes
+        shown, shapes = set(self.enabled_shapes), self.model.builder.shapes
         for low, high in sorted(meeting_pairs(self.model.builder)):
             if low in shown and high in shown:
                 slide, spin, roll = self._friction(low, high)

@@ -110,7 +110,7 @@ class MujocoWorld:
         _, kp, kv = self.model.actuator_biasprm[actuator][:3]
         return 1.0, float(kv / kp)
 
-    def take(self, state: BodyState) -> None:
+    def set_state(self, state: BodyState) -> None:
         """Set MuJoCo's state; forces of the solver start anew."""
         data = self.data
         self._mujoco.mj_resetData(self.model, data)

@@ -119,6 +119,15 @@ class Assembled:
         return tuple(shape for shapes in self.shapes.values() for shape in shapes)
 
 
+def free_name(names: set[str], name: str) -> str:
+    """The name, with a number behind it where it is among `names` already, which gets it."""
+    free, number = name, 1
+    while free in names:
+        free, number = f"{name}_{number}", number + 1
+    names.add(free)
+    return free
+
+
 def tied_links(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[set[str]]:
     """Names of the links of each mechanism: those that joints tie together, not by way of the world."""
     found = {link.name: {link.name} for link in links}

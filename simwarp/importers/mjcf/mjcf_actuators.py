@@ -129,21 +129,21 @@ def add_tendons(source: Source, servos: Mapping[tuple[str, int], Servo]) -> dict
     model, report = source.model, source.report
     columns = {}
     for tendon in range(model.ntendon):
-        told, first = source.told("tendon", tendon), int(model.tendon_adr[tendon])
+        label, first = source.label("tendon", tendon), int(model.tendon_adr[tendon])
         wraps = [mujoco.mjtWrap(model.wrap_type[first + k]) for k in range(int(model.tendon_num[tendon]))]
         _check_tendon(source, tendon)
         if all(wrap == mujoco.mjtWrap.mjWRAP_JOINT for wrap in wraps):
-            report.hold("tendon fixed", told)
+            report.hold("tendon fixed", label)
             column = _add_fixed_tendon(source, tendon, servos.get(("tendon", tendon)))
         elif wraps == [mujoco.mjtWrap.mjWRAP_SITE] * 2:
             ends = [source.data.site_xpos[int(model.wrap_objid[first + k])] for k in range(2)]
             if np.allclose(ends[0], ends[1], rtol=0.0, atol=1e-9):
-                report.refuse("spatial tendon", told, "its sites coincide as built, where its direction is undefined")
+                report.refuse("spatial tendon", label, "its sites coincide as built, where its direction is undefined")
                 continue
-            report.hold("tendon spatial", told)
+            report.hold("tendon spatial", label)
             column = _add_line(source, tendon, servos.get(("tendon", tendon)))
         else:
-            report.refuse("spatial tendon", told)
+            report.refuse("spatial tendon", label)
             continue
         if column is not None:
             source.tendons[tendon] = column
@@ -152,22 +152,22 @@ def add_tendons(source: Source, servos: Mapping[tuple[str, int], Servo]) -> dict
 
 
 def _check_tendon(source: Source, tendon: int) -> None:
-    model, report, told = source.model, source.report, source.told("tendon", tendon)
+    model, report, label = source.model, source.report, source.label("tendon", tendon)
     if np.any(model.tendon_dampingpoly[tendon]):
-        report.refuse("dampingpoly", told)
+        report.refuse("dampingpoly", label)
     if np.any(model.tendon_stiffnesspoly[tendon]):
-        report.refuse("stiffnesspoly", told)
+        report.refuse("stiffnesspoly", label)
     if np.any(model.tendon_springyield[tendon]):
-        report.refuse("springyield", told)
+        report.refuse("springyield", label)
     limit = (model.tendon_solref_lim[tendon], model.tendon_solimp_lim[tendon], model.tendon_limited[tendon])
     friction = (model.tendon_solref_fri[tendon], model.tendon_solimp_fri[tendon], model.tendon_frictionloss[tendon])
     for solref, solimp, there in (limit, friction):
         if there and (np.any(solref != DEFAULT_SOLREF) or np.any(solimp != DEFAULT_SOLIMP)):
-            report.approximate("tendon solref", told, "stops and dry friction are rigid, without MuJoCo's softness")
+            report.approximate("tendon solref", label, "stops and dry friction are rigid, without MuJoCo's softness")
     if model.tendon_limited[tendon] and model.tendon_margin[tendon]:
-        report.approximate("tendon margin", told, "stops act where they are: margin is 0")
+        report.approximate("tendon margin", label, "stops act where they are: margin is 0")
     if model.tendon_actfrclimited[tendon]:
-        report.refuse("tendon actuatorfrcrange", told)
+        report.refuse("tendon actuatorfrcrange", label)
 
 
 def _tendon_dof(source: Source, tendon: int, offset: float, servo: Servo | None) -> Dof:
@@ -237,7 +237,7 @@ def actuator_specs(source: Source, servos: Mapping[tuple[str, int], Servo]) -> t
 
 
 def _spec(source: Source, index: int, servo: Servo | None) -> ActuatorSpec | None:
-    model, report, told = source.model, source.report, source.told("actuator", index)
+    model, report, label = source.model, source.report, source.label("actuator", index)
     if not _is_known(source, index):
         return None
     where = _transmission(source, index)
@@ -252,9 +252,9 @@ def _spec(source: Source, index: int, servo: Servo | None) -> ActuatorSpec | Non
     }
     if servo is not None:
         law |= {"law": Law.SERVO, "target": servo.target, "force_range": None}
-        report.approximate(f"actuator {servo.target.name.lower()}", told, IMPLICIT)
+        report.approximate(f"actuator {servo.target.name.lower()}", label, IMPLICIT)
     else:
-        report.hold("actuator general" if model.actuator_biastype[index] else "actuator motor", told)
+        report.hold("actuator general" if model.actuator_biastype[index] else "actuator motor", label)
     return ActuatorSpec(
         name=source.name("actuator", index), activation=activation, time_constant=constant,
         early=bool(model.actuator_actearly[index]) and activation is not Activation.NONE,
@@ -267,7 +267,7 @@ def _is_known(source: Source, index: int) -> bool:
     """True where the actuator's kind has a counterpart; otherwise it is refused."""
     import mujoco
 
-    model, report, told = source.model, source.report, source.told("actuator", index)
+    model, report, label = source.model, source.report, source.label("actuator", index)
     kinds = {
         mujoco.mjtDyn(model.actuator_dyntype[index]).name.removeprefix("mjDYN_").lower(),
         mujoco.mjtGain(model.actuator_gaintype[index]).name.removeprefix("mjGAIN_").lower(),
@@ -286,7 +286,7 @@ def _is_known(source: Source, index: int) -> bool:
     if model.actuator_armature[index] or model.actuator_damping[index]:
         refused.append("actuator armature")
     for kind in refused:
-        report.refuse(kind, told)
+        report.refuse(kind, label)
     return not refused
 
 
@@ -294,7 +294,7 @@ def _transmission(source: Source, index: int) -> dict[str, Any] | None:
     """Fields of the spec that say what the actuator pulls on."""
     import mujoco
 
-    model, report, told = source.model, source.report, source.told("actuator", index)
+    model, report, label = source.model, source.report, source.label("actuator", index)
     kind, target = mujoco.mjtTrn(model.actuator_trntype[index]), int(model.actuator_trnid[index][0])
     gear = model.actuator_gear[index]
     pull = float(gear[0])
@@ -302,22 +302,22 @@ def _transmission(source: Source, index: int) -> dict[str, Any] | None:
         if not is_scalar(model, target):
             site = _joint_pull(source, index, target)
             if site is None:
-                report.refuse("actuator on ball or free joint", told)
+                report.refuse("actuator on ball or free joint", label)
                 return None
             return {"site": site}
         dof = int(model.jnt_dofadr[target])
         offset = pull * float(model.qpos0[model.jnt_qposadr[target]])
         return {"terms": ((source.dofs[dof], pull),), "length_offset": offset}
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
-        return _tendon_transmission(source, target, pull, told)
+        return _tendon_transmission(source, target, pull, label)
     if kind == mujoco.mjtTrn.mjTRN_SITE:
         return {"site": _site_pull(source, index, gear)}
     word = kind.name.removeprefix("mjTRN_").lower()
-    report.refuse({"slidercrank": "slidercrank", "body": "adhesion"}.get(word, f"transmission {word}"), told)
+    report.refuse({"slidercrank": "slidercrank", "body": "adhesion"}.get(word, f"transmission {word}"), label)
     return None
 
 
-def _tendon_transmission(source: Source, tendon: int, pull: float, told: str) -> dict[str, Any] | None:
+def _tendon_transmission(source: Source, tendon: int, pull: float, label: str) -> dict[str, Any] | None:
     model = source.model
     if tendon in source.tendons:
         column = source.tendons[tendon]
@@ -325,7 +325,7 @@ def _tendon_transmission(source: Source, tendon: int, pull: float, told: str) ->
         offset = 0.0 if is_line else pull * length_at_zero(source, tendon)
         return {"terms": ((column, pull),), "length_offset": offset}
     if not coordinate_terms_only(model, tendon):
-        source.report.approximate("actuator tendon", told, "left out with its tendon")
+        source.report.approximate("actuator tendon", label, "left out with its tendon")
         return None
     terms = tuple((source.dofs[dof], pull * factor) for dof, factor in coordinate_terms(source, tendon))
     return {"terms": terms, "length_offset": pull * length_at_zero(source, tendon)}

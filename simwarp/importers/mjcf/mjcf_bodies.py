@@ -30,8 +30,10 @@ def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
         own = [body for body in range(root, model.nbody) if model.body_weldid[body] == root]
         numbers = (model.body_mass[own], model.body_inertia[own], data.xipos[own])
         if not all(np.isfinite(values).all() for values in numbers):
-            told = source.told("body", root)
-            raise ModelError(f"{source.report.source}: body '{told}': mass and inertia must be finite; check its geoms")
+            label = source.label("body", root)
+            raise ModelError(
+                f"{source.report.source}: body '{label}': mass and inertia must be finite; check its geoms"
+            )
         mass, centre, inertia = joined_mass(model, data, own)
         turned = source.rotation(data.xquat[root])
         matrix = matrix_of(np.roll(data.xquat[root], -1))
@@ -52,7 +54,7 @@ def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
         if model.body_weldid[body] == body:
             names[name] = source.bodies[body]
         frames[name] = source.frame(body, source.pose(data.xpos[body], data.xquat[body]))
-        source.report.hold("body", source.told("body", body))
+        source.report.hold("body", source.label("body", body))
     return names, frames
 
 
@@ -90,7 +92,7 @@ def add_joints(source: Source, drives: Mapping[int, PositionDrive]) -> list[Join
 
 def _frame_between(source: Source, body: int, joint: int) -> int:
     """A massless body behind a joint that is not the last one of its body."""
-    name = f"{source.name('body', body)}:{source.told('joint', joint)}"
+    name = f"{source.name('body', body)}:{source.label('joint', joint)}"
     place = source.point(source.data.xanchor[joint])
     return source.builder.add_massless_body(name, pose=make_pose(place, source.rotation(source.data.xquat[body])))
 
@@ -105,8 +107,8 @@ def _add_joint(
     position, rate = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
     anchor = source.point(source.data.xanchor[joint])
     _check_joint(source, joint, kind)
-    told, held = source.told("joint", joint), f"joint {kind.name.removeprefix('mjJNT_').lower()}"
-    source.report.hold(held, told)
+    label, held = source.label("joint", joint), f"joint {kind.name.removeprefix('mjJNT_').lower()}"
+    source.report.hold(held, label)
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         dofs = _free_dofs(source, joint)
         index = builder.add_joint_free(name, child, anchor=source.point(source.data.xpos[body]), dofs=dofs)
@@ -178,26 +180,26 @@ def _check_joint(source: Source, joint: int, kind: Any) -> None:
     """What joints may carry that has no counterpart."""
     import mujoco
 
-    model, report, told = source.model, source.report, source.told("joint", joint)
+    model, report, label = source.model, source.report, source.label("joint", joint)
     dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + (6 if kind == mujoco.mjtJoint.mjJNT_FREE else 1))
     free = kind == mujoco.mjtJoint.mjJNT_FREE
     if free and np.any(model.dof_frictionloss[dofs]):
-        report.refuse("free joint law", told)
+        report.refuse("free joint law", label)
     if kind == mujoco.mjtJoint.mjJNT_BALL and model.jnt_limited[joint]:
-        report.refuse("ball range", told)
+        report.refuse("ball range", label)
     if np.any(model.dof_dampingpoly[dofs]):
-        report.refuse("dampingpoly", told)
+        report.refuse("dampingpoly", label)
     if np.any(model.jnt_stiffnesspoly[joint]):
-        report.refuse("stiffnesspoly", told)
+        report.refuse("stiffnesspoly", label)
     if np.any(model.jnt_springyield[joint]):
-        report.refuse("springyield", told)
+        report.refuse("springyield", label)
     if model.jnt_actgravcomp[joint]:
-        report.refuse("gravcomp", told)
+        report.refuse("gravcomp", label)
     first = int(dofs.start)
     soft = [(model.jnt_solref[joint], model.jnt_solimp[joint])] if model.jnt_limited[joint] else []
     if model.dof_frictionloss[first] and not free:
         soft.append((model.dof_solref[first], model.dof_solimp[first]))
     if any(np.any(solref != DEFAULT_SOLREF) or np.any(solimp != DEFAULT_SOLIMP) for solref, solimp in soft):
-        report.approximate("joint solref", told, "stops and dry friction are rigid, without MuJoCo's softness")
+        report.approximate("joint solref", label, "stops and dry friction are rigid, without MuJoCo's softness")
     if model.jnt_limited[joint] and model.jnt_margin[joint]:
-        report.approximate("joint margin", told, "stops act where they are: margin is 0")
+        report.approximate("joint margin", label, "stops act where they are: margin is 0")

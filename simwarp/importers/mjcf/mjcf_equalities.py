@@ -19,26 +19,26 @@ def add_equalities(source: Source) -> None:
 
     model, report = source.model, source.report
     for index in range(0 if is_off(model, "equality") else model.neq):
-        told, kind = source.told("equality", index), mujoco.mjtEq(model.eq_type[index])
+        label, kind = source.label("equality", index), mujoco.mjtEq(model.eq_type[index])
         element = "equality " + kind.name.removeprefix("mjEQ_").lower()
         if not model.eq_active0[index]:
-            report.approximate("equality inactive", told, "left out: it is not active as built")
+            report.approximate("equality inactive", label, "left out: it is not active as built")
         elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
             _add_loop(source, index, element, kind == mujoco.mjtEq.mjEQ_WELD)
         elif kind in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
             _add_coupling(source, index, element, kind == mujoco.mjtEq.mjEQ_TENDON)
         else:
-            report.refuse(element, told)
+            report.refuse(element, label)
 
 
 def _add_loop(source: Source, index: int, element: str, is_weld: bool) -> None:
     """A connect or weld as a joint that closes a loop."""
-    told = source.told("equality", index)
+    label = source.label("equality", index)
     (body0, pose0), (body1, pose1) = _ends(source, index, is_weld)
     if body0 == body1:
-        source.report.approximate(element, told, "left out: both of its bodies are one")
+        source.report.approximate(element, label, "left out: both of its bodies are one")
         return
-    source.report.approximate(element, told, RIGID)
+    source.report.approximate(element, label, RIGID)
     kind = JointType.FIXED if is_weld else JointType.SPHERICAL
     source.builder.add_loop_joint(source.name("equality", index), body0, body1, kind=kind, frame0=pose0, frame1=pose1)
 
@@ -66,10 +66,10 @@ def _ends(source: Source, index: int, is_weld: bool) -> list[tuple[int, Pose]]:
 
 def _add_coupling(source: Source, index: int, element: str, of_tendons: bool) -> None:
     """Y - y0 = a0 + a1 (x - x0) of two joints or tendons: linear ones only."""
-    model, told = source.model, source.told("equality", index)
+    model, label = source.model, source.label("equality", index)
     constant, slope, *higher = model.eq_data[index][:5]
     if any(higher):
-        source.report.refuse("equality polycoef", told)
+        source.report.refuse("equality polycoef", label)
         return
     ends = [(int(model.eq_obj1id[index]), 1.0)]
     if model.eq_obj2id[index] >= 0 and slope != 0.0:
@@ -78,7 +78,7 @@ def _add_coupling(source: Source, index: int, element: str, of_tendons: bool) ->
     for end, factor in ends:
         for dof, coefficient in coordinate_terms(source, end) if of_tendons else [(_dof_of(source, end), 1.0)]:
             terms[dof] = terms.get(dof, 0.0) + factor * coefficient
-    source.report.approximate(element, told, RIGID)
+    source.report.approximate(element, label, RIGID)
     listed = [(*_joint_of(source, dof), factor) for dof, factor in terms.items() if factor != 0.0]
     source.builder.add_coupling(source.name("equality", index), listed, offset=float(constant))
 

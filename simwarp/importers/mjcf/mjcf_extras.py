@@ -29,7 +29,7 @@ def sites_of(source: Source) -> dict[str, NamedFrame]:
     for site in range(model.nsite):
         pose = source.pose_of_axes(data.site_xpos[site], data.site_xmat[site])
         found[source.name("site", site)] = source.frame(int(model.site_bodyid[site]), pose)
-        source.report.hold("site", source.told("site", site))
+        source.report.hold("site", source.label("site", site))
     return found
 
 
@@ -40,14 +40,14 @@ def cameras_of(source: Source) -> dict[str, CameraPlace]:
     model, data = source.model, source.data
     found = {}
     for camera in range(model.ncam):
-        told = source.told("camera", camera)
+        label = source.label("camera", camera)
         pose = source.pose_of_axes(data.cam_xpos[camera], data.cam_xmat[camera])
         frame = source.frame(int(model.cam_bodyid[camera]), pose)
         found[source.name("camera", camera)] = CameraPlace(frame, math.radians(float(model.cam_fovy[camera])))
         if model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
-            source.report.hold("camera", told)
+            source.report.hold("camera", label)
         else:
-            source.report.approximate("camera mode", told, "it is fixed to its body instead of tracking")
+            source.report.approximate("camera mode", label, "it is fixed to its body instead of tracking")
     return found
 
 
@@ -62,23 +62,23 @@ def keyframes_of(source: Source, coordinates: CoordinateMap) -> dict[str, Keyfra
             q=coordinates.q_from(qpos), qd=coordinates.qd_from(model.key_qvel[key], qpos),
             ctrl=np.asarray(model.key_ctrl[key][:controls], np.float64), time=float(model.key_time[key]),
         )  # fmt: skip
-        source.report.hold("keyframe", source.told("key", key))
+        source.report.hold("keyframe", source.label("key", key))
     return found
 
 
 def sensors_of(source: Source, sites: dict[str, NamedFrame]) -> dict[str, SourceSensor]:
-    """Places of sensors by name; kinds without a counterpart are left out and told."""
+    """Places of sensors by name; kinds without a counterpart are left out and label."""
     import mujoco
 
     model = source.model
     found = {}
     for sensor in range(model.nsensor):
-        told = source.told("sensor", sensor)
+        label = source.label("sensor", sensor)
         kind = mujoco.mjtSensor(model.sensor_type[sensor]).name.removeprefix("mjSENS_").lower()
         if kind not in SENSORS:
-            source.report.approximate(f"sensor {kind}", told, "left out: there is no such sensor")
+            source.report.approximate(f"sensor {kind}", label, "left out: there is no such sensor")
             continue
-        source.report.hold(f"sensor {kind}", told)
+        source.report.hold(f"sensor {kind}", label)
         what, index = mujoco.mjtObj(model.sensor_objtype[sensor]), int(model.sensor_objid[sensor])
         joint, frame = "", None
         if what == mujoco.mjtObj.mjOBJ_JOINT:

@@ -87,13 +87,13 @@ def check_model(source: Source) -> None:
     if np.any(options.wind):
         report.refuse("wind", "")
     for body in np.nonzero(model.body_mocapid >= 0)[0]:
-        report.refuse("mocap", source.told("body", int(body)))
+        report.refuse("mocap", source.label("body", int(body)))
     for body in np.nonzero(model.body_gravcomp)[0]:
-        report.refuse("gravcomp", source.told("body", int(body)))
+        report.refuse("gravcomp", source.label("body", int(body)))
     for skin in range(model.nskin):
-        report.refuse("skin", source.told("skin", skin))
+        report.refuse("skin", source.label("skin", skin))
     for flex in range(model.nflex):
-        report.refuse("flex", source.told("flex", flex))
+        report.refuse("flex", source.label("flex", flex))
     _check_options(source)
     _check_contacts(source)
 
@@ -117,11 +117,11 @@ def _check_contacts(source: Source) -> None:
     """Explicit pairs, and the one line that tells of rigid contacts."""
     model, report = source.model, source.report
     for pair in range(model.npair):
-        told = source.told("pair", pair)
-        report.hold("pair", told)
+        label = source.label("pair", pair)
+        report.hold("pair", label)
         if model.pair_margin[pair] or model.pair_gap[pair]:
-            report.approximate("pair margin", told, "margin and gap are 0")
+            report.approximate("pair margin", label, "margin and gap are 0")
         if np.any(model.pair_solref[pair] != DEFAULT_SOLREF) or np.any(model.pair_solimp[pair] != DEFAULT_SOLIMP):
-            report.approximate("pair solref", told, "contacts are rigid, without MuJoCo's softness")
+            report.approximate("pair solref", label, "contacts are rigid, without MuJoCo's softness")
         if model.pair_adhesion[pair]:
-            report.refuse("adhesion", told)
+            report.refuse("adhesion", label)

@@ -144,8 +144,8 @@ def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
     except (ValueError, mujoco.FatalError, OSError) as error:
-        told = " ".join(str(error).split())
-        raise ModelError(f"{report.source}: MuJoCo cannot compile it: {told}; repair the file") from None
+        label = " ".join(str(error).split())
+        raise ModelError(f"{report.source}: MuJoCo cannot compile it: {label}; repair the file") from None
     finally:
         mujoco.set_mju_user_warning(None)
     for text in warned:

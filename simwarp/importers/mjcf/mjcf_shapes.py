@@ -28,9 +28,9 @@ def add_shapes(source: Source) -> dict[str, tuple[int, ...]]:
     names: dict[str, tuple[int, ...]] = {}
     hulls: dict[int, tuple[list[Array], float]] = {}
     for geom in range(model.ngeom):
-        told = source.told("geom", geom)
+        label = source.label("geom", geom)
         if not wanted[geom]:
-            source.report.hold("geom visual", told, "only shows")
+            source.report.hold("geom visual", label, "only shows")
             continue
         _check_geom(source, geom)
         shapes = _add_geom(source, geom, hulls)
@@ -60,17 +60,17 @@ def colliding_geoms(model: Any) -> npt.NDArray[np.bool_]:
 
 def _check_geom(source: Source, geom: int) -> None:
     """What a geom may carry that has other equations here, or none."""
-    model, report, told = source.model, source.report, source.told("geom", geom)
+    model, report, label = source.model, source.report, source.label("geom", geom)
     if model.geom_margin[geom] != 0.0 or model.geom_gap[geom] != 0.0:
-        report.approximate("geom margin", told, "margin and gap are 0")
+        report.approximate("geom margin", label, "margin and gap are 0")
     if np.any(model.geom_solref[geom] != DEFAULT_SOLREF) or np.any(model.geom_solimp[geom] != DEFAULT_SOLIMP):
-        report.approximate("geom solref", told, RIGID_CONTACT)
+        report.approximate("geom solref", label, RIGID_CONTACT)
     if np.any(model.geom_surfacevel[geom]):
-        report.refuse("surfacevel", told)
+        report.refuse("surfacevel", label)
     if np.any(model.geom_adhesion[geom]):
-        report.refuse("adhesion", told)
+        report.refuse("adhesion", label)
     if (int(model.geom_contype[geom]) | int(model.geom_conaffinity[geom])) & ~GROUP_BITS:
-        report.approximate("geom contype", told, "the highest of 32 bits is left out")
+        report.approximate("geom contype", label, "the highest of 32 bits is left out")
 
 
 def _material(source: Source, geom: int) -> Material:
@@ -98,8 +98,8 @@ def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[list[Array], flo
         "group": int(model.geom_contype[geom]) & GROUP_BITS, "mask": int(model.geom_conaffinity[geom]) & GROUP_BITS,
     }  # fmt: skip
     kind = mujoco.mjtGeom(model.geom_type[geom])
-    told = source.told("geom", geom)
-    source.report.hold(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", told)
+    label = source.label("geom", geom)
+    source.report.hold(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", label)
     match kind:
         case mujoco.mjtGeom.mjGEOM_PLANE:
             return (builder.add_shape_plane(body, **options),)
@@ -118,7 +118,7 @@ def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[list[Array], flo
         case mujoco.mjtGeom.mjGEOM_MESH:
             return _add_hulls(source, geom, body, options, hulls)
         case _:
-            source.report.refuse(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", told)
+            source.report.refuse(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", label)
             return ()
 
 
@@ -128,15 +128,15 @@ def _add_hulls(
     """The hull of a mesh, or those of its convex parts, of 64 corners at most; MuJoCo takes all of them. `hulls` are
     those of meshes seen before.
     """
-    mesh, told = int(source.model.geom_dataid[geom]), source.told("geom", geom)
+    mesh, label = int(source.model.geom_dataid[geom]), source.label("geom", geom)
     if mesh not in hulls:
         points, triangles = mesh_points(source.model, mesh), mesh_triangles(source.model, mesh)
-        hulls[mesh] = collision_hulls(f"geom '{told}'", points, triangles, source.decompose)
+        hulls[mesh] = collision_hulls(f"geom '{label}'", points, triangles, source.decompose)
     parts, off = hulls[mesh]
     if off > 0.0:
         what = f"its hull has {len(parts[0])} corners" if len(parts) == 1 else f"its {len(parts)} hulls have 64 at most"
         why = f"{what}, others lie up to {1e3 * off:.2g} mm outside it"
-        source.report.approximate("geom mesh corners", told, why)
+        source.report.approximate("geom mesh corners", label, why)
     name = options.pop("name")
     names = [name] if len(parts) == 1 else [f"{name}_{index}" for index in range(len(parts))]
     return tuple(

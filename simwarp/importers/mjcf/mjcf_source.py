@@ -61,7 +61,7 @@ class Source:
         accessor = getattr(self.model, kind)
         return self.prefix + (accessor(index).name or f"{kind}{index}")
 
-    def told(self, kind: str, index: int) -> str:
+    def label(self, kind: str, index: int) -> str:
         """The name for messages: without prefix."""
         return self.name(kind, index).removeprefix(self.prefix)
 

@@ -17,7 +17,7 @@ from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 from simwarp.importers.links.link_frames import NO_MASS, moved_mass, pose_from_matrix
 from simwarp.importers.links.link_masses import Densities, mesh_solid, missing_mass, primitive_solid
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls, scaled_mesh, scaled_visual
-from simwarp.importers.links.link_tree import Link, LinkShape
+from simwarp.importers.links.link_tree import Link, LinkShape, free_name
 from simwarp.importers.links.link_visuals import LinkVisual
 from simwarp.importers.report import ImportedWarning, ImportReport
 from simwarp.importers.source_files import FileFolders
@@ -138,7 +138,9 @@ class LinkReader:
     # ---- collision geometry ----------------------------------------------------------------------------------------
 
     def _shape(self, link: Any, number: int, part: Any) -> LinkShape | None:
-        name = self._free_name(part.name or (link.name if len(link.collisions) == 1 else f"{link.name}_{number}"))
+        name = free_name(
+            self._names, part.name or (link.name if len(link.collisions) == 1 else f"{link.name}_{number}")
+        )
         kind, size = self._primitive((link.name, "collision", number), part.geometry)
         place = _origin(part.origin)
         mesh = part.geometry.mesh
@@ -157,13 +159,6 @@ class LinkReader:
         else:
             self._report.hold("collision mesh", name, "as convex hulls")
         return LinkShape(name=name, kind=ShapeType.HULL, pose=place, hulls=tuple(hulls))
-
-    def _free_name(self, name: str) -> str:
-        free, number = name, 1
-        while free in self._names:
-            free, number = f"{name}_{number}", number + 1
-        self._names.add(free)
-        return free
 
     def _mesh_hulls(self, link: str, mesh: Any) -> tuple[list[Array], float] | None:
         """Hulls of a mesh; None where it is refused."""

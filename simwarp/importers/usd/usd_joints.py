@@ -15,7 +15,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import Dof, JointType, ModelError, Pose, PositionDrive
 from simwarp.core.types import pose as make_pose
 from simwarp.importers.links.link_frames import composed, point_of, relative
-from simwarp.importers.links.link_tree import Link, LinkJoint
+from simwarp.importers.links.link_tree import Link, LinkJoint, free_name
 from simwarp.importers.report import ImportReport
 from simwarp.importers.usd.usd_stage import ARMATURE, Stage, foreign_value, quaternion, vector
 
@@ -69,7 +69,7 @@ class JointReader:
     def read(self) -> None:
         """All joints, in the order of the file."""
         for joint in self._stage.of(*JOINTS):
-            name = self._free_name(str(joint.primPath).rpartition("/")[2])
+            name = free_name(self._names, str(joint.primPath).rpartition("/")[2])
             kind = str(joint.type).rpartition(".")[2]
             if not joint.jointEnabled:
                 self._report.approximate("disabled joint", name, "left out")
@@ -78,13 +78,6 @@ class JointReader:
                 self._report.refuse("joint", name, f"a {kind} is none of ours")
                 continue
             self._add(name, kind, joint)
-
-    def _free_name(self, name: str) -> str:
-        free, number = name, 1
-        while free in self._names:
-            free, number = f"{name}_{number}", number + 1
-        self._names.add(free)
-        return free
 
     def _add(self, name: str, kind: str, joint: Any) -> None:
         ends = [self._link_of.get(str(path)) for path in (joint.body0, joint.body1)]

@@ -42,7 +42,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
-    told = [f"{item.label} {item.shown} {item.unit_text}".rstrip() for item in results]
+    told = [f"{item.label} {item.value_text} {item.unit_text}".rstrip() for item in results]
     lines = joined(told)
     grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
     note = figure.add_subplot(grid[0, :])
@@ -99,13 +99,13 @@ def _legend(axes: Any) -> None:
 def _speed(axes: Any, run: Run) -> None:
     _title(axes, "speed [m/s]")
     axes.plot(run["t_s"], run["speed_mps"], color=INK, linewidth=1.4)
-    _at_least(axes, 0.05)
+    _spanned(axes, 0.05)
 
 
 def _yaw_rate(axes: Any, run: Run) -> None:
     _title(axes, "yaw rate [rad/s]")
     axes.plot(run["t_s"], run["yawrate_radps"], color=INK, linewidth=1.2)
-    _at_least(axes, 0.01)
+    _spanned(axes, 0.01)
 
 
 def _lateral(axes: Any, run: Run) -> None:
@@ -136,13 +136,13 @@ def _wheels(axes: Any, run: Run) -> None:
     _title(axes, "wheel speeds [rad/s], forwards positive")
     for wheel, colour in WHEELS.items():
         axes.plot(run["t_s"], -run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
-    _at_least(axes, 0.1)
+    _spanned(axes, 0.1)
 
 
 def _engine(axes: Any, run: Run) -> None:
     _title(axes, "engine [rad/s], and gear")
     axes.plot(run["t_s"], run["engine_radps"], color=INK, linewidth=1.2)
-    _at_least(axes, 1.0)
+    _spanned(axes, 1.0)
     gears = axes.twinx()
     gears.spines[["top", "left"]].set_visible(False)
     gears.spines[["right", "bottom"]].set_color(GREY)
@@ -176,7 +176,7 @@ def _attitude(axes: Any, run: Run) -> None:
 _PANELS: Final = (_speed, _yaw_rate, _lateral, _loads, _wheels, _engine, _inputs, _attitude)
 
 
-def _at_least(axes: Any, size: float) -> None:
+def _spanned(axes: Any, size: float) -> None:
     """No magnified noise: the axis spans zero and a least size to either side."""
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -size), max(high, size))

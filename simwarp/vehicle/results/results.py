@@ -41,7 +41,7 @@ class Result:
         return "" if math.isnan(self.value) else self.unit
 
     @property
-    def shown(self) -> str:
+    def value_text(self) -> str:
         """The value for people; what is below any meaning is 0."""
         if math.isnan(self.value):
             return self.missing

@@ -84,7 +84,7 @@ def test_a_state_goes_over_and_comes_back(build):
     world = MujocoWorld(both.model, both.mjcf)
     state = both.sim.state
     names = ("body_x", "body_rot", "body_v", "body_omega", "joint_x", "joint_qd")
-    world.take(BodyState(*(getattr(state, name).numpy()[0].astype(np.float64) for name in names)))
+    world.set_state(BodyState(*(getattr(state, name).numpy()[0].astype(np.float64) for name in names)))
     np.testing.assert_allclose(world.data.qpos, both.data.qpos, atol=1e-9)
     np.testing.assert_allclose(world.data.qvel, both.data.qvel, atol=1e-6)  # rates are float32 here
     back = world.state()

@@ -209,7 +209,7 @@ def test_times_to_speeds_and_stopping():
     assert value(found, "stopping_time") == pytest.approx(2.0, abs=0.015)
     never = results(made_up(t, speed_mps=speed, brake=brake), Maneuver(name="reference-brake", duration=12.0))
     assert math.isnan(value(never, "stopping_distance"))
-    assert next(item for item in never if item.key == "stopping_distance").shown == "still moving at the end"
+    assert next(item for item in never if item.key == "stopping_distance").value_text == "still moving at the end"
 
 
 def test_a_vehicle_without_engine_has_no_stopping_distance():
@@ -217,7 +217,7 @@ def test_a_vehicle_without_engine_has_no_stopping_distance():
     what = Maneuver(name="reference-brake", script=maneuver("reference-brake", HMMWV).script, duration=12.0)
     with np.errstate(all="raise"):
         found = results(made_up(t, brake=(t >= 9.0).astype(float)), what)
-    told = {item.key: (item.shown, item.unit_text) for item in found}
+    told = {item.key: (item.value_text, item.unit_text) for item in found}
     for key in ("stopping_distance", "stopping_time", "mean_deceleration"):
         assert told[key] == ("it does not drive", "")
     assert told["speed_to_hold"] == ("not reached", "")
