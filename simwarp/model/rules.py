@@ -231,7 +231,7 @@ Margin: TypeAlias = Annotated[NotNegative, Meaning("metres; make the shape small
 Metres: TypeAlias = Annotated[Positive, Meaning("metres")]
 Lengths: TypeAlias = Annotated[Vec3, Parsed(_lengths)]
 """Three positive numbers, read as an array."""
-Points: TypeAlias = Annotated[npt.ArrayLike, Parsed(functools.partial(_points, 2))]
+POINTS: Final = Parsed(functools.partial(_points, 2))
 """Two or more (x, y), read as an array."""
-Polygon: TypeAlias = Annotated[npt.ArrayLike, Parsed(functools.partial(_points, 3))]
+POLYGON: Final = Parsed(functools.partial(_points, 3))
 """Three or more (x, y), read as an array."""

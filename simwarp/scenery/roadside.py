@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from simwarp.core.types import ShapeType, Vec3, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
-from simwarp.model.rules import RULES, Lengths, Metres, Points, Vector3, word_of
+from simwarp.model.rules import POINTS, RULES, Lengths, Metres, Vector3, word_of
 from simwarp.scenery.solids import Array, box, lathe, loft, solid, stream, tone, varied
 from simwarp.scenery.visual import Label, Proxy, Visual
 
@@ -155,7 +156,7 @@ def _block(start: Array, end: Array, outline: Array, color: Array) -> VisualMesh
 
 @RULES.arguments("barrier_chain")
 def barrier_chain(
-    points: Points, *, closed: bool = False, length: Metres = 2.0, height: Metres = 0.8,
+    points: Annotated[npt.ArrayLike, POINTS], *, closed: bool = False, length: Metres = 2.0, height: Metres = 0.8,
     colors: tuple[Vec3, ...] | None = None,
 ) -> Visual:  # fmt: skip
     """Barriers end to end along a line, in the frame of the line: 32 triangles each.

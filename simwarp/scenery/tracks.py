@@ -13,7 +13,7 @@ import numpy.typing as npt
 from simwarp.core.constraints import Count, Meaning
 from simwarp.core.types import ModelError
 from simwarp.model.checks import positive_number
-from simwarp.model.rules import RULES, Metres, Polygon
+from simwarp.model.rules import POLYGON, RULES, Metres
 from simwarp.scenery.solids import stream
 from simwarp.vehicle.driving.paths import Path
 
@@ -105,7 +105,8 @@ class Track:
 
 @RULES.arguments("track")
 def rounded(
-    corners: Polygon, radii: float | Sequence[float] | Array, *, width: Metres, spacing: Metres = 0.1
+    corners: Annotated[npt.ArrayLike, POLYGON], radii: float | Sequence[float] | Array, *, width: Metres,
+    spacing: Metres = 0.1,
 ) -> Track:  # fmt: skip
     """A polygon whose corners are arcs.
 
