@@ -23,7 +23,7 @@ from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
 from simwarp.importers.chrono_json import without_comments
 from simwarp.model.model import resolve_device
-from simwarp.soil import Soil, soil_under
+from simwarp.soil import Soil, soil_under, wheels_of
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
@@ -63,6 +63,9 @@ DURATION_HINT: Final = (
     "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"
     " double-lane-change, to the last row of a .csv file)"
 )
+CAR_SPACING: Final = 0.05
+"""Of the soil's nodes below a car [m]."""
+SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
 """Defaults of the options that are not given, for the help."""
 
@@ -83,7 +86,7 @@ class DriveOptions(CommonOptions):
     """Another driveline, likewise."""
     soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard|clay|snow", help_behavior_hint=SOIL_HINT)] = None
     """Deformable ground below `--tire soil-rigid`."""
-    spacing: Annotated[float, tyro.conf.arg(metavar="m")] = 0.05
+    spacing: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=SPACING_HINT)] = None
     """Of the soil's nodes."""
     friction: float = REFERENCE_FRICTION
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
@@ -264,7 +267,10 @@ def _soil(vehicle: Vehicle, options: DriveOptions) -> list[Soil]:
     """The soil below a vehicle; none below tires that need none."""
     if options.soil is None and not isinstance(vehicle.tires, SoilTires):
         return []
-    return [soil_under(vehicle, options.soil or "mid", spacing=options.spacing)]
+    spacing = options.spacing
+    if spacing is None and isinstance(vehicle.tires, SoilTires):
+        spacing = min(CAR_SPACING, 0.5 * min(wheel.width for wheel in wheels_of(vehicle)))
+    return [soil_under(vehicle, options.soil or "mid", spacing=CAR_SPACING if spacing is None else spacing)]
 
 
 def _film(setup: Setup, options: DriveOptions) -> DriveFilm | None:

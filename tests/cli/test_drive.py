@@ -76,6 +76,13 @@ def test_pictures_of_a_drive_show_its_ruts(drive, tmp_path):
     assert (pictures["soft"] < pictures["hard"] - 15.0).mean() > 0.01
 
 
+def test_every_vehicle_drives_on_soil_by_the_plain_command(drive, tmp_path):
+    """Also the smallest, whose wheels are narrower than twice the nodes' distance below a car."""
+    (tmp_path / "go.csv").write_text("t_s,throttle\n0,0.7\n0.1,0.7\n")
+    code, out, err = drive("artcar", "--tire", "soil-rigid", "--maneuver", "go.csv", "--dt", "0.002")
+    assert code == 0, out + err
+
+
 @pytest.mark.slow
 def test_options_change_the_run(drive):
     def final(*arguments):
