@@ -127,7 +127,7 @@ class MujocoSimulation:
                 self.worlds[world] = self._made(world)
             values = [self._state[name][world] for name in ("body_x", "body_rot", "body_v", "body_omega", "joint_x")]
             values.append(self._state["joint_qd"][world])
-            self.worlds[world].take(BodyState(*(value.astype(np.float64) for value in values)))
+            self.worlds[world].set_state(BodyState(*(value.astype(np.float64) for value in values)))
         if drawn.any():
             self._written = {name: array.copy() for name, array in self._parameters.items()}
 

@@ -332,5 +332,5 @@ def test_wrong_shapes_numbers_and_rest_are_one_line():
 
 def test_acting_rows_know_their_share():
     rows = ActingRows(2, 4, "cpu")
-    rows.take(1, torch.tensor([True, False, False, True]))
+    rows.record(1, torch.tensor([True, False, False, True]))
     assert rows.share == 0.75

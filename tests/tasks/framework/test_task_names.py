@@ -1,6 +1,7 @@
 """What a task tells of itself is held to its form when the task is made, and settings stay JSON where redeclared."""
 
 import dataclasses
+import sys
 
 import pytest
 import torch
@@ -64,9 +65,12 @@ class Mine(AntTask):
 
 @pytest.fixture
 def forgotten():
-    """Takes the task of a file out of the registry again; those of the package may come in meanwhile."""
+    """The task of a file leaves the registry again, and its folder the path; those of the package may come in meanwhile."""
+    path = sys.path.copy()
     yield
     registry._tasks.pop("mine", None)
+    sys.modules.pop("mine", None)
+    sys.path[:] = path
 
 
 @pytest.mark.usefixtures("forgotten")
