@@ -65,7 +65,7 @@ class Mine(AntTask):
 
 @pytest.fixture
 def forgotten():
-    """The task of a file leaves the registry again, and its folder the path; those of the package may come in meanwhile."""
+    """The registry forgets the task of a file, and the path its folder; those of the package may come in meanwhile."""
     path = sys.path.copy()
     yield
     registry._tasks.pop("mine", None)
