@@ -15,7 +15,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -98,7 +98,8 @@ def policies(folder: Path) -> Iterator[tuple[str, str]]:
     from simwarp.train.runs.checkpoint import load_checkpoint
 
     for name in task_names():
-        kinds = [None, "camera"] if hasattr(task_class(name).config_type(), "obs") else [None]
+        observations: Any = get_type_hints(task_class(name).config_type).get("obs", ())
+        kinds = [None, "camera"] if "camera" in [each.value for each in observations] else [None]
         for kind in kinds:
             runs = folder / f"{name}-{kind}"
             words = ["train", name, "--device=cpu", "--num-envs=4", "--steps-per-iteration=8", "--seed=5"]
