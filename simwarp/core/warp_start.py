@@ -18,7 +18,7 @@ from simwarp.core.thread_captures import record_per_thread
 
 COMPILING_SHOWS: Final = 0.5
 """Time between two looks for kernels that are compiled [s]."""
-COMPILING: Final = "compiling kernels, once per machine: 1 to 3 minutes"
+COMPILING: Final = "compiling kernels, once per machine: 2 to 5 minutes"
 
 # Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
 _NO_DRIVER: Final = "Could not find or load the NVIDIA CUDA driver"
