@@ -7,8 +7,8 @@ order. Lengths and rates are those of the sub-step's start.
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
-from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.core.world_status import NON_FINITE
 from simwarp.kernels.dynamics.efforts import effort_bounds

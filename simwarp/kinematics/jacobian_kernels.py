@@ -3,8 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import Parameters, StateArrays
-from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.kernels.dynamics.assembly import clear_velocities, place_joints
 from simwarp.kernels.dynamics.bodies import load_poses

@@ -10,7 +10,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, HULL, MESH, Assets
 from simwarp.kernels.collision.surfaces import SurfaceHit, height_field_ray
-from simwarp.kernels.core.spatial import to_double
+from simwarp.kernels.core.vector_math import to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.primitives import primitive_ray
 from simwarp.kernels.rays.wide_tree import tree_ray

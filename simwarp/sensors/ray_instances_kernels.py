@@ -20,8 +20,8 @@ from simwarp.kernels.collision.shape import (
     Assets,
 )
 from simwarp.kernels.core.fields import Parameters, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float, turned_extent
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import matrix_to_float, to_double, to_float, turned_extent
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.wide_tree import Trees
 from simwarp.sensors.ray_targets_kernels import RayTargets, target_extent

@@ -9,7 +9,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import to_float
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.soil.deformed_surface_kernels import greatest_raise, node_drop
 from simwarp.soil.footprint_kernels import Pose, footprint_of, node_number, shape_pose, surface_above

@@ -4,8 +4,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import PLANE, Assets
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.soil.deformed_surface_kernels import FARTHEST
 from simwarp.soil.pages_kernels import find_page, slot_in
 from simwarp.soil.shape_surface_kernels import ball_low, box_column, capsule_low, lowest_face

@@ -8,8 +8,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import ControlArrays, StateArrays
-from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.soil.bekker_janosi_kernels import Law, law_of, press
 from simwarp.soil.deformed_surface_kernels import greatest_raise, node_drop

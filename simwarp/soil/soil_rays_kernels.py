@@ -10,7 +10,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, Assets
 from simwarp.kernels.collision.surfaces import NEVER, SurfaceHit, height_field_ray
-from simwarp.kernels.core.spatial import to_double
+from simwarp.kernels.core.vector_math import to_double
 from simwarp.kernels.rays.primitives import plane_ray
 from simwarp.sensors.ray_hit_kernels import RayHit, RayTarget, TargetExtent
 from simwarp.soil.deformed_surface_kernels import (

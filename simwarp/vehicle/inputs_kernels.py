@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
+from simwarp.kernels.core.vector_math import matrix_to_float, to_double, to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.vehicle.powertrain_kernels import Member, Powertrain, PowertrainState, run_powertrain
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import to_double, to_float
+from simwarp.kernels.core.vector_math import to_double, to_float
 
 wp.set_module_options({"enable_backward": False})
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from simwarp.core.names_on_demand import names_on_demand
 
 if TYPE_CHECKING:
-    from simwarp.viewer.default_appearance import add_bodies, add_skeleton, paint
+    from simwarp.viewer.default_visuals import add_bodies, add_skeleton, paint
     from simwarp.viewer.free_camera import FreeCamera
     from simwarp.viewer.lines import Polyline, draw_lines
     from simwarp.viewer.live.live_view import LiveView
@@ -26,8 +26,8 @@ __all__ = [
 
 _MODULES: Final = {
     "FollowCamera": "studio", "FreeCamera": "free_camera", "LiveView": "live.live_view", "Polyline": "lines",
-    "Shot": "studio", "add_bodies": "default_appearance", "add_skeleton": "default_appearance", "caption": "sheets",
-    "draw_lines": "lines", "grid": "sheets", "paint": "default_appearance", "portrait": "portrait",
+    "Shot": "studio", "add_bodies": "default_visuals", "add_skeleton": "default_visuals", "caption": "sheets",
+    "draw_lines": "lines", "grid": "sheets", "paint": "default_visuals", "portrait": "portrait",
     "show": "live.page_panels",
 }  # fmt: skip
 

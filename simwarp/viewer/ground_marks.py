@@ -14,7 +14,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, Pose
 from simwarp.scenery.visual import Label
 from simwarp.sensors.scene import Scene
-from simwarp.viewer.default_appearance import GROUNDS
+from simwarp.viewer.default_visuals import GROUNDS
 
 Picture = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]

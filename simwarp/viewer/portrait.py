@@ -15,7 +15,7 @@ from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting, Sun
 from simwarp.sensors.scene import GREY, Scene, Visuals
 from simwarp.simulation.simulation import Simulation
-from simwarp.viewer.default_appearance import GROUNDS, add_bodies, paint
+from simwarp.viewer.default_visuals import GROUNDS, add_bodies, paint
 from simwarp.viewer.free_camera import FreeCamera
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from ..framework.errors import InputError
 from ..framework.task import Task
 
 if TYPE_CHECKING:
-    from ..framework.task_camera import TaskCamera
+    from ..framework.task_rendering import TaskCamera
 
 Frames = npt.NDArray[np.uint8]
 
@@ -96,7 +96,7 @@ class TaskRenderer:
             return None
         if self._camera is None:
             # Lights, meshes and kernels of pictures take seconds that an environment without pictures has no use for
-            from ..framework.task_camera import TaskCamera
+            from ..framework.task_rendering import TaskCamera
 
             width, height = self._size
             self._camera = TaskCamera(self._task, width=width, height=height, samples=_SAMPLES)

@@ -17,7 +17,7 @@ from simwarp.core.warp_start import report_compiling
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device
 from .errors import InputError, TaskFileError, near_names
-from .task_files import class_in_file, is_task_file, name_of_class, split_source
+from .task_class_import import class_in_file, is_task_file, name_of_class, split_source
 
 if TYPE_CHECKING:
     from .task import Task

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.core.spatial import to_double
+from simwarp.kernels.core.vector_math import to_double
 from simwarp.sensors.ray_casting_kernels import closest_hit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 

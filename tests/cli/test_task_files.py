@@ -12,8 +12,8 @@ import pytest
 from simwarp import cli
 from simwarp.cli.view.view_target import ViewTarget, find_target
 from simwarp.tasks import InputError, make, task_class
-from simwarp.tasks.framework import registry, task_files
-from simwarp.tasks.framework.task_files import name_of_class
+from simwarp.tasks.framework import registry, task_class_import
+from simwarp.tasks.framework.task_class_import import name_of_class
 from simwarp.train.runs.checkpoint import load_checkpoint
 
 SOURCE = """
@@ -79,7 +79,7 @@ WORD = "line.py:OnALine"
 def folder(tmp_path, monkeypatch):
     """The working folder, with a file of tasks in it; what is loaded from it is forgotten afterwards."""
     monkeypatch.setattr(registry, "_tasks", dict(registry._tasks))
-    monkeypatch.setattr(task_files, "_modules", {})
+    monkeypatch.setattr(task_class_import, "_modules", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.delitem(sys.modules, "distances", raising=False)
     monkeypatch.chdir(tmp_path)
@@ -91,7 +91,7 @@ def folder(tmp_path, monkeypatch):
 def forget():
     """As a new process begins: nothing is known of the file."""
     registry._tasks.pop("on-a-line", None)
-    task_files._modules.clear()
+    task_class_import._modules.clear()
 
 
 def trained(capfd):

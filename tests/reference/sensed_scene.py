@@ -14,7 +14,7 @@ from simwarp.sensors.motion.imu import Imu
 from simwarp.sensors.ranging.beams import beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.viewer.default_appearance import paint
+from simwarp.viewer.default_visuals import paint
 
 DISTANCE = 3.0
 """From the sled's sensors to the face of the box ahead [m]."""

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.tasks import InputError, Task
-from simwarp.tasks.framework.task_camera import TaskCamera
+from simwarp.tasks.framework.task_rendering import TaskCamera
 from simwarp.viewer import Polyline, Shot, caption, grid
 from simwarp.viewer.sheets import label
 

@@ -14,7 +14,7 @@ from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import PlainAppearanceOptions, Scene, Visuals
 from simwarp.soil.soil import Soil
 from simwarp.vehicle.results.runs import Setup
-from simwarp.viewer.default_appearance import paint
+from simwarp.viewer.default_visuals import paint
 
 ASPHALT = (0.36, 0.37, 0.38)
 SAND = (0.75, 0.68, 0.6)

@@ -12,8 +12,8 @@ from simwarp.core.types import Material
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
 from simwarp.simulation.simulation import Simulation
-from simwarp.viewer.default_appearance import add_bodies, paint
-from simwarp.viewer.live.controls.joint_channels import joint_series
+from simwarp.viewer.default_visuals import add_bodies, paint
+from simwarp.viewer.live.controls.joint_coordinates import joint_series
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.subject import Mask, Subject
 from simwarp.viewer.studio import Shot

@@ -12,7 +12,7 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.tasks import StepResult, Task
 from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.train.networks.policies import Policy, reset_memory
-from simwarp.viewer.live.controls.joint_channels import joint_series
+from simwarp.viewer.live.controls.joint_coordinates import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
 from simwarp.viewer.live.wheel.vehicle_panel import GOAL
 
@@ -109,7 +109,7 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
     advance: Callable[[], None] = loop.advance
     reset: Callable[[Mask | None], None] = loop.reset
     if scene is None:
-        from simwarp.tasks.framework.task_camera import stage  # few tasks have no bodies, and it imports matplotlib
+        from simwarp.tasks.framework.task_rendering import stage  # few tasks have no bodies, and it imports matplotlib
 
         simulation, scene, shot = stage(task)
         advance, reset = _with_clock(loop, simulation)

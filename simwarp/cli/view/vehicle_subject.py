@@ -15,8 +15,8 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
-from simwarp.viewer.default_appearance import paint
-from simwarp.viewer.live.controls.joint_channels import joint_series
+from simwarp.viewer.default_visuals import paint
+from simwarp.viewer.live.controls.joint_coordinates import joint_series
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.subject import Mask, Subject
 from simwarp.viewer.studio import Shot

@@ -18,12 +18,12 @@ from simwarp.importers.links.link_tree import unchanged_on_error
 from simwarp.importers.mjcf.mjcf_actuators import actuator_specs, add_tendons, joint_drives, servos_of
 from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
 from simwarp.importers.mjcf.mjcf_equalities import add_equalities
-from simwarp.importers.mjcf.mjcf_extras import cameras_of, keyframes_of, sensors_of, sites_of
 from simwarp.importers.mjcf.mjcf_files import list_tags
 from simwarp.importers.mjcf.mjcf_flags import apply_flags, is_off
-from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags, shortcut_actuators
 from simwarp.importers.mjcf.mjcf_shapes import add_shapes, shapes_by_root
+from simwarp.importers.mjcf.mjcf_sites_cameras import cameras_of, keyframes_of, sensors_of, sites_of
 from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_unsupported import REFUSABLE, check_model, check_tags, shortcut_actuators
 from simwarp.importers.mjcf.mjcf_visuals import visuals_of_geoms
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision

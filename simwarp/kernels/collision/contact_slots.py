@@ -4,8 +4,8 @@ import warp as wp
 
 from simwarp.kernels.collision.placement import CollisionScratch
 from simwarp.kernels.core.fields import ContactArrays, StateArrays
-from simwarp.kernels.core.spatial import contact_frame, to_float
 from simwarp.kernels.core.tables import Topology
+from simwarp.kernels.core.vector_math import contact_frame, to_float
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -20,8 +20,8 @@ from simwarp.kernels.core.scratch import (
     scratch_array,
     slot_function,
 )
-from simwarp.kernels.core.spatial import matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
+from simwarp.kernels.core.vector_math import matrix_to_float, to_float
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, Assets, Shape
 from simwarp.kernels.collision.support import Bounds, safe_direction
-from simwarp.kernels.core.spatial import to_double, to_float, turned_extent
+from simwarp.kernels.core.vector_math import to_double, to_float, turned_extent
 from simwarp.kernels.rays.wide_tree import tree_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

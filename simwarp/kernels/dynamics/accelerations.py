@@ -10,8 +10,8 @@ closed form is added, and that of the couplings. With closed loops, whose rows h
 import warp as wp
 
 from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
-from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import Topology, Work
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.dynamics.bilateral_rows import coefficient_of, link_of, rate_of, respond_to_row, rows_residual
 from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (

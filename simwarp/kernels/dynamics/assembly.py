@@ -3,8 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
-from simwarp.kernels.core.spatial import to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import to_float, turned
 from simwarp.kernels.core.world_status import NOT_ASSEMBLED
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_rows,

@@ -8,8 +8,8 @@ takes no impulse.
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
-from simwarp.kernels.core.spatial import column, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import column, to_float
 from simwarp.kernels.dynamics.efforts import (
     PRESCRIBED_POSITION,
     dof_effort,

@@ -9,8 +9,8 @@ import warp as wp
 from simwarp.core.types import FrictionLaw, FrictionRule
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, Parameters
-from simwarp.kernels.core.spatial import contact_frame
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, given_pair, world_row
+from simwarp.kernels.core.vector_math import contact_frame
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
 from simwarp.kernels.dynamics.recovery import recovery_speed

@@ -17,8 +17,8 @@ import warp as wp
 from simwarp.core.types import DriveMode, JointType
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.piecewise_linear import segment_of
-from simwarp.kernels.core.spatial import rotation_vector_of
 from simwarp.kernels.core.tables import Topology, world_row
+from simwarp.kernels.core.vector_math import rotation_vector_of
 from simwarp.kernels.dynamics.joints import ANGLE0
 
 wp.set_module_options({"enable_backward": False})

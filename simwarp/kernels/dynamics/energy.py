@@ -3,8 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import Parameters, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import Topology, world_row
+from simwarp.kernels.core.vector_math import matrix_to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.dynamics.efforts import rotation_start, spring_stretch, table_work
 

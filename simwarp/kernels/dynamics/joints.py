@@ -10,8 +10,8 @@ import warp as wp
 
 from simwarp.core.types import JointType, RowKind
 from simwarp.kernels.core.fields import Parameters
-from simwarp.kernels.core.spatial import clamp_length, column, matrix_to_float, rotation_vector_of, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import clamp_length, column, matrix_to_float, rotation_vector_of, to_float
 
 wp.set_module_options({"enable_backward": False})
 

@@ -3,8 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
-from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.dynamics.accelerations import add_changes
 from simwarp.kernels.dynamics.bilateral_rows import link_of, respond_to_row, row_geometry, row_offset, row_speed
 from simwarp.kernels.dynamics.bodies import advance_poses, total_velocities

@@ -4,8 +4,8 @@ import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
-from simwarp.kernels.core.spatial import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
 from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, distance_dof, gyroscopic_torque
 from simwarp.kernels.dynamics.efforts import applied_effort, dof_effort

@@ -11,8 +11,8 @@ import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
-from simwarp.kernels.core.spatial import turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import turned
 from simwarp.kernels.dynamics.dense_rows import solve_group_backward
 from simwarp.kernels.dynamics.joints import FREE, POINT_AXIS0, SHAFT
 from simwarp.kernels.dynamics.tree import forward_pass

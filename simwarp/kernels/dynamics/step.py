@@ -5,8 +5,8 @@ import warp as wp
 from simwarp.kernels.cones.islands import enter_islands, leave_islands, world_report
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, world_row
+from simwarp.kernels.core.vector_math import matrix_to_float
 from simwarp.kernels.core.world_status import NON_FINITE
 from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.bilateral_rows import (

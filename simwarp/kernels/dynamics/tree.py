@@ -7,8 +7,8 @@ through `shift`. A joint of several degrees of freedom is eliminated one column 
 
 import warp as wp
 
-from simwarp.kernels.core.spatial import cross_columns
 from simwarp.kernels.core.tables import Topology, Work
+from simwarp.kernels.core.vector_math import cross_columns
 from simwarp.kernels.dynamics.joints import FREE, SHAFT
 
 wp.set_module_options({"enable_backward": False})

@@ -3,8 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import Parameters, StateArrays
-from simwarp.kernels.core.spatial import to_double, to_float, turned
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_double, to_float, turned
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.sensors.clock_kernels import BEGIN, IDLE, ClockSettings, SampleEvents
 from simwarp.sensors.motion.mount_motion_kernels import MountArrays, body_rate, body_velocity

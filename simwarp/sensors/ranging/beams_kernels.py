@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
+from simwarp.kernels.core.vector_math import matrix_to_float, to_float, turned
 from simwarp.sensors.clock_kernels import BEGIN, SampleEvents
 from simwarp.sensors.motion.mount_motion_kernels import (
     MountArrays,

@@ -4,8 +4,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import matrix_to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.sensors.clock_kernels import SampleEvents
 from simwarp.sensors.random_kernels import draw_normals, draw_uniform

@@ -12,8 +12,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_double
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import matrix_to_float, to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.sensors.clock_kernels import SampleEvents
 from simwarp.sensors.motion.mount_motion_kernels import body_rate, body_velocity

@@ -7,8 +7,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, PLANE, Assets
 from simwarp.kernels.collision.surfaces import height_field_height, mesh_ray, rotate_wide
-from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -14,7 +14,7 @@ everything else is relative to it and float32.
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.core.spatial import to_double
+from simwarp.kernels.core.vector_math import to_double
 from simwarp.vehicle.tires.ground_kernels import GroundPoint, TerrainTables, ground_below
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireContact
 

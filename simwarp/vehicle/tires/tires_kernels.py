@@ -12,8 +12,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.vehicle.tires.common_kernels import vertical_load
 from simwarp.vehicle.tires.ground_kernels import TerrainTables, friction_at

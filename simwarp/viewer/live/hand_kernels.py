@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, StateArrays
-from simwarp.kernels.core.spatial import to_float
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.core.world_range import WorldRange
 
 wp.set_module_options({"enable_backward": False})

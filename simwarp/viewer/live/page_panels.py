@@ -10,7 +10,7 @@ from simwarp.sensors.scene import Scene
 from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.live.controls.command_panel import CommandPanel, has_commands
 from simwarp.viewer.live.controls.dragging import Dragging
-from simwarp.viewer.live.controls.joint_channels import coordinates_of
+from simwarp.viewer.live.controls.joint_coordinates import coordinates_of
 from simwarp.viewer.live.controls.joint_panel import JointPanel
 from simwarp.viewer.live.controls.plot_panel import PlotPanel
 from simwarp.viewer.live.controls.sensor_panel import SensorPanel

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.viewer.live.controls.joint_channels import joint_series
+from simwarp.viewer.live.controls.joint_coordinates import joint_series
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
@@ -101,7 +101,7 @@ def subject_of(simulation: Simulation, scene: Scene | None = None, *, name: str 
     """
     if scene is None:
         from simwarp.sensors.scene import Visuals
-        from simwarp.viewer.default_appearance import add_bodies, paint
+        from simwarp.viewer.default_visuals import add_bodies, paint
 
         visuals = Visuals(cast("ModelBuilder", simulation.model.builder))
         if not any(instance.body >= 0 for instance in visuals.instances):

@@ -12,7 +12,7 @@ from simwarp.sensors.cameras.camera import look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.scene import Visuals
 from simwarp.viewer import FollowCamera, Shot, paint
-from simwarp.viewer.default_appearance import add_bodies, inertia_box
+from simwarp.viewer.default_visuals import add_bodies, inertia_box
 from simwarp.viewer.ground_marks import MARK
 
 SIZE = (480, 320)

@@ -15,7 +15,7 @@ from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.interface import Mount
 from simwarp.sensors.scene import GREY, Visuals
 from simwarp.viewer import FollowCamera, FreeCamera, Polyline, Shot, add_skeleton, caption, draw_lines, grid, paint
-from simwarp.viewer.default_appearance import PALETTE, STONE, body_colors
+from simwarp.viewer.default_visuals import PALETTE, STONE, body_colors
 from simwarp.viewer.sheets import INK, PAPER, label
 
 ALL = ("rgb", "grey", "depth", "range", "normals", "instance", "semantic")

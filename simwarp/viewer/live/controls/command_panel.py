@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from simwarp.actuators import Actuators
-from simwarp.viewer.live.controls.joint_channels import of_world
+from simwarp.viewer.live.controls.joint_coordinates import of_world
 from simwarp.viewer.live.controls.sliders import Sliders
 
 if TYPE_CHECKING:

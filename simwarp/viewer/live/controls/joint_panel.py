@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from simwarp.core.types import WorldStatus
-from simwarp.viewer.live.controls.joint_channels import Coordinate, coordinates_of, of_world
+from simwarp.viewer.live.controls.joint_coordinates import Coordinate, coordinates_of, of_world
 from simwarp.viewer.live.controls.sliders import Sliders
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from simwarp.viewer.live.controls.charts import MOST_LINES, Chart
-from simwarp.viewer.live.controls.joint_channels import of_world
+from simwarp.viewer.live.controls.joint_coordinates import of_world
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from simwarp.viewer.live.controls.joint_channels import of_world
+from simwarp.viewer.live.controls.joint_coordinates import of_world
 from simwarp.viewer.live.controls.sensor_views import CameraView, ChannelView, PointsView, view_of
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from simwarp.sensors.ranging.lidar import Lidar
 from simwarp.sensors.ranging.radar import Radar
 from simwarp.viewer.live.batches import body_positions, body_rotations, multiplied, turned
 from simwarp.viewer.live.controls.charts import MOST_LINES, Chart
-from simwarp.viewer.live.controls.joint_channels import of_world
+from simwarp.viewer.live.controls.joint_coordinates import of_world
 from simwarp.viewer.live.page import ROOT
 
 if TYPE_CHECKING:

@@ -147,7 +147,7 @@ class VehiclePanel:
 
 def add_driving(view: LiveView) -> None:
     """The dashboard of a subject with a vehicle, and the switch to drive it where nothing else does."""
-    from simwarp.viewer.live.wheel.drive_panel import DrivePanel
+    from simwarp.viewer.live.wheel.drive_switch import DrivePanel
     from simwarp.viewer.live.wheel.driving import wheel_of
 
     wheel, vehicle = wheel_of(view.subject), vehicle_of(view.subject)

@@ -19,7 +19,7 @@ from simwarp.viewer.live.batches import turned
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.wheel.chase import Chase, Eye
-from simwarp.viewer.live.wheel.drive_panel import DrivePanel
+from simwarp.viewer.live.wheel.drive_switch import DrivePanel
 from simwarp.viewer.live.wheel.driving import read_row, wheel_of
 from simwarp.viewer.live.wheel.human_driver import HumanDriver, Inputs, Keys, Wish, shifted
 from simwarp.viewer.live.wheel.vehicle_panel import Dashboard

@@ -19,7 +19,7 @@ from selenium.webdriver.common.keys import Keys
 import simwarp as sw
 from simwarp.scenes import ant
 from simwarp.sensors.scene import Visuals
-from simwarp.viewer.default_appearance import paint
+from simwarp.viewer.default_visuals import paint
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels

@@ -23,7 +23,7 @@ from simwarp.core.types import WorldStatus  # noqa: E402
 from simwarp.tasks import Command  # noqa: E402
 from simwarp.train.networks.policies import zero_policy  # noqa: E402
 from simwarp.viewer.live import LiveView, Subject, subject_of  # noqa: E402
-from simwarp.viewer.live.controls.joint_channels import coordinates_of  # noqa: E402
+from simwarp.viewer.live.controls.joint_coordinates import coordinates_of  # noqa: E402
 from simwarp.viewer.live.controls.overlays import ContactOverlay, joint_axes  # noqa: E402
 from simwarp.viewer.live.controls.sliders import step_of  # noqa: E402
 from simwarp.viewer.live.page_panels import add_panels  # noqa: E402
