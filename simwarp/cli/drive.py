@@ -23,7 +23,7 @@ from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
 from simwarp.importers.chrono_json import without_comments
 from simwarp.model.model import resolve_device
-from simwarp.soil import Soil, soil_under, wheels_of
+from simwarp.soil import Soil, soil_under
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
@@ -63,8 +63,6 @@ DURATION_HINT: Final = (
     "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"
     " double-lane-change, to the last row of a .csv file)"
 )
-CAR_SPACING: Final = 0.05
-"""Of the soil's nodes below a car [m]."""
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
 """Defaults of the options that are not given, for the help."""
@@ -267,10 +265,8 @@ def _soil(vehicle: Vehicle, options: DriveOptions) -> list[Soil]:
     """The soil below a vehicle; none below tires that need none."""
     if options.soil is None and not isinstance(vehicle.tires, SoilTires):
         return []
-    spacing = options.spacing
-    if spacing is None and isinstance(vehicle.tires, SoilTires):
-        spacing = min(CAR_SPACING, 0.5 * min(wheel.width for wheel in wheels_of(vehicle)))
-    return [soil_under(vehicle, options.soil or "mid", spacing=CAR_SPACING if spacing is None else spacing)]
+    given: dict[str, Any] = {} if options.spacing is None else {"spacing": options.spacing}
+    return [soil_under(vehicle, options.soil or "mid", **given)]
 
 
 def _film(setup: Setup, options: DriveOptions) -> DriveFilm | None:

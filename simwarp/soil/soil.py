@@ -38,6 +38,8 @@ from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, PARAMETERS
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane
 
+USUAL_SPACING: Final = 0.05
+"""Of the nodes below a car [m]."""
 DIRECTION_LENGTH: Final = 1.0e-3
 """Over which the direction of shear relaxes [m]."""
 REST_TIME: Final = 10.0 * DIRECTION_LENGTH
@@ -95,7 +97,7 @@ class Soil(ForceElement):
     def __init__(
         self, model: Model, shapes: Sequence[SoilShape] = (),
         soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
-        ground: TerrainTables | None = None, spacing: float = 0.05, pages: int = 2048,
+        ground: TerrainTables | None = None, spacing: float = USUAL_SPACING, pages: int = 2048,
         shear_memory: ShearMemory | str = ShearMemory.DIRECTION, weighted: bool = True, per_world: bool = False,
         bulldozing: Bulldozing | None = None,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),

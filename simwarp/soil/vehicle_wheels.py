@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from simwarp.core.types import ModelError, formatted
-from simwarp.soil.soil import Soil
+from simwarp.soil.soil import USUAL_SPACING, Soil
 from simwarp.soil.soil_parameters import SoilSpec
-from simwarp.soil.soil_shapes import SoilShape, SoilWheel
+from simwarp.soil.soil_shapes import SoilShape, SoilWheel, narrowest_width
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
@@ -58,7 +58,8 @@ def soil_under(
         vehicles: on `soil-rigid` tires.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
         shapes: what sinks in beside the wheels, after which they come: bellies, rocks.
-        options: further arguments of `Soil`; the ground is that of the first vehicle if it is not among them.
+        options: further arguments of `Soil`. Without them the ground is that of the first vehicle, and `spacing` 0.05 m
+            or half the width of narrower wheels.
 
     Raises:
         ModelError: the tires of one make forces of their own, or a value breaks its rule.
@@ -69,7 +70,9 @@ def soil_under(
     first_tires = given[0].tires
     assert isinstance(first_tires, SoilTires)
     options.setdefault("ground", first_tires.terrain)
-    made = Soil(given[0].model, [*(wheel for each in wheels for wheel in each), *shapes], soil, **options)
+    all_wheels = [wheel for each in wheels for wheel in each]
+    options.setdefault("spacing", min(USUAL_SPACING, 0.5 * narrowest_width(all_wheels)))
+    made = Soil(given[0].model, [*all_wheels, *shapes], soil, **options)
     first = 0
     for whole, each in zip(given, below, strict=True):
         count = len(each[0].parts.sides)
