@@ -32,7 +32,7 @@ from benchmarks import comparing
 from benchmarks.comparing import Arm, Budget, Quantity, Result, Study
 from simwarp.tasks.driving.base import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
-from simwarp.tasks.randomisation.uncertainty import Driver
+from simwarp.tasks.randomisation.randomisation_config import Driver
 from simwarp.train.config import NetworkKind
 from simwarp.train.evaluation.figure_style import new_figure, save_figure
 

@@ -27,8 +27,8 @@ from .framework.statistics import EpisodeSummary
 from .framework.step_check import StepReport, check_step
 from .framework.step_result import StepResult
 from .framework.task import NON_FINITE, TIME_LIMIT, Task
+from .randomisation.randomisation_config import Curriculum, Driver, Mode, Range, Sensing, When
 from .randomisation.randomness import WorldRandom
-from .randomisation.uncertainty import Curriculum, Driver, Mode, Range, Sensing, When
 
 __all__ = [
     "ENTRY_POINT_GROUP",

@@ -55,7 +55,7 @@ COMMANDS = {
     for command in (
         Command("list", "", "tasks, vehicles, sensors and scenes, one line each", "simwarp.cli.listing:run", True),
         Command("train", "TASK", "train a policy, with live progress and a run folder", "simwarp.cli.training:run"),
-        Command("sweep", "TASK", "trainings over seeds and settings, compared", "simwarp.cli.sweeping:run"),
+        Command("sweep", "TASK", "trainings over seeds and settings, compared", "simwarp.cli.training_sweep:run"),
         Command("play", "TASK", "a picture or a short video of a policy at work", "simwarp.cli.playing:run"),
         Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.view_command:run"),
         Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluation.evaluating:run"),

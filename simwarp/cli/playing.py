@@ -113,7 +113,7 @@ def _record(
 ) -> float:
     """Play, and return the mean return; the frames are kept as they come."""
     from simwarp.train.evaluation.play import record
-    from simwarp.train.runs.progress import LiveLine
+    from simwarp.train.runs.progress_display import LiveLine
 
     with report_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
 
@@ -127,7 +127,7 @@ def _write(film: Film | HtmlFilm, target: Path, frames: list[Frame], name: str, 
     """Write what was filmed."""
     from simwarp.train.evaluation.filming import Film
     from simwarp.train.evaluation.play import VIDEO_SUFFIXES, write_picture, write_video
-    from simwarp.train.runs.progress import LiveLine
+    from simwarp.train.runs.progress_display import LiveLine
 
     console.print(f"writing {target} ...", highlight=False, soft_wrap=True)
     if not isinstance(film, Film):

@@ -21,7 +21,7 @@ from ..framework.errors import InputError, TaskError
 from ..framework.recorded_launches import TensorFunction, WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
-from ..randomisation.uncertainty import Uncertainty
+from ..randomisation.randomisation_config import Uncertainty
 from .base_kernels import (
     Car,
     Drive,

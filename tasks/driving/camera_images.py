@@ -13,7 +13,7 @@ import simwarp as sw
 
 from ..framework.recorded_launches import WorldLaunch, filled, share_over
 from ..randomisation.randomness import WorldRandom
-from .camera_images_kernels import Disturbance, disturb_images
+from .image_noise_kernels import Disturbance, disturb_images
 
 RAYLEIGH: Final = (0.046, 0.108, 0.265)
 """Optical depth of clear air towards the zenith at 680, 550 and 440 nm: scattering at sea level of 5.8, 13.5 and

@@ -15,8 +15,8 @@ from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig, require
 from ..framework.errors import InputError
+from ..randomisation.randomisation_config import Delay, Range, Sensing, Steps, Uncertainty
 from ..randomisation.randomness import WorldRandom
-from ..randomisation.uncertainty import Delay, Range, Sensing, Steps, Uncertainty
 from .camera_images import CameraImages
 
 Elevation: TypeAlias = Annotated[float, Gt(0.0), Le(0.5 * math.pi)]

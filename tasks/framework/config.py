@@ -15,7 +15,7 @@ from simwarp.core.constraints import Count, Ge, Le, NotNegative, Positive
 from simwarp.core.files import parse_json
 from simwarp.core.types import formatted
 
-from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing, Uncertainty
+from ..randomisation.randomisation_config import Curriculum, Delay, Range, Sensing, Uncertainty
 from .config_values import Settings, plain_value, typed
 from .errors import InputError, near_names
 

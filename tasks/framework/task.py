@@ -18,10 +18,10 @@ import simwarp as sw
 from simwarp.core.interop import shared_stream
 from simwarp.core.readable import Names, Readable, Row, array_text, plural
 
+from ..randomisation.randomisation_config import Driver
 from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import Sensors
-from ..randomisation.uncertainty import Driver
 from .action_path import ActionPath
 from .agents import Agents, lead_of
 from .argument_checks import check_room, checked_level, whole

@@ -18,7 +18,7 @@ import simwarp as sw
 from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names
-from .uncertainty import Mode, Range
+from .randomisation_config import Mode, Range
 
 STRENGTH, STIFFNESS, DAMPING, DELAY = "actuator_strength", "actuator_stiffness", "actuator_damping", "actuator_delay"
 ARRAYS: Final[Mapping[str, tuple[str, ...]]] = {

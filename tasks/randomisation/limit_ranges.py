@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..framework.errors import InputError
-from .uncertainty import Mode, Range
+from .randomisation_config import Mode, Range
 
 LIMITS: Final = ("joint_limit_lower", "joint_limit_upper")
 

@@ -18,7 +18,7 @@ import simwarp as sw
 
 from ..framework.errors import InputError
 from ..framework.rotations import in_world_axes
-from .uncertainty import Mode, Range, When
+from .randomisation_config import Mode, Range, When
 
 CENTRES: Final = ("body_com_x", "body_com_y", "body_com_z")
 """What `randomise` may name: shifts of centres of mass from where they were built, in body axes [m]."""

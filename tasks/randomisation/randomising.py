@@ -15,8 +15,8 @@ from ..framework.errors import InputError, near_names
 from .actuator_ranges import ARRAYS, ActuatorNumbers, of_actuators
 from .limit_ranges import LIMITS, DrawnLimits, check_limit_ranges
 from .mass_centres import ARRAYS_OF_CENTRES, CENTRES, MassCentres, of_centres
+from .randomisation_config import Mode, Range, When
 from .randomness import WorldRandom
-from .uncertainty import Mode, Range, When
 
 if TYPE_CHECKING:
     from simwarp.model.active_entries import ActiveEntries

@@ -11,8 +11,8 @@ from simwarp.core.types import formatted
 
 from ..framework.argument_checks import check_room
 from ..framework.errors import InputError, near_names
+from .randomisation_config import Sensing
 from .randomness import WorldRandom
-from .uncertainty import Sensing
 
 
 class DelayLine:

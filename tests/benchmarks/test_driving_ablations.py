@@ -13,7 +13,7 @@ from benchmarks.comparing import Budget
 from simwarp.tasks import config_to_plain, replace_fields
 from simwarp.tasks.driving.base import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
-from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver
+from simwarp.tasks.randomisation.randomisation_config import Curriculum, Driver
 from simwarp.train.config import NetworkKind
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "driving_ablations.py"

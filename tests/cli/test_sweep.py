@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from simwarp.cli.sweeping import parse_seeds, read_plan, search_words
+from simwarp.cli.training_sweep import parse_seeds, read_plan, search_words
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import open_run

@@ -167,9 +167,9 @@ def parse_simwarp(words: list[str]) -> None:
     if words[0] == "eval":
         stop = mock.patch("simwarp.train.evaluation.grid.evaluate_grid", _stop)
     elif words[0] == "sweep":
-        from simwarp.cli import sweeping
+        from simwarp.cli import training_sweep
 
-        stop = mock.patch.object(sweeping, "read_plan", _stopping(sweeping.read_plan))
+        stop = mock.patch.object(training_sweep, "read_plan", _stopping(training_sweep.read_plan))
     elif words[0] == "drive":
         stop = mock.patch("simwarp.cli.drive._drive", _stop)
     elif words[0] == "bench":

@@ -15,7 +15,7 @@ from simwarp.core.stopping import StopRequest
 from simwarp.tasks import Driver, Task, TaskConfig
 
 from ..networks.policies import Policy
-from ..runs.progress import LiveLine, duration
+from ..runs.progress_display import LiveLine, duration
 from .driven_paths import DrivenPaths, PathRecorder
 from .evaluation import CHECK_INTERVAL, EpisodeRecords, Evaluation, EvaluationCallback, evaluate_policies
 

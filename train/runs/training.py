@@ -29,7 +29,7 @@ from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
 from .changed_options import changed_options_error
 from .loggers import RunLog, check_logger
-from .progress import ProgressDisplay
+from .progress_display import ProgressDisplay
 from .run_files import write_json
 from .run_folder import CONFIG, RUNS, WARM_START, RunFolder, check_root, create_run, open_run, provenance, read_policy
 from .run_lock import RunLock, writing

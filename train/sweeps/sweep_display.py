@@ -12,7 +12,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.table import Table
 
-from ..runs.progress import duration, number
+from ..runs.progress_display import duration, number
 from .run_state import RunRecord, RunState
 
 REDRAW: Final = 0.5

@@ -36,7 +36,7 @@ class RecordOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Record as the arguments say; 130 after an interruption."""
     from simwarp.train.algorithm.trajectories import record, save_trajectories
-    from simwarp.train.runs.progress import LiveLine
+    from simwarp.train.runs.progress_display import LiveLine
 
     command = policy_command("record", arguments, RecordOptions)
     name, options, source = command.name, command.options(), command.source

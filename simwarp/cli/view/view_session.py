@@ -79,7 +79,7 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
 def _record_seconds(view: LiveView, options: ViewOptions, seconds: float) -> int:
     """Records simulated seconds as fast as they go; what there is when it is interrupted."""
     from simwarp.core.stopping import stop_on_signals
-    from simwarp.train.runs.progress import LiveLine
+    from simwarp.train.runs.progress_display import LiveLine
 
     recorder, console = Recorder(view, str(options.record)), options.console()
     try:

@@ -17,8 +17,8 @@ from typing import Any, Final
 import torch
 
 from ...framework.rotations import heading_of, in_body_axes
+from ...randomisation.randomisation_config import Mode, Range
 from ...randomisation.randomness import WorldRandom
-from ...randomisation.uncertainty import Mode, Range
 
 __all__ = [
     "action_rate_l2",

@@ -11,7 +11,7 @@ from simwarp.core.interop import to_torch
 from simwarp.sensors import Lighting
 from simwarp.tasks import InputError, TaskConfig
 from simwarp.tasks.driving.conditions import NEUTRAL, NOMINAL_SHARE, RANDOM_RANGES, Conditions, ConditionsConfig
-from simwarp.tasks.randomisation.uncertainty import Range, Sensing
+from simwarp.tasks.randomisation.randomisation_config import Range, Sensing
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from tests.reference.image_noise import disturbed, image_key, reddened
 from tests.tasks.driving.driving_checks import NAMES, SMALL, copied, driving, held, random_actions

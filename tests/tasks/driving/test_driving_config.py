@@ -14,7 +14,7 @@ from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make, task_class
 from simwarp.tasks.driving import DrivingConfig, DrivingTask, Observing
 from simwarp.tasks.driving.hallway import HallwayRewards
 from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadConfig, OffRoadTask
-from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
+from simwarp.tasks.randomisation.randomisation_config import Curriculum, Driver, Range
 from simwarp.train.config import default_config, student_config
 from tests.tasks.adapters import test_gym_conformance as rules
 from tests.tasks.driving.driving_checks import NAMES, SMALL, driving, held, obstacle_corners, random_actions

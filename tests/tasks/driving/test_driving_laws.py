@@ -7,7 +7,7 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks.framework.replay import replay
-from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver
+from simwarp.tasks.randomisation.randomisation_config import Curriculum, Driver
 from tests.tasks.driving.driving_checks import NAMES, SMALL, copied, driving, random_actions
 
 STEPS = 8

@@ -10,7 +10,7 @@ import torch
 from simwarp.core.interop import to_torch
 from simwarp.tasks import replace_fields
 from simwarp.tasks.driving.convoy import LEADER_HALF
-from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver
+from simwarp.tasks.randomisation.randomisation_config import Curriculum, Driver
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import default_config
 from tests.reference.routes import nearest_on_path

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from simwarp.tasks import make
 from simwarp.tasks.framework.rotations import heading_of, in_body_axes, in_world_axes
 from simwarp.tasks.locomotion.velocity import mdp
+from simwarp.tasks.randomisation.randomisation_config import Mode
 from simwarp.tasks.randomisation.randomness import WorldRandom
-from simwarp.tasks.randomisation.uncertainty import Mode
 
 WORLDS = 7
 
