@@ -19,7 +19,7 @@ from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import make_progress
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
-    assemble_worlds,
+    assembly_kernels,
     copy_rows,
     copy_worlds,
     flag_worlds,
@@ -436,21 +436,24 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
         """Launches that set worlds to coordinates and rates, each with the index of these inputs."""
         self._no_rates = wp.zeros_like(self.state.joint_qd)
-        assemble = self.shares.record(
-            assemble_worlds,
-            inputs=[
-                self._all_worlds, self._config, self.model.topology, self.model.parameters, self.control.arrays,
-                self.state.joint_q, self._no_rates, self._scratch,
-            ],
-            outputs=[self.state.arrays, self.contacts.arrays],
-        )  # fmt: skip
+        launches = [
+            (self.shares.record(
+                kernel,
+                inputs=[
+                    self._all_worlds, self._config, self.model.topology, self.model.parameters, self.control.arrays,
+                    self.state.joint_q, self._no_rates, self._scratch,
+                ],
+                outputs=[self.state.arrays, self.contacts.arrays],
+            ), 5)
+            for kernel in assembly_kernels(self.model.topology.row_count)
+        ]  # fmt: skip
         if not self.model.device.is_cuda:
-            return [(assemble, 5)]
+            return launches
         flag = self.shares.record(
             flag_worlds, inputs=[self._all_worlds, self.state.joint_q, self._no_rates],
             outputs=[self.state.world_status],
         )  # fmt: skip
-        return [(assemble, 5), (flag, 1)]
+        return [*launches, (flag, 1)]
 
     def _warn_of_unshared(self) -> None:
         names = unshared(self._program.every.commands)

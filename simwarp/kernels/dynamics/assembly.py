@@ -249,11 +249,10 @@ def link_rates(
 
 
 @wp.func
-def assemble_world(
-    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
-    joint_q: wp.array2d[float], joint_qd: wp.array2d[float], state: StateArrays, work: Work,
-):  # fmt: skip
-    """State of one world from coordinates and rates: the loops are closed near them, velocities made consistent."""
+def place_world(
+    world: int, topology: Topology, parameters: Parameters, joint_q: wp.array2d[float], state: StateArrays, work: Work
+):
+    """Poses of one world's tree from its coordinates, and the coordinates that were asked for."""
     load_poses(world, topology, state, work)
     place_links(world, topology, parameters, joint_q, work)
     for dof in range(topology.dof_count):
@@ -261,9 +260,13 @@ def assemble_world(
         state.joint_x[world, dof] = wp.float64(joint_q[world, dof])
         state.joint_q[world, dof] = joint_q[world, dof]
         state.joint_qd[world, dof] = 0.0
-    error = float(0.0)
-    if topology.joint_row_count > 0:
-        error = close_loops(world, topology, parameters, state, control, config, work)
+
+
+@wp.func
+def publish_placed(
+    world: int, error: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
+):
+    """Poses and coordinates of a world that was placed, with `error` left in its loops; its impulses are forgotten."""
     publish_poses(world, topology, state, work)
     publish_coordinates(world, 0.0, topology, parameters, state, work)
     status = int(0)
@@ -272,15 +275,14 @@ def assemble_world(
     state.world_status[world] = status
     for row in range(state.box_impulse.shape[1]):
         state.box_impulse[world, row] = 0.0
-    assemble_velocities(world, config, topology, parameters, control, joint_qd, state, work)
 
 
 @wp.func
-def assemble_velocities(
+def set_tree_velocities(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
     joint_qd: wp.array2d[float], state: StateArrays, work: Work,
 ):  # fmt: skip
-    """Velocities from rates; where loops or couplings bind, the nearest in the mass metric."""
+    """Velocities of the links at the poses in `work`, from the rates of the tree alone."""
     clear_velocities(topology, work)
     load_tree_dofs(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
     for tree_dof in range(topology.tree_dof_count):
@@ -290,40 +292,55 @@ def assemble_velocities(
     for link in range(topology.link_count):
         work.t_ang[link] = work.v_ang[link]
         work.t_lin[link] = work.v_lin[link]
-    if topology.row_count > 0:
-        factor_at_poses(world, topology, parameters, state, control, config, work)
-        for row in range(topology.row_count):
-            work.row_b[row] = 0.0
-            work.row_impulse[row] = 0.0
-        for tree_dof in range(topology.tree_dof_count):
-            dof = topology.tree_dof_to_dof[tree_dof]
-            work.xi[tree_dof] = 0.0
-            work.k_qd[tree_dof] = 0.0
-            if dof >= 0:
-                work.k_qd[tree_dof] = joint_qd[world, dof]
-                work.qd[tree_dof] = joint_qd[world, dof]
-        rows_residual(topology, parameters, world, work)
-        for row in range(topology.row_count):
-            # efforts of springs and drives are no part of a set state; prescribed motions are
-            dof = topology.row_dof[row]
-            if dof >= 0:
-                if topology.dof_drive[dof] < PRESCRIBED_POSITION:
-                    work.row_r[row] = 0.0
-        for coupling in range(topology.row_count - topology.joint_row_count):
-            row = topology.coupling_row[coupling]
-            if work.row_compliance[row] > 0.0 or topology.coupling_law[coupling] >= 0:
-                work.row_r[row] = 0.0  # a viscous coupling, or a combination
-        solve_rows(topology, work)
-        apply_rows(topology, work)
-        for link in range(topology.link_count):
-            work.stabilisation_ang[link] = wp.vec3()
-            work.stabilisation_lin[link] = wp.vec3()
-        forward_pass(topology, work)
-        for link in range(topology.link_count):
-            work.t_ang[link] = work.t_ang[link] + work.v_ang[link]
-            work.t_lin[link] = work.t_lin[link] + work.v_lin[link]
-        for tree_dof in range(topology.tree_dof_count):
-            work.k_qd[tree_dof] = work.k_qd[tree_dof] + work.qd[tree_dof]
+
+
+@wp.func
+def bind_velocities(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    joint_qd: wp.array2d[float], state: StateArrays, work: Work,
+):  # fmt: skip
+    """Change the velocities of `set_tree_velocities` to the nearest, in the mass metric, that rows of loops allow."""
+    factor_at_poses(world, topology, parameters, state, control, config, work)
+    for row in range(topology.row_count):
+        work.row_b[row] = 0.0
+        work.row_impulse[row] = 0.0
+    for tree_dof in range(topology.tree_dof_count):
+        dof = topology.tree_dof_to_dof[tree_dof]
+        work.xi[tree_dof] = 0.0
+        work.k_qd[tree_dof] = 0.0
+        if dof >= 0:
+            work.k_qd[tree_dof] = joint_qd[world, dof]
+            work.qd[tree_dof] = joint_qd[world, dof]
+    rows_residual(topology, parameters, world, work)
+    for row in range(topology.row_count):
+        # efforts of springs and drives are no part of a set state; prescribed motions are
+        dof = topology.row_dof[row]
+        if dof >= 0:
+            if topology.dof_drive[dof] < PRESCRIBED_POSITION:
+                work.row_r[row] = 0.0
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        row = topology.coupling_row[coupling]
+        if work.row_compliance[row] > 0.0 or topology.coupling_law[coupling] >= 0:
+            work.row_r[row] = 0.0  # a viscous coupling, or a combination
+    solve_rows(topology, work)
+    apply_rows(topology, work)
+    for link in range(topology.link_count):
+        work.stabilisation_ang[link] = wp.vec3()
+        work.stabilisation_lin[link] = wp.vec3()
+    forward_pass(topology, work)
+    for link in range(topology.link_count):
+        work.t_ang[link] = work.t_ang[link] + work.v_ang[link]
+        work.t_lin[link] = work.t_lin[link] + work.v_lin[link]
+    for tree_dof in range(topology.tree_dof_count):
+        work.k_qd[tree_dof] = work.k_qd[tree_dof] + work.qd[tree_dof]
+
+
+@wp.func
+def publish_set_velocities(
+    world: int, topology: Topology, parameters: Parameters, joint_qd: wp.array2d[float], state: StateArrays,
+    work: Work,
+):  # fmt: skip
+    """Velocities of bodies and joints that were set."""
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:

@@ -23,7 +23,16 @@ from simwarp.kernels.core.scratch import (
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkScratch
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.kernels.core.world_status import NON_FINITE
-from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
+from simwarp.kernels.dynamics.assembly import (
+    bind_velocities,
+    close_loops,
+    measure_world,
+    place_world,
+    publish_placed,
+    publish_set_velocities,
+    set_tree_velocities,
+)
+from simwarp.kernels.dynamics.bodies import load_poses
 from simwarp.kernels.dynamics.dense_rows import padded
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
@@ -130,7 +139,7 @@ def forget_contacts(world: int, contacts: ContactArrays):
 
 
 @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
-def assemble_worlds(
+def assemble_trees(
     # inputs
     worlds: WorldRange,
     mask: wp.array[wp.bool],
@@ -146,12 +155,82 @@ def assemble_worlds(
     # outputs
     contacts: ContactArrays,
 ):
-    """Sets the worlds of the mask to coordinates and rates (`assemble_world`), where nothing has touched yet."""
+    """Sets the worlds of the mask, whose model has neither loops nor couplings, to coordinates and rates.
+
+    Nothing has touched yet.
+    """
     world = worlds.first + wp.tid()
     if mask[world]:
         work = pack(scratch, scratch_slot_of(world, worlds))
-        assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
+        place_world(world, topology, parameters, joint_q, state, work)
+        publish_placed(world, 0.0, topology, parameters, state, work)
+        set_tree_velocities(world, config, topology, parameters, control, joint_qd, state, work)
+        publish_set_velocities(world, topology, parameters, joint_qd, state, work)
         forget_contacts(world, contacts)
+
+
+@wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
+def assemble_positions(
+    # inputs
+    worlds: WorldRange,
+    mask: wp.array[wp.bool],
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    control: ControlArrays,
+    joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float],
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    # outputs
+    contacts: ContactArrays,
+):
+    """Sets the worlds of the mask to coordinates, and closes the loops near them. Nothing has touched yet."""
+    world = worlds.first + wp.tid()
+    if mask[world]:
+        work = pack(scratch, scratch_slot_of(world, worlds))
+        place_world(world, topology, parameters, joint_q, state, work)
+        error = float(0.0)
+        if topology.joint_row_count > 0:
+            error = close_loops(world, topology, parameters, state, control, config, work)
+        publish_placed(world, error, topology, parameters, state, work)
+        forget_contacts(world, contacts)
+
+
+@wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
+def assemble_velocities(
+    # inputs
+    worlds: WorldRange,
+    mask: wp.array[wp.bool],
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    control: ControlArrays,
+    joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float],
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    # outputs
+    contacts: ContactArrays,
+):
+    """Sets the velocities of the worlds of the mask after `assemble_positions`, consistent with loops and couplings."""
+    world = worlds.first + wp.tid()
+    if mask[world]:
+        work = pack(scratch, scratch_slot_of(world, worlds))
+        load_poses(world, topology, state, work)
+        set_tree_velocities(world, config, topology, parameters, control, joint_qd, state, work)
+        bind_velocities(world, config, topology, parameters, control, joint_qd, state, work)
+        publish_set_velocities(world, topology, parameters, joint_qd, state, work)
+
+
+def assembly_kernels(row_count: int) -> list[wp.Kernel]:
+    """Kernels that set worlds of a model with so many rows of loops and couplings to a state, in their order.
+
+    A model without rows does not compile what factors them: two thirds of the time.
+    """
+    return [assemble_positions, assemble_velocities] if row_count else [assemble_trees]
 
 
 @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
@@ -179,7 +258,7 @@ def measure_worlds(
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
     """Those with modules of their own."""
-    return [assemble_worlds, measure_worlds]
+    return [assemble_trees, assemble_positions, assemble_velocities, measure_worlds]
 
 
 @wp.kernel(enable_backward=False)
