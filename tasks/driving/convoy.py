@@ -41,19 +41,20 @@ from .convoy_kernels import (
     LEADERS,
     Column,
     Follow,
+    Platoon,
     aim_next,
-    compute_convoy_rewards,
+    compute_follower_rewards,
     draw_path,
     draw_roadside,
     drive_on_behind,
-    end_column,
+    end_followers,
     follow_path,
-    measure_column,
-    observe_column,
+    measure_follower,
+    observe_followers,
     place_leaders,
     show_now,
     start_following,
-    write_convoy_metrics,
+    write_follower_metrics,
 )
 from .obstacles import ObstacleKind, Obstacles
 from .outlines import outline
@@ -217,7 +218,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.follow = zeros_of(Follow, self)
         fill(self.follow, steps=self.episode_steps)
         self.route, self._begun = sw.to_torch(self.follow.route), sw.to_torch(self.follow.begun)
-        self._deviation = sw.to_torch(self.follow.deviation)
         self.obstacles.bind(self.simulation.model, self.random)
         super().setup()
         if self.camera is not None:
@@ -225,6 +225,21 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         lead, device = lead_of(self), self.device
         self._policy, self._measured = (torch.zeros(*lead, size, device=device) for size in (17 + _RAYS, 6))
         self.record_world()
+
+    def _record_vehicle(self) -> None:
+        """Record what every driving task launches; the truck is the only vehicle of its platoon."""
+        super()._record_vehicle()
+        device = str(self.device)
+        self._deviation = torch.zeros(self.num_worlds, device=self.device)
+        self._platoon = filled(
+            Platoon,
+            first=-LEADERS,
+            chassis=wp.array([self.parts.chassis], dtype=int, device=device),
+            shape=wp.array([self.chassis_shape], dtype=int, device=device),
+            reference=self._car.reference,
+            hit=self.hit.unsqueeze(1),
+            deviation=self._deviation.unsqueeze(1),
+        )
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -269,28 +284,32 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def record_world(self) -> None:
         """Record what a step launches: all of it hangs on what is known of column and scene."""
-        column, routes, follow, slots = self.column, self.routes.tables, self.follow, self.obstacles.slots
-        car, drive, state, every, draws = (
-            self._car,
-            self._drive,
-            self.simulation.state.arrays,
-            self._every_world,
-            self.random.draws,
-        )
-        where = [column, car, drive, state, routes, follow]
         self._record_draws()
-        self._start = launch_over(self, start_following, every, column, car, self._navigator, state, routes, follow)
+        self._record_driving()
+        column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
+        state, shape = self.simulation.state.arrays, (self.num_worlds, self.agents)
+        if self.navigation is not None:
+            measured = [column, state, self._navigator, self.random.draws, routes, follow, platoon, self._measured]
+            self._measure = launch_over(self, measure_follower, *measured)
+        rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
+        seen = [column, state, rows, routes, follow, self.obstacles.slots, platoon, policy]
+        self._observe = TensorLaunch(observe_followers, shape, seen, self.device)
+        where = [column, state, routes, follow, platoon]
+        of_agents: dict[str, Any] = {"shape": lead_of(self), "threads": shape}
+        self._compute_rewards = NamedRows(self, compute_follower_rewards, self.term_names, *where, **of_agents)
+        self._find_ends = NamedRows(self, end_followers, ENDS, *where, dtype=torch.bool, **of_agents)
+        self._measure_metrics = NamedRows(self, write_follower_metrics, METRICS, *where, **of_agents)
+
+    def _record_driving(self) -> None:
+        """Record what places the truck, and what is launched while it drives."""
+        column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
+        car, drive, state = self._car, self._drive, self.simulation.state.arrays
+        placed = [self._every_world, column, car, self._navigator, state, routes, follow, platoon]
+        self._start = launch_over(self, start_following, *placed)
         self._aim_first, self._aim_next = (
             launch_over(self, aim_next, ahead, column, routes, follow, drive) for ahead in (0, 1)
         )
-        self._follow_path = launch_over(self, follow_path, car, state, routes, follow)
-        estimated = [column, self._navigator, draws, routes, follow, self._measured]
-        self._measure = launch_over(self, measure_column, *estimated) if self.navigation is not None else None
-        seen = [column, car, state, self.action, routes, follow, slots, self._policy]
-        self._observe = launch_over(self, observe_column, *seen)
-        self._compute_rewards = NamedRows(self, compute_convoy_rewards, self.term_names, *where)
-        self._find_ends = NamedRows(self, end_column, ENDS, *where, dtype=torch.bool)
-        self._measure_metrics = NamedRows(self, write_convoy_metrics, METRICS, *where)
+        self._follow_path = launch_over(self, follow_path, car, state, routes, follow, platoon)
         places = [(torch.float32, (LEADERS, 3))]
         self._leaders_at = TensorFunction(place_leaders, [routes, follow], places, self.device)
 
@@ -359,7 +378,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed; the buffer
         itself.
         """
-        assert self._measure is not None
         self._measure.launch()
         return self._measured
 

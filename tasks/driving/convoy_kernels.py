@@ -78,8 +78,25 @@ class Follow:
 
     route: wp.array[wp.int64]  # (W,)
     begun: wp.array[float]  # (W,) where the nearest leader begins, as a share of the path
-    deviation: wp.array[float]  # (W,) mean distance from the path [m]
     steps: wp.array[wp.int64]  # (W,) control steps of the episode
+
+
+@wp.struct
+class Platoon:
+    """Simulated vehicles of a convoy, V in each world: the truck alone behind ghosts, or leaders too."""
+
+    leading: int  # the first ones, which drivers take along the path; policies drive the N others
+    first: int  # vehicle that a follower may bump into; negative ones are ghosts
+    chassis: wp.array[int]  # (V,) bodies
+    shape: wp.array[int]  # (V,) of their boxes in contacts
+    reference: wp.vec3d  # of all, in axes of the chassis [m]
+    vehicle_of: wp.array[int]  # (B,) of a body; -1: of none
+    start_x: wp.array[wp.vec3d]  # (B,) of bodies, settled, the reference point of their vehicle above the origin [m]
+    start_rot: wp.array[wp.quatd]  # (B,)
+    force: wp.array2d[wp.vec3]  # (W, S) contact forces on shapes [N]
+    input: wp.array3d[float]  # (W, V, 4) steering, throttle, brake, clutch
+    hit: wp.array2d[wp.bool]  # (W, V) the chassis touched something in this control step
+    deviation: wp.array2d[float]  # (W, V) mean distance from the path [m]
 
 
 @wp.func
@@ -89,17 +106,28 @@ def time_of(world: int, column: Column, follow: Follow) -> float:
 
 
 @wp.func
-def leader_at(world: int, index: int, time: float, routes: RouteTables, follow: Follow) -> wp.vec3:
-    """Place and heading of a leader; the nearest is the first."""
-    route = int(follow.route[world])
+def length_at(world: int, places: int, time: float, routes: RouteTables, follow: Follow) -> float:
+    """Length along the path of the schedule, so many places ahead of the vehicle before the last one [m]."""
     gone = time / DURATION
-    share = follow.begun[world] + APART * float(index) + gone * gone
-    return route_at(route, share * routes.length[route], routes)
+    share = follow.begun[world] + APART * float(places) + gone * gone
+    return share * routes.length[int(follow.route[world])]
 
 
 @wp.func
-def leader_speed(world: int, time: float, routes: RouteTables, follow: Follow) -> float:
-    """Speed of the leaders [m/s]."""
+def leader_at(world: int, index: int, time: float, routes: RouteTables, follow: Follow) -> wp.vec3:
+    """Place and heading of a ghost; the nearest is the first."""
+    return route_at(int(follow.route[world]), length_at(world, index, time, routes, follow), routes)
+
+
+@wp.func
+def scheduled(world: int, vehicle: int, time: float, platoon: Platoon, routes: RouteTables, follow: Follow) -> float:
+    """Length along the path where a vehicle should be [m]; negative ones are ahead of the first."""
+    return length_at(world, platoon.chassis.shape[0] - 2 - vehicle, time, routes, follow)
+
+
+@wp.func
+def scheduled_speed(world: int, time: float, routes: RouteTables, follow: Follow) -> float:
+    """Speed of the schedule, and of ghosts [m/s]."""
     return 2.0 * time / (DURATION * DURATION) * routes.length[int(follow.route[world])]
 
 
@@ -145,24 +173,76 @@ def overlaps(place: wp.vec2, heading: float, leader: wp.vec3, column: Column) ->
 
 
 @wp.func
-def is_bumped(world: int, column: Column, car: Car, state: StateArrays, routes: RouteTables, follow: Follow) -> bool:
-    """Whether the truck is in one of the leaders."""
+def car_at(vehicle: int, platoon: Platoon) -> Car:
+    """One of the vehicles, for what is asked of a single one; its inputs are the convoy's."""
+    car = Car()
+    car.chassis = platoon.chassis[vehicle]
+    car.shape = platoon.shape[vehicle]
+    car.reference = platoon.reference
+    return car
+
+
+@wp.func
+def vehicle_at(
+    world: int, vehicle: int, time: float, platoon: Platoon, state: StateArrays, routes: RouteTables, follow: Follow
+) -> wp.vec3:
+    """Place [m] and heading [rad] of a vehicle, or of the schedule ahead of the first."""
+    if vehicle < 0:
+        return route_at(int(follow.route[world]), scheduled(world, vehicle, time, platoon, routes, follow), routes)
+    car = car_at(vehicle, platoon)
     place = plane(point_of(world, car, state))
-    heading = car_heading(world, car, state)
+    return wp.vec3(place[0], place[1], car_heading(world, car, state))
+
+
+@wp.func
+def speed_of(
+    world: int, vehicle: int, time: float, platoon: Platoon, state: StateArrays, routes: RouteTables, follow: Follow
+) -> float:
+    """Speed ahead of a vehicle, or of the schedule ahead of the first [m/s]."""
+    if vehicle < 0:
+        return scheduled_speed(world, time, routes, follow)
+    car = car_at(vehicle, platoon)
+    return motion_of(world, car_heading(world, car, state), car, state)[0]
+
+
+@wp.func
+def touches_from(
+    world: int, vehicle: int, first: int, end: int, column: Column, platoon: Platoon, state: StateArrays,
+    routes: RouteTables, follow: Follow,
+) -> bool:  # fmt: skip
+    """Whether a vehicle is in another one, of those from `first` to before `end`."""
+    time = time_of(world, column, follow)
+    own = vehicle_at(world, vehicle, time, platoon, state, routes, follow)
     touching = bool(False)
-    for i in range(LEADERS):
-        leader = leader_at(world, i, time_of(world, column, follow), routes, follow)
-        touching = touching or overlaps(place, heading, leader, column)
+    for other in range(first, end):
+        if other != vehicle:
+            at = vehicle_at(world, other, time, platoon, state, routes, follow)
+            touching = touching or overlaps(wp.vec2(own[0], own[1]), own[2], at, column)
     return touching
 
 
 @wp.func
-def behind_leader(
-    world: int, column: Column, car: Car, state: StateArrays, routes: RouteTables, follow: Follow
+def behind_vehicle(
+    world: int, vehicle: int, column: Column, platoon: Platoon, state: StateArrays, routes: RouteTables, follow: Follow
 ) -> wp.vec2:
-    """From the truck to the nearest leader, in the leader's axes [m]."""
-    leader = leader_at(world, 0, time_of(world, column, follow), routes, follow)
-    return to_heading(wp.vec2(leader[0], leader[1]) - plane(point_of(world, car, state)), leader[2])
+    """From a vehicle to the one ahead, in the axes of that [m]."""
+    time = time_of(world, column, follow)
+    leader = vehicle_at(world, vehicle - 1, time, platoon, state, routes, follow)
+    own = vehicle_at(world, vehicle, time, platoon, state, routes, follow)
+    return to_heading(wp.vec2(leader[0] - own[0], leader[1] - own[1]), leader[2])
+
+
+@wp.func
+def row_of(world: int, agent: int, platoon: Platoon) -> int:
+    """Row of an agent among those of all worlds."""
+    return world * (platoon.chassis.shape[0] - platoon.leading) + agent
+
+
+@wp.func
+def mean_with(distance: float, world: int, vehicle: int, follow: Follow, platoon: Platoon) -> float:
+    """The mean distance of a vehicle from the path, with that of one more control step [m]."""
+    mean = platoon.deviation[world, vehicle]
+    return mean + (distance - mean) / float(follow.steps[world] + wp.int64(1))
 
 
 @wp.kernel
@@ -214,7 +294,7 @@ def draw_roadside(
 @wp.kernel
 def start_following(
     mask: wp.array[wp.bool], column: Column, car: Car, navigator: Navigator, state: StateArrays, routes: RouteTables,
-    follow: Follow,
+    follow: Follow, platoon: Platoon,
 ):  # fmt: skip
     """On the path behind the leaders."""
     world = wp.tid()
@@ -224,7 +304,7 @@ def start_following(
         at = route_at(route, (follow.begun[world] - APART) * routes.length[route], routes)
         place = wp.vec3d(wp.float64(at[0]), wp.float64(at[1]), wp.float64(0.0))
         place_car(world, place, at[2], heading_quaternion(wp.float64(at[2])), car, navigator, state)
-        follow.deviation[world] = 0.0
+        platoon.deviation[world, 0] = 0.0
         time = 0.0
     show_leaders(world, time, column, routes, follow)
 
@@ -276,12 +356,11 @@ def place_leaders(time: wp.array[float], routes: RouteTables, follow: Follow, pl
 
 
 @wp.kernel
-def follow_path(car: Car, state: StateArrays, routes: RouteTables, follow: Follow):
+def follow_path(car: Car, state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon):
     """Store the truck's distance from the path."""
     world = wp.tid()
     distance = route_distance(int(follow.route[world]), plane(point_of(world, car, state)), routes)
-    mean = follow.deviation[world]
-    follow.deviation[world] = mean + (distance - mean) / float(follow.steps[world] + wp.int64(1))
+    platoon.deviation[world, 0] = mean_with(distance, world, 0, follow, platoon)
 
 
 @wp.func
@@ -303,14 +382,16 @@ def measure_leader(
 
 
 @wp.kernel
-def measure_column(
-    column: Column, navigator: Navigator, draws: Draws, routes: RouteTables, follow: Follow, policy: wp.array2d[float]
+def measure_follower(
+    column: Column, state: StateArrays, navigator: Navigator, draws: Draws, routes: RouteTables, follow: Follow,
+    platoon: Platoon, policy: wp.array2d[float],
 ):  # fmt: skip
-    """Place of the first leader, heading and speed as the instruments tell them, the leader's speed."""
+    """What a single follower measures: place of the one ahead, heading and speed, the other's speed: (W, 6)."""
     world = wp.tid()
+    ahead = platoon.chassis.shape[0] - 2
     time = time_of(world, column, follow)
-    leader = leader_at(world, 0, time, routes, follow)
-    speed = leader_speed(world, time, routes, follow)
+    leader = vehicle_at(world, ahead, time, platoon, state, routes, follow)
+    speed = speed_of(world, ahead, time, platoon, state, routes, follow)
     measure_leader(world, leader, speed, column, navigator, draws, policy)
 
 
@@ -355,78 +436,81 @@ def observe_truck(
 
 
 @wp.kernel
-def observe_column(
-    column: Column, car: Car, state: StateArrays, action: wp.array2d[float], routes: RouteTables, follow: Follow,
-    slots: Slots, policy: wp.array2d[float],
+def observe_followers(
+    column: Column, state: StateArrays, action: wp.array2d[float], routes: RouteTables, follow: Follow, slots: Slots,
+    platoon: Platoon, policy: wp.array2d[float],
 ):  # fmt: skip
-    """The leaders' places, the first one's heading and speed, motion, tilt, inputs, ranges to obstacles."""
-    world = wp.tid()
+    """What each follower sees of those ahead and of itself: (W * N, 34)."""
+    world, agent = wp.tid()
+    vehicle = platoon.leading + agent
+    row = row_of(world, agent, platoon)
     time = time_of(world, column, follow)
-    place = plane(point_of(world, car, state))
-    heading = car_heading(world, car, state)
+    own = vehicle_at(world, vehicle, time, platoon, state, routes, follow)
     for i in range(LEADERS):
-        observe_leader(world, i, leader_at(world, i, time, routes, follow), place, heading, policy)
-    speed = leader_speed(world, time, routes, follow)
-    observe_truck(world, world, speed, column, car, state, action, slots, policy)
+        leader = vehicle_at(world, vehicle - 1 - i, time, platoon, state, routes, follow)
+        observe_leader(row, i, leader, wp.vec2(own[0], own[1]), own[2], policy)
+    speed = speed_of(world, vehicle - 1, time, platoon, state, routes, follow)
+    observe_truck(row, world, speed, column, car_at(vehicle, platoon), state, action, slots, policy)
 
 
-@wp.func
-def write_follower_rewards(
-    row: int, away: wp.vec2, failed: bool, ahead_speed: float, speed: float, column: Column, terms: wp.array2d[float]
-):  # fmt: skip
-    """Write following, failure and, if it counts, the difference in speed: columns of (T, rows).
-
-    Args: row, from truck to leader in the leader's axes [m], whether it failed, the leader's speed and its own [m/s].
-    """
+@wp.kernel
+def compute_follower_rewards(
+    column: Column, state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon, terms: wp.array2d[float]
+):
+    """Following, failure and, if it counts, the difference in speed: (T, W * N)."""
+    world, agent = wp.tid()
+    vehicle = platoon.leading + agent
+    row = row_of(world, agent, platoon)
+    away = behind_vehicle(world, vehicle, column, platoon, state, routes, follow)
+    vehicles = platoon.chassis.shape[0]
+    struck = touches_from(world, vehicle, vehicle + 1, vehicles, column, platoon, state, routes, follow)
     distance = wp.length(away)
+    failed = (platoon.hit[world, vehicle] and not struck) or is_upset(world, car_at(vehicle, platoon), state)
+    failed = failed or distance > column.lost_distance
+    failed = failed or touches_from(world, vehicle, platoon.first, vehicle, column, platoon, state, routes, follow)
     inside = wp.abs(wp.atan2(away[1], away[0])) < column.cone
     nearness = column.softness / (wp.max(distance - column.near, 0.0) + column.softness)
     terms[0, row] = column.following_weight * nearness * float(inside)
     terms[1, row] = column.failure_weight * float(failed)
     if terms.shape[0] > 2:
-        difference = ahead_speed - speed
+        time = time_of(world, column, follow)
+        speed = speed_of(world, vehicle, time, platoon, state, routes, follow)
+        difference = speed_of(world, vehicle - 1, time, platoon, state, routes, follow) - speed
         terms[2, row] = column.speed_weight * wp.abs(difference / (wp.abs(speed) + 0.05))
 
 
 @wp.kernel
-def compute_convoy_rewards(
-    column: Column, car: Car, drive: Drive, state: StateArrays, routes: RouteTables, follow: Follow,
-    terms: wp.array2d[float],
-):  # fmt: skip
-    """Following, failure and, if it counts, the difference in speed: (T, W)."""
-    world = wp.tid()
-    away = behind_leader(world, column, car, state, routes, follow)
-    failed = drive.hit[world] or is_upset(world, car, state) or wp.length(away) > column.lost_distance
-    failed = failed or is_bumped(world, column, car, state, routes, follow)
-    speed = motion_of(world, car_heading(world, car, state), car, state)[0]
-    write_follower_rewards(
-        world, away, failed, leader_speed(world, time_of(world, column, follow), routes, follow), speed, column, terms
-    )  # fmt: skip
-
-
-@wp.kernel
-def end_column(
-    column: Column, car: Car, drive: Drive, state: StateArrays, routes: RouteTables, follow: Follow,
-    ends: wp.array2d[wp.bool],
-):  # fmt: skip
-    """Collision, bumped, lost, upset, goal: (R, W)."""
-    world = wp.tid()
-    away = behind_leader(world, column, car, state, routes, follow)
+def end_followers(
+    column: Column, state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon, ends: wp.array2d[wp.bool]
+):
+    """Collision, bumped, lost, upset, goal: (R, W * N). Who is struck from behind goes on."""
+    world, agent = wp.tid()
+    vehicle = platoon.leading + agent
+    row = row_of(world, agent, platoon)
     gone = time_of(world, column, follow) / DURATION
-    ends[0, world] = drive.hit[world]
-    ends[1, world] = is_bumped(world, column, car, state, routes, follow)
-    ends[2, world] = wp.length(away) > column.lost_distance
-    ends[3, world] = is_upset(world, car, state)
-    ends[4, world] = follow.begun[world] + gone * gone > 0.999 and not drive.hit[world]
+    pushed = touches_from(world, vehicle, 0, platoon.chassis.shape[0], column, platoon, state, routes, follow)
+    collided = platoon.hit[world, vehicle] and not pushed
+    ends[0, row] = collided
+    ends[1, row] = touches_from(world, vehicle, platoon.first, vehicle, column, platoon, state, routes, follow)
+    away = behind_vehicle(world, vehicle, column, platoon, state, routes, follow)
+    ends[2, row] = wp.length(away) > column.lost_distance
+    ends[3, row] = is_upset(world, car_at(vehicle, platoon), state)
+    ends[4, row] = follow.begun[world] + gone * gone > 0.999 and not collided
 
 
 @wp.kernel
-def write_convoy_metrics(
-    column: Column, car: Car, drive: Drive, state: StateArrays, routes: RouteTables, follow: Follow,
+def write_follower_metrics(
+    column: Column, state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon,
     metrics: wp.array2d[float],
 ):  # fmt: skip
-    """Distance from the leader, mean distance from the path, and whether an obstacle was hit: (3, W)."""
-    world = wp.tid()
-    metrics[0, world] = wp.length(behind_leader(world, column, car, state, routes, follow))
-    metrics[1, world] = follow.deviation[world]
-    metrics[2, world] = float(drive.hit[world])
+    """Of each follower: distance from its leader, mean distance from the path, and whether an obstacle was hit.
+
+    Args: column, state, routes, follow, platoon; rows (3, W * N).
+    """
+    world, agent = wp.tid()
+    vehicle = platoon.leading + agent
+    pushed = touches_from(world, vehicle, 0, platoon.chassis.shape[0], column, platoon, state, routes, follow)
+    row = row_of(world, agent, platoon)
+    metrics[0, row] = wp.length(behind_vehicle(world, vehicle, column, platoon, state, routes, follow))
+    metrics[1, row] = platoon.deviation[world, vehicle]
+    metrics[2, row] = float(platoon.hit[world, vehicle] and not pushed)

@@ -16,27 +16,21 @@ import warp as wp
 
 import simwarp as sw
 
-from ..framework.agents import lead_of
 from ..framework.drawing import Line
-from ..framework.recorded_launches import NamedRows, TensorLaunch, WorldLaunch, filled, launch_over, share_over
+from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over
 from .base import CHASSIS_GROUP, SETTLING
-from .convoy import ENDS, METRICS, ConvoyTask
+from .convoy import ConvoyTask
+from .convoy_kernels import Platoon
 from .outlines import outline
 from .platoon_kernels import (
-    Platoon,
     begin_driver,
     begin_platoon,
-    compute_platoon_rewards,
     drive_platoon,
-    end_platoon,
     finish_platoon,
-    measure_platoon,
     notice_platoon,
-    observe_platoon,
     pace_driver,
     start_platoon,
     steer_platoon,
-    write_platoon_metrics,
 )
 
 APART = 8.0
@@ -128,11 +122,6 @@ class PlatoonTask(ConvoyTask):
         """Show obstacles; the vehicles are bodies."""
         self.obstacles.bind_scene(scene)
 
-    def setup(self) -> None:
-        """Note how the vehicles stand once they have settled."""
-        self._platoon = Platoon()
-        super().setup()
-
     def _record_vehicle(self) -> None:
         """Record what every driving task launches, and how the vehicles stand."""
         super()._record_vehicle()
@@ -164,12 +153,10 @@ class PlatoonTask(ConvoyTask):
         self._clear = launch_over(self, begin_platoon, self._platoon)
         self._notice_all = launch_over(self, notice_platoon, self._platoon)
 
-    def record_world(self) -> None:
-        """Record what a step launches."""
-        column, routes, follow, slots = self.column, self.routes.tables, self.follow, self.obstacles.slots
-        state, platoon, device = self.simulation.state.arrays, self._platoon, self.device
-        every = self._every_world
-        self._record_draws()
+    def _record_driving(self) -> None:
+        """Record what places the vehicles, and what is launched while they drive."""
+        column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
+        state, every = self.simulation.state.arrays, self._every_world
         self._start = launch_over(self, start_platoon, every, self._navigator, state, routes, follow, platoon)
         self._finish = launch_over(self, finish_platoon, column, state, routes, follow, platoon)
         self._begin_drivers = [
@@ -180,19 +167,6 @@ class PlatoonTask(ConvoyTask):
             launch_over(self, pace_driver, index, column, state, routes, follow, platoon, driver.target_speed)
             for index, driver in enumerate(self._drivers)
         ]
-        shape = (self.num_worlds, self.agents)
-        if self.navigation is not None:
-            seen = [column, state, self._navigator, self.random.draws, platoon, self._measured]
-            self._measure = launch_over(self, measure_platoon, *seen)
-        rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
-        arguments = [column, state, rows, routes, follow, slots, platoon, policy]
-        self._observe = TensorLaunch(observe_platoon, shape, arguments, device)
-        of_agents: dict[str, Any] = {"shape": lead_of(self), "threads": shape}
-        seen = [column, state, platoon]
-        self._compute_rewards = NamedRows(self, compute_platoon_rewards, self.term_names, *seen, **of_agents)
-        ends = [column, state, follow, platoon]
-        self._find_ends = NamedRows(self, end_platoon, ENDS, *ends, dtype=torch.bool, **of_agents)
-        self._measure_metrics = NamedRows(self, write_platoon_metrics, METRICS, *seen, **of_agents)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 
