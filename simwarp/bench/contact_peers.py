@@ -21,11 +21,11 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.bench.health import Health, pushing_contacts
-from simwarp.bench.measure import Row, SceneRun, judge
+from simwarp.bench.measure import Row, SceneRun, time_and_judge
 from simwarp.bench.motion import STACK_TORQUE, swing_targets, twist_torques
 from simwarp.bench.motion_kernels import hold_swing_by_leg, write_swing
 from simwarp.bench.mujoco_rollout import Rollout
-from simwarp.bench.timing import array_bytes, measure_speed
+from simwarp.bench.timing import array_bytes
 from simwarp.bench.workloads import BenchScene
 from simwarp.core.threads import thread_count
 
@@ -417,9 +417,6 @@ def measure_peer(module: str, scene: BenchScene, worlds: int, dt: float | None, 
         found = [] if np.isfinite(run.heights()).all() else ["a state is not finite"]
         return Health(tuple(problems + found), 0.0, 0.0, 0.0, 0.0, contacts=theirs[1])
 
-    verdicts = [examine()]
-    speed = measure_speed(run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(examine()))
-    row.set_rates(speed)
-    judge(row, verdicts)
+    time_and_judge(row, run, worlds * run.steps_per_call, seconds, examine)
     row.residual = row.position_error = row.energy_gain = None
     return row

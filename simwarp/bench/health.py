@@ -71,22 +71,9 @@ class MotionHealthCheck:
 
     def examine(self) -> Health:
         """Judges the state now; waits for the device."""
-        state, reports = self.sim.state, self.sim.diagnostics
-        problems = []
-        arrays = [getattr(state, name).numpy() for name in ("body_x", "body_rot", "body_v", "body_omega", "joint_x")]
-        finite = all(np.isfinite(array).all() for array in arrays)
-        if not finite:
-            problems.append("a state is not finite")
-        status = int(np.bitwise_or.reduce(state.world_status.numpy()))
-        if status:
-            problems.append(f"world status {WorldStatus(status)!r}")
-        speed = float(np.linalg.norm(arrays[2], axis=-1).max(initial=0.0))
-        residual = max(_largest(reports.row_residual), _largest(reports.cone_residual))
-        if not residual <= RESIDUAL_SHARE * max(speed, 1.0):
-            problems.append(f"row residual {residual:.2g} m/s at {speed:.3g} m/s")
-        position_error = _largest(reports.position_error)
-        if not position_error <= self.position_error:
-            problems.append(f"joints are {position_error:.2g} m or rad apart (sound: {self.position_error:g})")
+        state = self.sim.state
+        speed = float(np.linalg.norm(state.body_v.numpy(), axis=-1).max(initial=0.0))
+        problems, finite, residual, position_error = examine_solution(self.sim, speed, "m/s", self.position_error)
         penetration, contacts = None, None
         if self.sim.model.shape_count:
             penetration, contacts = _largest(self.sim.contacts.penetration), pushing_contacts(self.sim)
@@ -98,12 +85,42 @@ class MotionHealthCheck:
         gain = float((mechanical_energy(self.sim) - self.start_energy).max(initial=0.0)) if finite else float("nan")
         if finite and not gain <= self.energy_gain:
             problems.append(f"energy rose by {gain:.3g} J (sound: {self.energy_gain:.3g} J)")
-        if finite and max(speed, float(np.abs(arrays[3]).max(initial=0.0))) < 1e-9:
+        if finite and max(speed, float(np.abs(state.body_omega.numpy()).max(initial=0.0))) < 1e-9:
             problems.append("nothing moves: this is no work")
         return Health(
             tuple(problems), residual, position_error, gain, speed, penetration, contacts,
-            float(reports.iterations.numpy().mean()),
+            float(self.sim.diagnostics.iterations.numpy().mean()),
         )  # fmt: skip
+
+
+def examine_solution(
+    sim: Simulation, speed: float, unit: str, largest_error: float
+) -> tuple[list[str], bool, float, float]:
+    """What must hold in any motion: a finite state, solved rows, joints together.
+
+    Args:
+        sim: in motion.
+        speed: that residuals are compared with [m/s].
+        unit: of residuals.
+        largest_error: of a sound joint [m or rad].
+
+    Returns:
+        The problems, whether the state is finite, the largest residual of a row and the largest error of a joint.
+    """
+    state, reports = sim.state, sim.diagnostics
+    names = ("body_x", "body_rot", "body_v", "body_omega", "joint_x")
+    finite = all(np.isfinite(getattr(state, name).numpy()).all() for name in names)
+    problems = [] if finite else ["a state is not finite"]
+    status = int(np.bitwise_or.reduce(state.world_status.numpy()))
+    if status:
+        problems.append(f"world status {WorldStatus(status)!r}")
+    residual = max(_largest(reports.row_residual), _largest(reports.cone_residual))
+    if not residual <= RESIDUAL_SHARE * max(speed, 1.0):
+        problems.append(f"row residual {residual:.2g} {unit} at {speed:.3g} m/s")
+    error = _largest(reports.position_error)
+    if not error <= largest_error:
+        problems.append(f"joints are {error:.2g} m or rad apart (sound: {largest_error:g})")
+    return problems, finite, residual, error
 
 
 def pushing_contacts(sim: Simulation) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.bench.health import Health, HealthCheck, MotionHealthCheck
-from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.bench.timing import Steppable, array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene
 from simwarp.core.memory import check_fits
 from simwarp.core.types import ModelError
@@ -274,13 +274,7 @@ def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], Ti
     row.launches_per_step = launches.total
     run.restart()
     run.capture()
-    verdicts = [_rehearse(run)]
-    if not verdicts[0].problems:
-        speed = measure_speed(
-            run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(run.examiner.examine())
-        )
-        row.set_rates(speed)
-    return judge(row, verdicts)
+    return time_and_judge(row, run, worlds * run.steps_per_call, seconds, run.examiner.examine, _rehearse(run))
 
 
 def enter_cost_per_vehicle(rows: Sequence[Row]) -> None:
@@ -301,6 +295,25 @@ def _rehearse(run: TimedRun) -> Health:
         if time.perf_counter() > deadline:
             break
     return run.examiner.examine()
+
+
+def time_and_judge(
+    row: Row, run: Steppable, steps: int, seconds: float, examine: Callable[[], Health], first: Health | None = None
+) -> Row:
+    """Times what is sound at the start, and enters rates and the worst verdict.
+
+    Args:
+        row: of the run.
+        run: what is timed.
+        steps: in one call of `run.step`, of all worlds.
+        seconds: altogether.
+        examine: judges the present state.
+        first: verdict before the timing; None: that on the present state.
+    """
+    verdicts = [examine() if first is None else first]
+    if not verdicts[0].problems:
+        row.set_rates(measure_speed(run, steps, seconds, lambda: verdicts.append(examine())))
+    return judge(row, verdicts)
 
 
 def judge(row: Row, verdicts: list[Health]) -> Row:

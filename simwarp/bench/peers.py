@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from simwarp.bench.contact_peers import CONTACT_SCENES, Measure, contact_peer_notes, contact_peers
 from simwarp.bench.health import Health
-from simwarp.bench.measure import Row, SceneRun, judge
+from simwarp.bench.measure import Row, SceneRun, time_and_judge
 from simwarp.bench.mujoco_rollout import Rollout
-from simwarp.bench.timing import measure_speed
 from simwarp.bench.workloads import CART_MASS, POLE_INERTIA, POLE_MASS, RAIL, BenchScene
 
 Array = npt.NDArray[np.float64]
@@ -146,9 +145,6 @@ def measure_mujoco(scene: BenchScene, worlds: int, dt: float | None, seconds: fl
             problems.append(f"not the same motion as simwarp's: {apart:.2g} m or rad apart after 1 s at 1 ms")
         return Health(tuple(problems), 0.0, 0.0, gain, 0.0)
 
-    verdicts = [examine()]
-    speed = measure_speed(run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(examine()))
-    row.set_rates(speed)
-    judge(row, verdicts)
+    time_and_judge(row, run, worlds * run.steps_per_call, seconds, examine)
     row.residual = row.position_error = None
     return row

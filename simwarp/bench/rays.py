@@ -11,8 +11,8 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.bench.health import Health
-from simwarp.bench.measure import Row, judge
-from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.bench.measure import Row, time_and_judge
+from simwarp.bench.timing import array_bytes, counted_launches
 from simwarp.core.memory import check_fits
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.ray_casting_kernels import cast_rays
@@ -121,10 +121,7 @@ def measure_rays(name: str, worlds: int, device: str, dt: float | None, seconds:
     with counted_launches() as launches:
         single.step()
     row.launches_per_step = launches.total
-    verdicts = [run.examine()]
-    if not verdicts[0].problems:
-        row.set_rates(measure_speed(run, run.distance.size, seconds, lambda: verdicts.append(run.examine())))
-    return judge(row, verdicts)
+    return time_and_judge(row, run, run.distance.size, seconds, run.examine)
 
 
 class EmbreeRun:
@@ -175,10 +172,7 @@ def measure_embree(name: str, worlds: int, device: str, dt: float | None, second
     run = EmbreeRun(ours)
     run.step()
     row = Row("embree", name, worlds, 0.0, compile_s=time.perf_counter() - began, launches_per_step=0)
-    verdicts = [run.examine()]
-    if not verdicts[0].problems:
-        row.set_rates(measure_speed(run, ours.distance.size, seconds, lambda: verdicts.append(run.examine())))
-    return judge(row, verdicts)
+    return time_and_judge(row, run, ours.distance.size, seconds, run.examine)
 
 
 def embree_notes() -> list[str]:

@@ -8,10 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from simwarp.bench.health import RESIDUAL_SHARE, Health
+from simwarp.bench.health import Health, examine_solution
 from simwarp.bench.measure import Row, TimedRun, measure_run, steps_before
 from simwarp.bench.workloads import CONVOYS, ON_SOIL
-from simwarp.core.types import WorldStatus
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import soil_under
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
@@ -112,28 +111,16 @@ class VehicleExaminer:
     def examine(self) -> Health:
         """Finite, on the road, joints together, rows solved, wheels carrying the weight, no faster than asked for."""
         simulation, vehicle = self.setup.simulation, self.setup.vehicle
-        state, reports = simulation.state, simulation.diagnostics
-        problems = []
-        arrays = [getattr(state, name).numpy() for name in ("body_x", "body_rot", "body_v", "body_omega")]
-        finite = all(np.isfinite(array).all() for array in arrays)
-        if not finite:
-            problems.append("a state is not finite")
-        status = int(np.bitwise_or.reduce(state.world_status.numpy()))
-        if status:
-            problems.append(f"world status {WorldStatus(status)!r}")
-        speed = np.linalg.norm(arrays[2][:, vehicle.chassis.numpy()], axis=-1)
-        residual = max(_largest(reports.row_residual), _largest(reports.cone_residual))
+        speed = np.linalg.norm(simulation.state.body_v.numpy()[:, vehicle.chassis.numpy()], axis=-1)
         # wheels and shafts turn faster than the chassis drives; the rows are of their speeds too
-        if not residual <= RESIDUAL_SHARE * max(self._target, 1.0):
-            problems.append(f"row residual {residual:.2g} m/s or rad/s at {self._target:.3g} m/s")
-        position_error = _largest(reports.position_error)
-        if not position_error <= POSITION_ERROR:
-            problems.append(f"joints are {position_error:.2g} m or rad apart (sound: {POSITION_ERROR:g})")
+        problems, finite, residual, position_error = examine_solution(
+            simulation, self._target, "m/s or rad/s", POSITION_ERROR
+        )  # fmt: skip
         if finite:
             problems += self._motion_problems(speed)
         return Health(
             tuple(problems), residual, position_error, 0.0, float(speed.max(initial=0.0)),
-            iterations=float(reports.iterations.numpy().mean()),
+            iterations=float(simulation.diagnostics.iterations.numpy().mean()),
         )  # fmt: skip
 
     def _motion_problems(self, speed: np.ndarray) -> list[str]:
@@ -197,7 +184,3 @@ def measure_vehicle(scene: VehicleScene, worlds: int, device: str, dt: float | N
     """
     row = measure_run(scene.name, worlds, seconds, lambda count: VehicleRun(scene, count, device, dt))
     return dataclasses.replace(row, vehicles=scene.vehicles if scene.name in CONVOYS else None)
-
-
-def _largest(array: Any) -> float:
-    return float(np.asarray(array.numpy(), float).max(initial=0.0))
