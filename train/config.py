@@ -380,14 +380,20 @@ def train_config_from_plain(plain: object, where: str = "") -> TrainConfig:
     return config_from_plain(TrainConfig, with_current_threads(plain) if isinstance(plain, Mapping) else plain, where)
 
 
-def check_configs(content: Mapping[str, Any], where: str) -> None:
-    """Hold the configurations in a checkpoint to their types and rules, also where none of their values is used.
+def configs_from_plain(content: Mapping[str, Any], where: str) -> tuple[TrainConfig, TaskConfig]:
+    """Return the configurations in a checkpoint or of a run, held to their types and rules.
+
+    Args:
+        content: of the file.
+        where: its location: the errors begin with it.
 
     Raises:
         InputError: one does not hold.
     """
-    train_config_from_plain(content["train_config"], f"{where}: train_config")
-    task_config_from_plain(task_class_of(content, where), content["task_config"], f"{where}: task_config")
+    config = train_config_from_plain(content["train_config"], f"{where}: train_config")
+    return config, task_config_from_plain(
+        task_class_of(content, where), content["task_config"], f"{where}: task_config"
+    )  # fmt: skip
 
 
 def task_config_from_plain(task: type[Task[Any]], plain: object, where: str = "") -> TaskConfig:

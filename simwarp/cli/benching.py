@@ -19,7 +19,7 @@ from simwarp.bench.measure import Row, enter_cost_per_vehicle
 from simwarp.bench.subjects import Choices, Measure, find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
-from simwarp.cli.options import TASK_FILE, CommonOptions, option_value, parse_options
+from simwarp.cli.options import TASK_FILE, CommonOptions, option_value, parse_options, require_subject, split_subject
 from simwarp.cli.values import LARGEST_COUNT
 from simwarp.core.threads import MOST_THREADS, default_threads, thread_count
 from simwarp.model.model import resolve_device
@@ -155,16 +155,13 @@ def _task_in_file(word: str) -> str:
 def _split_scene(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the SCENE off the arguments: the first one, or the first that names something known."""
     if arguments and not arguments[0].startswith("-"):
-        return arguments[0], arguments[1:]
-    names = display_names(_task_names())
-    for index, argument in enumerate(arguments):
-        if argument in names or argument.endswith(TASK_SUFFIX) or TASK_FILE in argument:
-            return argument, arguments[:index] + arguments[index + 1 :]
-    if {"-h", "--help"} & set(arguments):
-        print(f"usage: simwarp bench SCENE [options]\n\nscenes, vehicles, sensors and tasks: {', '.join(names)}")
-        print("\n`simwarp bench SCENE --help` lists the options.")
-        raise SystemExit(0)
-    raise UsageError(f"which scene? usage: simwarp bench SCENE [options]; there are: {', '.join(names)}")
+        return arguments[0], arguments[1:]  # without the names, which take seconds to find
+    known, usage = display_names(_task_names()), "usage: simwarp bench SCENE [options]"
+    names = ", ".join(known)
+    subjects = f"scenes, vehicles, sensors and tasks: {names}"
+    overview = f"{usage}\n\n{subjects}\n\n`simwarp bench SCENE --help` lists the options."
+    word, rest = split_subject(arguments, lambda word: word in known or word.endswith(TASK_SUFFIX) or TASK_FILE in word)
+    return require_subject(word, arguments, overview, f"which scene? {usage}; there are: {names}"), rest
 
 
 def _counts(name: str, text: str, most: int) -> list[int]:

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
 from simwarp.importers.chrono_json import without_comments
@@ -164,18 +164,12 @@ def run(arguments: list[str]) -> int:
 
 def _split_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the VEHICLE off the arguments: the first one, or the first that names a shipped one or ends in .json."""
-    if arguments and not arguments[0].startswith("-"):
-        return arguments[0], arguments[1:]
-    known = vehicle_names()
-    for index, argument in enumerate(arguments):
-        if argument in known:
-            return argument, arguments[:index] + arguments[index + 1 :]
-    usage = "usage: simwarp drive VEHICLE --maneuver M [options]"
-    if {"-h", "--help"} & set(arguments):
-        print(f"{usage}\n\nvehicles: {', '.join(known)}, or a JSON file\nmaneuvers: {', '.join(MANEUVERS)}")
-        print("\n`simwarp drive VEHICLE --help` lists the options.")
-        raise SystemExit(0)
-    raise UsageError(f"which vehicle? {usage}; vehicles: {', '.join(known)}; maneuvers: {', '.join(MANEUVERS)}")
+    known, usage = vehicle_names(), "usage: simwarp drive VEHICLE --maneuver M [options]"
+    vehicles, maneuvers = f"vehicles: {', '.join(known)}", f"maneuvers: {', '.join(MANEUVERS)}"
+    hint = "`simwarp drive VEHICLE --help` lists the options."
+    overview = f"{usage}\n\n{vehicles}, or a JSON file\n{maneuvers}\n\n{hint}"
+    word, rest = split_subject(arguments, known.__contains__)
+    return require_subject(word, arguments, overview, f"which vehicle? {usage}; {vehicles}; {maneuvers}"), rest
 
 
 def _check(name: str, options: DriveOptions) -> None:

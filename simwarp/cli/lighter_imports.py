@@ -11,12 +11,13 @@ whole compiler, two seconds. No command compiles: the marks are left out.
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.machinery
 import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any, Final
 
@@ -71,10 +72,7 @@ class StandIn:
 
 
 class _StandInModule(ModuleType):
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return StandIn(name)
+    __getattr__ = StandIn.__getattr__
 
 
 class _Finder:
@@ -119,47 +117,28 @@ def run_in_full(arguments: Sequence[str]) -> int:
     return subprocess.run([sys.executable, "-m", "simwarp", *arguments], env=os.environ | {FULL: "1"}).returncode
 
 
-class _UncompiledLoader:
-    """Loads tensordict while the marks of `torch.compiler` do nothing."""
-
-    def __init__(self, loader: Any) -> None:
-        self._loader = loader
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._loader, name)
-
-    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
-        """As the package's own loader does."""
-        made: ModuleType | None = self._loader.create_module(spec)
-        return made
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Runs the package with the marks replaced."""
-        import torch.compiler
-
-        marks = ("allow_in_graph", "assume_constant_result")
-        kept = {name: getattr(torch.compiler, name) for name in marks}
-        for name in marks:
-            setattr(torch.compiler, name, lambda function: function)
-        try:
-            self._loader.exec_module(module)
-        finally:
-            for name, mark in kept.items():
-                setattr(torch.compiler, name, mark)
-
-
 class _UncompiledFinder:
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """Tensordict with another loader; nothing else."""
+        """Tensordict, loaded while the marks of `torch.compiler` do nothing; nothing else."""
         if name != "tensordict" or "torch._dynamo" in sys.modules:
             return None
         spec = importlib.machinery.PathFinder.find_spec(name, path, target)
-        if spec is not None and spec.loader is not None:
-            loader: Any = _UncompiledLoader(spec.loader)
-            spec.loader = loader
+        loader: Any = None if spec is None else spec.loader
+        if loader is not None:
+            loader.exec_module = functools.partial(_load_without_marks, loader.exec_module)
         return spec
+
+
+def _load_without_marks(load: Callable[[ModuleType], None], module: ModuleType) -> None:
+    from unittest import mock
+
+    import torch.compiler
+
+    marks: dict[str, Any] = dict.fromkeys(("allow_in_graph", "assume_constant_result"), lambda function: function)
+    with mock.patch.multiple(torch.compiler, **marks):
+        load(module)
 
 
 def leave_compiler_out() -> None:

@@ -12,7 +12,7 @@ import os
 import shlex
 import sys
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -134,19 +134,41 @@ def split_task(
     Raises:
         UsageError: there is none.
     """
-    known = list(known)
-    if arguments and not arguments[0].startswith("-"):
-        return arguments[0], arguments[1:]
-    for index, argument in enumerate(arguments):
-        if argument in known or TASK_FILE in argument:
-            return argument, arguments[:index] + arguments[index + 1 :]
-    if run is not None and is_run(run):
+    names, usage = list(known), f"usage: simwarp {command} TASK [options]"
+    tasks = f"tasks: {', '.join(names)}"
+    overview = f"{usage}\n\n{tasks}\n\n`simwarp {command} TASK --help` lists the options, which depend on the task."
+    word, rest = split_subject(arguments, lambda word: word in names or TASK_FILE in word)
+    if word is None and run is not None and is_run(run):
         return task_of_run(run), arguments
+    return require_subject(word, arguments, overview, f"which task? {usage}; {tasks}"), rest
+
+
+def split_subject(arguments: list[str], is_known: Callable[[str], bool]) -> tuple[str | None, list[str]]:
+    """Split off the first argument, or the first known word where that is an option; None: there is none."""
+    named = bool(arguments) and not arguments[0].startswith("-")
+    index = 0 if named else next((index for index, word in enumerate(arguments) if is_known(word)), None)
+    return (None, arguments) if index is None else (arguments[index], arguments[:index] + arguments[index + 1 :])
+
+
+def require_subject(word: str | None, arguments: list[str], overview: str, missing: str) -> str:
+    """Return a word that a command needs.
+
+    Args:
+        word: None: it is missing.
+        arguments: of the command.
+        overview: is printed where they ask for help without the word.
+        missing: of the error.
+
+    Raises:
+        UsageError: it is missing.
+        SystemExit: the overview was printed.
+    """
+    if word is not None:
+        return word
     if HELP & set(arguments):
-        print(f"usage: simwarp {command} TASK [options]\n\ntasks: {', '.join(known)}")
-        print(f"\n`simwarp {command} TASK --help` lists the options, which depend on the task.")
+        print(overview)
         raise SystemExit(0)
-    raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
+    raise UsageError(missing)
 
 
 def split_task_or_run(arguments: list[str], command: str, known: Iterable[str]) -> tuple[str, list[str]]:

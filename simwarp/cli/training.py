@@ -25,6 +25,8 @@ from simwarp.cli.options import (
 from simwarp.tasks import config_to_train_in, task_class, task_names
 
 if TYPE_CHECKING:
+    from simwarp.cli.view.films import TrainingFilms
+    from simwarp.train.algorithm.distiller import Lesson
     from simwarp.train.config import TrainConfig
     from simwarp.train.runs.training import TrainResult
 
@@ -38,17 +40,23 @@ class StartOptions(CommonOptions):
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainOptions(StartOptions):
-    """Train a policy. The run folder gets checkpoints, TensorBoard events, progress.csv and a learning curve."""
+class RunOptions(StartOptions):
+    """The run that is made, or gone on with."""
 
     resume: Path | None = None
     """Run folder to go on with; its configuration is the default of all other options."""
     take_over: tyro.conf.FlagCreatePairsOff[bool] = False
     """Resume a run that a process on another machine has locked, and that you know to be written no more."""
-    film: int | None = None
-    """Iterations from film to film of the policy, recordings in the run folder that open in a browser; else none."""
     runs: Path = Path("runs")
     """Folder in which run folders are made, as TASK/TIME."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions(RunOptions):
+    """Train a policy. The run folder gets checkpoints, TensorBoard events, progress.csv and a learning curve."""
+
+    film: int | None = None
+    """Iterations from film to film of the policy, recordings in the run folder that open in a browser; else none."""
 
 
 def read_options(word: str, arguments: list[str], command: str, base: type[StartOptions]) -> Any:
@@ -71,7 +79,7 @@ def read_options(word: str, arguments: list[str], command: str, base: type[Start
     usual = config_to_train_in(cls)
     arguments = expand_shorthands(arguments, name, usual)
     # Only now what takes seconds to import: an unknown task is known at once
-    from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
+    from simwarp.train.config import configs_from_plain, default_config
     from simwarp.train.runs.run_folder import CONFIG, open_run
 
     task_config = with_chosen_obs(arguments, usual)
@@ -80,9 +88,7 @@ def read_options(word: str, arguments: list[str], command: str, base: type[Start
     if resume is not None:
         saved = open_run(Path(resume)).load_config()
         if saved["task"] == name:
-            where = str(Path(resume) / CONFIG)
-            config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
-            task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
+            config, task_config = configs_from_plain(saved, str(Path(resume) / CONFIG))
     config = with_network_of_start(arguments, name, config)
     kind = task_options(f"{command.capitalize()}Command", base, flat_train=config, task=task_config)
     return parse_options(kind, arguments, f"simwarp {command} {word}")
@@ -113,31 +119,40 @@ def run(arguments: list[str]) -> int:
     name = task_class(word).name
     options = read_options(word, arguments, "train", TrainOptions)
     options.check(options.warm_start)
-    from simwarp.train.algorithm.distributed import processes
-    from simwarp.train.runs.training import train
-
     films = None
     if options.film is not None:
         from simwarp.cli.view.films import TrainingFilms
 
         films = TrainingFilms(options.film)
-    console = options.console()
+    return train_as_asked(options.console(), name, options, "train", films=films)
+
+
+def train_as_asked(
+    console: Console, name: str, options: Any, command: str, *, lesson: Lesson | None = None,
+    films: TrainingFilms | None = None,
+) -> int:  # fmt: skip
+    """Train, write and print what became of the run; return the exit code.
+
+    Args:
+        console: for people.
+        name: the task.
+        options: `RunOptions`, with the configurations ``flat_train`` and ``task``.
+        command: that was given.
+        lesson: what a teacher teaches; None: the policy learns from rewards.
+        films: that are made meanwhile.
+    """
+    from simwarp.train.algorithm.distributed import processes
+    from simwarp.train.runs.training import train
+
     result = train(
-        name,
-        options.flat_train,
-        options.task,
-        root=options.runs,
-        resume=options.resume,
-        warm_start=options.warm_start,
-        take_over=options.take_over,
-        console=console,
-        films=films,
-    )
+        name, options.flat_train, options.task, root=options.runs, resume=options.resume,
+        warm_start=options.warm_start, lesson=lesson, take_over=options.take_over, console=console, films=films,
+    )  # fmt: skip
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
     runs = None if options.resume is not None else options.runs
-    return report_result(console, name, result, runs, "train", film=options.film)
+    return report_result(console, name, result, runs, command, film=None if films is None else films.every)
 
 
 def report_result(

@@ -28,10 +28,9 @@ from torch import nn
 from simwarp.core.files import check_output, output_error, replacing
 from simwarp.tasks import InputError, Task, make
 from simwarp.tasks.framework.agent_rows import Rows
-from simwarp.tasks.framework.registry import task_class_of
 
 from ..algorithm.learner import TrainingError
-from ..config import task_config_from_plain
+from ..config import configs_from_plain
 from ..runs.run_folder import read_policy
 from .policies import NetworkPolicy, network_policy
 from .policy_metadata import policy_metadata
@@ -255,8 +254,7 @@ def export_model(checkpoint: Path, output: Path) -> tuple[str, ...]:
 
     target = check_output(output, "--mjcf")
     path, content = read_policy(checkpoint)
-    cls = task_class_of(content, f"checkpoint {path}")
-    config = task_config_from_plain(cls, content["task_config"], f"checkpoint {path}: task_config")
+    _, config = configs_from_plain(content, f"checkpoint {path}")
     task = make(content["task"], 1, seed=0, config=config)
     if task.simulation is None:
         raise InputError(f"--mjcf: task '{task.name}' has no physics that a model could tell of; leave it away")
@@ -282,9 +280,8 @@ def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = No
         check_output(output, "--output")
     path, content = read_policy(checkpoint)
     name = content["task"]
-    cls = task_class_of(content, f"checkpoint {path}")
+    _, config = configs_from_plain(content, f"checkpoint {path}")
     target = check_output(output or Path(f"{name}{SUFFIXES[form]}"), "--output")
-    config = task_config_from_plain(cls, content["task_config"], f"checkpoint {path}: task_config")
     task = make(name, _WORLDS, seed=0, config=config)
     policy = network_policy(content, task)
     exported = ExportedPolicy(policy)

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from simwarp.core.types import formatted
-from simwarp.tasks import InputError, TaskConfig, config_from_plain
+from simwarp.tasks import InputError, TaskConfig
 from simwarp.tasks.framework.config_values import plain_value
 
 from ..algorithm.learner import OtherNetworksError
-from ..config import TrainConfig, train_config_from_plain
+from ..config import TrainConfig, configs_from_plain
 
 _MOST_TOLD: Final = 6
 
@@ -60,8 +60,7 @@ def changed_options_error(
         config, task_config: those that it was to go on with.
     """
     where = f"checkpoint {path}"
-    made = train_config_from_plain(content["train_config"], f"{where}: train_config")
-    lived = config_from_plain(type(task_config), content["task_config"], f"{where}: task_config")
+    made, lived = configs_from_plain(content, where)
     changes = changed_options(lived, task_config, "task") + changed_options(made.network, config.network, "network")
     if not changes:
         return error

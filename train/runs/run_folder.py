@@ -21,7 +21,7 @@ from simwarp.core.files import DRAFT_PREFIX, FileError, check_output, output_err
 from simwarp.core.types import formatted
 from simwarp.tasks import InputError
 
-from ..config import check_configs
+from ..config import configs_from_plain
 from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from .run_files import write_json, write_run_file
 
@@ -152,7 +152,7 @@ class RunFolder:
         if not isinstance(content, dict):
             raise InputError(f"{path} is not the configuration of a run")
         check_members(content, _CONFIG_TYPES, str(path))
-        check_configs(content, str(path))
+        configs_from_plain(content, str(path))
         return content
 
     def began(self) -> tuple[float, int, str]:

@@ -10,7 +10,7 @@ from simwarp.tasks import InputError, config_from_plain
 
 from ..algorithm.distillation import DistillationConfig
 from ..algorithm.distiller import LESSON, TAUGHT_BY, Lesson
-from ..config import check_configs
+from ..config import configs_from_plain
 from .checkpoint import POLICY, check_members
 from .run_folder import read_policy
 
@@ -39,7 +39,7 @@ def saved_lesson(content: Mapping[str, Any], where: str) -> Lesson | None:
         return None
     check_members(content, {TAUGHT_BY: dict}, where)
     check_members(content[TAUGHT_BY], POLICY, f"{where}: {TAUGHT_BY}")
-    check_configs(content[TAUGHT_BY], f"{where}: {TAUGHT_BY}")
+    configs_from_plain(content[TAUGHT_BY], f"{where}: {TAUGHT_BY}")
     return Lesson(content[TAUGHT_BY], content[LESSON][TAUGHT_BY], config)
 
 
@@ -64,5 +64,5 @@ def lesson_by(teacher: Path, task: str, config: DistillationConfig) -> Lesson:
     path, content = read_policy(teacher)
     if content["task"] != task:
         raise InputError(f"teacher {path} is of task '{content['task']}', not '{task}'")
-    check_configs(content, f"teacher {path}")
+    configs_from_plain(content, f"teacher {path}")
     return Lesson(content, str(path), config)

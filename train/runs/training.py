@@ -25,7 +25,7 @@ from ..algorithm.distiller import Distiller, Lesson
 from ..algorithm.distributed import Processes, connect, processes
 from ..algorithm.learner import IterationLeftError, IterationReport, Learner, TrainingError
 from ..algorithm.trainer import Trainer
-from ..config import LoggerKind, TrainConfig, check_configs
+from ..config import LoggerKind, TrainConfig, configs_from_plain
 from ..evaluation.learning_curve import draw_learning_curve
 from .changed_options import changed_options_error
 from .loggers import RunLog, check_logger
@@ -238,7 +238,7 @@ def _start_policy(path: Path, task_name: str) -> dict[str, Any]:
         raise InputError(
             f"the policy to start from, {path}, is of task {formatted(content['task'])}, not '{task_name}'"
         )
-    check_configs(content, f"checkpoint {path}")
+    configs_from_plain(content, f"checkpoint {path}")
     return content
 
 
@@ -261,7 +261,7 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path,
         raise InputError(f"run {resume} is of task {formatted(content['task'])}, not '{task_name}'")
     if "worlds" not in content:
         raise InputError(f"checkpoint {path} holds only a policy: it cannot be resumed")
-    check_configs(content, f"checkpoint {path}")
+    configs_from_plain(content, f"checkpoint {path}")
     if content["iteration"] >= config.iterations:
         raise InputError(f"run {resume} already has {content['iteration']} iterations; ask for more with --iterations")
     return path, content

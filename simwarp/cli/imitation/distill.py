@@ -7,9 +7,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import tyro
-
-from simwarp.cli import DONE, INTERRUPTED, UsageError
+from simwarp.cli import UsageError
 from simwarp.cli.options import (
     HELP,
     check_obs,
@@ -20,12 +18,12 @@ from simwarp.cli.options import (
     task_options,
     with_chosen_obs,
 )
-from simwarp.cli.training import StartOptions, report_result, with_network_of_start
+from simwarp.cli.training import RunOptions, train_as_asked, with_network_of_start
 from simwarp.tasks import config_to_train_in, task_class, task_names
 
 
 @dataclasses.dataclass(frozen=True)
-class DistillOptions(StartOptions):
+class DistillOptions(RunOptions):
     """Teach a student with one set of observations what a teacher with another does, while the student leads.
 
     The run folder is as that of a training: it plays, evaluates, exports, and starts a training.
@@ -36,12 +34,6 @@ class DistillOptions(StartOptions):
     for the newest run that was trained on them, else the shipped policy."""
     student: str | None = None
     """Name of the observations that the student has, such as camera; by default those of the task."""
-    resume: Path | None = None
-    """Run folder to go on with; its configuration is the default of all other options."""
-    take_over: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Resume a run that a process on another machine has locked, and that you know to be written no more."""
-    runs: Path = Path("runs")
-    """Folder in which run folders are made, as TASK/TIME."""
 
 
 def read_options(word: str, arguments: list[str]) -> Any:
@@ -59,7 +51,7 @@ def read_options(word: str, arguments: list[str]) -> Any:
         arguments = [*arguments, "--task.obs", student]
     arguments = expand_shorthands(arguments, cls.name, base)
     from simwarp.train.algorithm.distillation import DistillationConfig
-    from simwarp.train.config import student_config, task_config_from_plain, train_config_from_plain
+    from simwarp.train.config import configs_from_plain, student_config
     from simwarp.train.runs.run_folder import CONFIG, open_run
     from simwarp.train.runs.saved_distillation import distillation_config
 
@@ -74,8 +66,7 @@ def read_options(word: str, arguments: list[str]) -> Any:
             raise UsageError(f"run {resume} has no teacher: go on with `{remedy}`")
         if saved["task"] == cls.name:
             lessons = found
-            config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
-            task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
+            config, task_config = configs_from_plain(saved, where)
     config = with_network_of_start(arguments, cls.name, config)
     kind = task_options("DistillCommand", DistillOptions, flat_train=config, distillation=lessons, task=task_config)
     options: Any = parse_options(kind, arguments, f"simwarp distill {word}")
@@ -97,24 +88,14 @@ def run(arguments: list[str]) -> int:
         raise UsageError(f"--teacher begins a new run and --resume goes on with one; {remedy}")
     options = read_options(word, arguments)
     options.check(options.warm_start)
-    from simwarp.train.algorithm.distributed import processes
     from simwarp.train.runs.saved_distillation import lesson_by
-    from simwarp.train.runs.training import train
 
-    lesson = None
-    console = options.console()
+    lesson, console = None, options.console()
     if options.teacher is not None:
         path, origin = _teacher_of(name, options)
         console.print(f"teacher         {origin}", highlight=False, soft_wrap=True)
         lesson = lesson_by(path, name, options.distillation)
-    result = train(
-        name, options.flat_train, options.task, root=options.runs, resume=options.resume,
-        warm_start=options.warm_start, lesson=lesson, take_over=options.take_over, console=console,
-    )  # fmt: skip
-    if not processes().first:
-        return INTERRUPTED if result.interrupted else DONE
-    options.emit(dataclasses.asdict(result))
-    return report_result(console, name, result, options.runs if resumed is None else None, "distill")
+    return train_as_asked(console, name, options, "distill", lesson=lesson)
 
 
 def _teacher_of(name: str, options: Any) -> tuple[Path, str]:
@@ -129,8 +110,6 @@ def _teacher_of(name: str, options: Any) -> tuple[Path, str]:
     if options.teacher in UNTRAINED:
         raise UsageError(f"--teacher {options.teacher}: nothing is to be learnt from it; name observations or a policy")
     choices = [kind.value for kind in type(options.task.obs)] if hasattr(options.task, "obs") else []
-    if options.teacher in choices:
-        found = find_policy(name, None, options.runs, options.teacher)
-    else:
-        found = find_policy(name, Path(options.teacher), options.runs)
+    path, obs = (None, options.teacher) if options.teacher in choices else (Path(options.teacher), None)
+    found = find_policy(name, path, options.runs, obs)
     return found.path, found.origin
