@@ -111,6 +111,16 @@ class Page:
         self._sent = -1
 
     @property
+    def world(self) -> int:
+        """The chosen world of the simulation."""
+        return int(self.worlds[self.chosen])
+
+    @property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """(W,) true for the chosen world of the simulation."""
+        return np.arange(self.subject.simulation.model.world_count) == self.world
+
+    @property
     def shifts(self) -> Array:
         """(S, 3) from the coordinates of the shown worlds to those of `ROOT` [m]."""
         return self.offsets - self._origin
@@ -267,7 +277,7 @@ class Page:
     def _heading(self) -> float:
         """Of the body that the camera goes with, in the chosen world [rad]."""
         body = self.body()
-        rotations = self.subject.simulation.state.body_rot.numpy()[int(self.worlds[self.chosen]), body]
+        rotations = self.subject.simulation.state.body_rot.numpy()[self.world, body]
         return 0.0 if body == WORLD else float(headings([rotations])[0])
 
     def _send_all(self, places: Array, wxyz: Array) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
+from simwarp.viewer.live.page_controls import set_changed
 from simwarp.viewer.live.page_text import plain_text
 from simwarp.viewer.live.recording import Recorder, recording_name
 
@@ -53,10 +54,8 @@ class RecordingPanel:
             line = f"{word} {plain_text(str(recorder.path))}: {recorder.elapsed:.0f} s, {recorder.size / 1e6:.1f} MB"
         elif line:
             line = plain_text(line)
-        if self._button.label != label:
-            self._button.label = label
-        if self._line.content != line:
-            self._line.content = line
+        set_changed(self._button, label=label)
+        set_changed(self._line, content=line)
 
     def _report(self, text: str) -> None:
         self._message = text

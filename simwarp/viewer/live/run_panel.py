@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from simwarp.viewer.live.page_controls import post_value, set_changed
 from simwarp.viewer.live.world_layout import Layout
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class RunPanel:
             self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1", hint="times real time")
             self._world = gui.add_number("World", 0, min=0, max=view.subject.simulation.model.world_count - 1, step=1)
             pick = gui.add_button_group("Choose", ("next", "random", "worst", "failed"))
-            self._layout = gui.add_dropdown(
+            layout = gui.add_dropdown(
                 "Layout", tuple(kind.value for kind in Layout), initial_value=view.page.layout.value
             )
             self._follow = gui.add_checkbox(
@@ -44,43 +45,13 @@ class RunPanel:
         def _(_: Any) -> None:
             view.post(self.step)
 
-        @reset.on_click
-        def _(event: Any) -> None:
-            which = event.target.value
-            view.post(lambda: self.reset(which == "all"))
-
-        @self._speed.on_update
-        def _(_: Any) -> None:
-            speed = SPEEDS[self._speed.value]
-            view.post(lambda: setattr(view, "speed", speed))
-
-        @self._world.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:
-                world = int(self._world.value)
-                view.post(lambda: self.choose(world))
-
-        @pick.on_click
-        def _(event: Any) -> None:
-            which = event.target.value
-            view.post(lambda: self.pick(which))
-
-        @self._layout.on_update
-        def _(_: Any) -> None:
-            layout = Layout(self._layout.value)
-            view.post(lambda: self.arrange(layout))
-
-        @self._follow.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:
-                on = bool(self._follow.value)
-                view.post(lambda: view.page.follow(on))
-
-        @dark.on_update
-        def _(_: Any) -> None:
-            on = bool(dark.value)
-            view.post(lambda: view.page.look(dark=on))
-
+        post_value(view, reset.on_click, lambda which: self.reset(which == "all"))
+        post_value(view, self._speed.on_update, lambda speed: setattr(view, "speed", SPEEDS[speed]))
+        post_value(view, self._world.on_update, lambda world: self.choose(int(world)), by_person=True)
+        post_value(view, pick.on_click, self.pick)
+        post_value(view, layout.on_update, lambda layout: self.arrange(Layout(layout)))
+        post_value(view, self._follow.on_update, view.page.follow, by_person=True)
+        post_value(view, dark.on_update, lambda on: view.page.look(dark=on))
         gui.add_command("Pause or go on", hotkey="space").on_trigger(lambda _: view.post(self.toggle))
         gui.add_command("One step", hotkey="N").on_trigger(lambda _: view.post(self.step))
         gui.add_command("Reset the world", hotkey="R").on_trigger(lambda _: view.post(self.reset))
@@ -91,9 +62,7 @@ class RunPanel:
         self._show_paused()
 
     def _show_paused(self) -> None:
-        label = "Go on" if self._view.paused else "Pause"
-        if self._pause.label != label:
-            self._pause.label = label
+        set_changed(self._pause, label="Go on" if self._view.paused else "Pause")
 
     def step(self) -> None:
         """One step while paused."""
@@ -103,18 +72,14 @@ class RunPanel:
     def reset(self, every: bool = False) -> None:
         """Begins again, in the chosen world or in all."""
         view = self._view
-        mask = None
-        if not every:
-            mask = np.zeros(view.subject.simulation.model.world_count, bool)
-            mask[view.page.worlds[view.page.chosen]] = True
-        view.reset(mask)
+        view.reset(None if every else view.page.mask)
 
     def arrange(self, layout: Layout) -> None:
         """Another layout."""
         page = self._view.page
         following = page.following
         if layout is Layout.ONE:
-            page.show_worlds([int(page.worlds[page.chosen])])
+            page.show_worlds([page.world])
         elif len(page.worlds) == 1:
             count = min(self._view.subject.simulation.model.world_count, self._view.shown)
             page.show_worlds(range(count))
@@ -137,7 +102,7 @@ class RunPanel:
     def pick(self, which: str) -> None:
         """The next world, any, that with the lowest return, or one whose episode has just ended."""
         view = self._view
-        count, now = view.subject.simulation.model.world_count, int(view.page.worlds[view.page.chosen])
+        count, now = view.subject.simulation.model.world_count, view.page.world
         world: int | None = (now + 1) % count
         if which == "random":
             world = int(np.random.default_rng().integers(count))
@@ -152,7 +117,7 @@ class RunPanel:
         """The clock."""
         view = self._view
         self._show_paused()  # an error pauses, and so does --paused
-        world = int(view.page.worlds[view.page.chosen])
+        world = view.page.world
         time = float(view.subject.simulation.state.world_time.numpy()[world])
         wanted = view.speed
         slow = wanted > 0.0 and not view.paused and view.factor < 0.95 * wanted
@@ -162,8 +127,5 @@ class RunPanel:
         line = f"**{time:.2f} s** &nbsp; {factor}"
         if view.subject.returns is not None:
             line += f" &nbsp; return {float(view.subject.returns()[world]):.1f}"
-        if self._clock.content != line:
-            self._clock.content = line
-        if self._follow.value != view.page.following:  # a driver's camera follows, too
-            follow: Any = self._follow
-            follow.value = view.page.following
+        set_changed(self._clock, content=line)
+        set_changed(self._follow, value=view.page.following)  # a driver's camera follows, too

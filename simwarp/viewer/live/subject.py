@@ -108,10 +108,6 @@ def subject_of(simulation: Simulation, scene: Scene | None = None, *, name: str 
             add_bodies(visuals)
         paint(visuals)
         scene = visuals.finalize(simulation.model)
-
-    def reset(mask: Mask | None) -> None:
-        simulation.reset(mask)
-
     return Subject(
-        name, simulation, scene, simulation.dt, simulation.step, reset, series=joint_series(simulation)
+        name, simulation, scene, simulation.dt, simulation.step, simulation.reset, series=joint_series(simulation)
     )  # fmt: skip

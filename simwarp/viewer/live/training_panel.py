@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.viewer.live.page_controls import set_changed
 from simwarp.viewer.live.page_text import plain_text
 
 if TYPE_CHECKING:
@@ -58,9 +59,7 @@ class TrainingPanel:
 
     def refresh(self, now: float) -> None:
         """Text and curve."""
-        line = self._text()
-        if self._line.content != line:
-            self._line.content = line
+        set_changed(self._line, content=self._text())
         points = self._points()
         if not all(map(np.array_equal, points, self._plot.data)):
             self._plot.data = points

@@ -53,15 +53,9 @@ class CommandPanel:
                 names = self._actuators.names[:MOST]
                 self._controls = Sliders(view, names, bounds[:, 0], bounds[:, 1], self.control)
 
-    @property
-    def world(self) -> int:
-        """The chosen one."""
-        page = self._view.page
-        return int(page.worlds[page.chosen])
-
     def refresh(self, now: float) -> None:
         """Shows what is in force."""
-        world = self.world
+        world = self._view.page.world
         if self._commands:
             self._asked.show([float(each.values[world]) for each in self._commands.values()])
         if self._actuators is not None:
@@ -78,40 +72,40 @@ class CommandPanel:
         """Takes an action of the chosen world over."""
         actions: Actions | None = self._actions
         assert actions is not None
-        self._given.setdefault(self.world, {})[component] = value
-        actions.override(self.world, component, value)
+        self._given.setdefault(self._view.page.world, {})[component] = value
+        actions.override(self._view.page.world, component, value)
         self._tick()
 
     def give_back(self) -> None:
         """All actions of the chosen world are the policy's again."""
         assert self._actions is not None
-        for component in self._given.pop(self.world, {}):
-            self._actions.override(self.world, component, None)
+        for component in self._given.pop(self._view.page.world, {}):
+            self._actions.override(self._view.page.world, component, None)
         self._tick()
 
     def hold_all(self) -> None:
         """The chosen world's actions stay as they are until they are moved."""
         assert self._actions is not None
-        for component, value in enumerate(self._actions.values()[self.world]):
+        for component, value in enumerate(self._actions.values()[self._view.page.world]):
             self.act(component, float(value))
 
     def control(self, column: int, value: float) -> None:
         """Sets the control of an actuator in the chosen world."""
         assert self._actuators is not None
-        self._actuators.ctrl[self.world, column] = value
+        self._actuators.ctrl[self._view.page.world, column] = value
 
     def ask(self, index: int, value: float) -> None:
         """Commands a task's number in the chosen world."""
-        list(self._commands.values())[index].values[self.world] = value
+        list(self._commands.values())[index].values[self._view.page.world] = value
 
     def _tick(self) -> None:
         policy: Any = self._policy
-        policy.value = not self._given.get(self.world)
+        policy.value = not self._given.get(self._view.page.world)
 
     def _switched(self, event: Any) -> None:
         if event.client is not None:
             # not by the box's value, which `refresh` may have written since
-            self._view.post(lambda: self.give_back() if self._given.get(self.world) else self.hold_all())
+            self._view.post(lambda: self.give_back() if self._given.get(self._view.page.world) else self.hold_all())
 
 
 def _actuators(view: LiveView) -> Actuators | None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from simwarp.core.types import WorldStatus
 from simwarp.viewer.live.controls.joint_coordinates import Coordinate, coordinates_of, of_world
 from simwarp.viewer.live.controls.sliders import Sliders
+from simwarp.viewer.live.page_controls import post_value, set_changed
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView
@@ -30,15 +29,10 @@ class JointPanel:
         with self._folder:
             self._note = gui.add_markdown("")
             box = gui.add_checkbox("Sliders", initial_value=False, hint="paused: place it; running: targets of drives")
-            self._list: Any = None
             if len(self._all) > MOST:
-                self._list = gui.add_dropdown("Joint", tuple(dict.fromkeys(each.name for each in self._all)))
-                self._list.on_update(self._chosen)
-
-        @box.on_update
-        def _(_: Any) -> None:
-            on = bool(box.value)
-            view.post(lambda: self.show(on))
+                listed = gui.add_dropdown("Joint", tuple(dict.fromkeys(each.name for each in self._all)))
+                post_value(view, listed.on_update, self.choose)
+        post_value(view, box.on_update, self.show)
 
     def show(self, on: bool) -> None:
         """Makes the sliders, or takes them away."""
@@ -59,13 +53,11 @@ class JointPanel:
     def move(self, index: int, value: float) -> None:
         """A slider was moved: paused it places the chosen world, running it is the target of a drive."""
         view, each = self._view, self._seen[index]
-        simulation, world = view.subject.simulation, self._world
+        simulation, world = view.subject.simulation, view.page.world
         if view.paused:
             q = simulation.state.joint_q.numpy().copy()
             q[world, each.column] = value
-            mask = np.zeros(simulation.model.world_count, bool)
-            mask[world] = True
-            simulation.set_joint_state(mask, q, None)
+            simulation.set_joint_state(view.page.mask, q, None)
         elif each.driven:
             simulation.control.joint_target_q[world, each.column] = value
 
@@ -73,19 +65,13 @@ class JointPanel:
         """Shows coordinates, or targets of drives while it runs."""
         if self._sliders is None:
             return
-        view, world = self._view, self._world
+        view, world = self._view, self._view.page.world
         simulation = view.subject.simulation
         q = of_world(simulation.state.joint_q, world)
         targets = q if view.paused else of_world(simulation.control.joint_target_q, world)
         self._sliders.show([(targets if each.driven else q)[each.column] for each in self._seen])
         note = self._status_text(WorldStatus(int(of_world(simulation.state.world_status, world))))
-        if self._note.content != note:
-            self._note.content = note
-
-    @property
-    def _world(self) -> int:
-        page = self._view.page
-        return int(page.worlds[page.chosen])
+        set_changed(self._note, content=note)
 
     def _status_text(self, status: WorldStatus) -> str:
         if status & WorldStatus.NOT_ASSEMBLED:
@@ -95,7 +81,3 @@ class JointPanel:
         if self._view.paused:
             return "paused: sliders place this world"
         return "sliders are targets" if any(each.driven for each in self._seen) else "pause to place this world"
-
-    def _chosen(self, event: Any) -> None:
-        name = str(self._list.value)
-        self._view.post(lambda: self.choose(name))

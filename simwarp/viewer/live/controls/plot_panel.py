@@ -47,7 +47,7 @@ class PlotPanel:
         if not self._lines:
             return
         view = self._view
-        world = int(view.page.worlds[view.page.chosen])
+        world = view.page.world
         if world != self._world:
             self._world = world
             self._chart.clear()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from simwarp.viewer.live.controls.joint_coordinates import of_world
 from simwarp.viewer.live.controls.sensor_views import CameraView, ChannelView, PointsView, view_of
+from simwarp.viewer.live.page_controls import post_value
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView
@@ -26,11 +27,7 @@ class SensorPanel:
         self._folder = gui.add_folder("Sensors", expand_by_default=False)
         with self._folder:
             choice = gui.add_dropdown("Sensor", (NONE, *self._sensors))
-
-        @choice.on_update
-        def _(_: Any) -> None:
-            name = str(choice.value)
-            view.post(lambda: self.choose(name))
+        post_value(view, choice.on_update, self.choose)
 
     def choose(self, name: str) -> None:
         """Shows another sensor, or none."""
@@ -46,8 +43,7 @@ class SensorPanel:
         """The newest frame, if it has not been shown."""
         if self._shown is None:
             return
-        page = self._view.page
-        world = int(page.worlds[page.chosen])
+        world = self._view.page.world
         frame = (world, float(of_world(self._sensors[self._name].timestamp, world)))
         if frame != self._frame or isinstance(self._shown, PointsView):
             self._frame = frame

@@ -17,6 +17,7 @@ from simwarp.viewer.live.controls.overlays import (
     Overlay,
     TrailOverlay,
 )
+from simwarp.viewer.live.page_controls import post_value
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
@@ -45,7 +46,7 @@ class ShowPanel:
                 self._scale = gui.add_number(
                     "Newtons per metre", float(f"{max(weight, 1.0):.2g}"), min=1e-3, hint="of the arrows of forces"
                 )
-                self._scale.on_update(self._rescale)
+                post_value(view, self._scale.on_update, self._rescale)
             if model.joint_count:
                 self._switch("Joint axes", lambda on: self.show("joints", on))
             self._switch("Body frames", lambda on: self.show("frames", on))
@@ -87,23 +88,13 @@ class ShowPanel:
         view.page.show_scene(self._shapes if on and self._shapes is not None else view.subject.scene)
 
     def _switch(self, label: str, act: Callable[[bool], Any], *, initial: bool = False) -> None:
-        view = self._view
-        box = view.server.viser.gui.add_checkbox(label, initial_value=initial)
+        box = self._view.server.viser.gui.add_checkbox(label, initial_value=initial)
+        post_value(self._view, box.on_update, act)
 
-        @box.on_update
-        def _(_: Any) -> None:
-            on = bool(box.value)
-            view.post(lambda: act(on))
-
-    def _rescale(self, _: Any) -> None:
-        scale = max(float(self._scale.value), 1e-3)
-
-        def rescale() -> None:
-            overlay = self._on.get("forces")
-            if isinstance(overlay, ContactOverlay):
-                overlay.scale = scale
-
-        self._view.post(rescale)
+    def _rescale(self, scale: float) -> None:
+        overlay = self._on.get("forces")
+        if isinstance(overlay, ContactOverlay):
+            overlay.scale = max(float(scale), 1e-3)
 
 
 def shapes_scene(model: Any) -> Scene:

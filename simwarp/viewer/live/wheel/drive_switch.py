@@ -7,8 +7,7 @@ import json
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from simwarp.viewer.live.page_controls import post_value, set_changed
 from simwarp.viewer.live.web_server import TOKEN, run_script
 from simwarp.viewer.live.wheel.chase import Chase, Eye
 from simwarp.viewer.live.wheel.driving import PATH, TAKEN, Driving, Wheel
@@ -39,7 +38,7 @@ class DrivePanel:
 
     def __init__(self, view: LiveView, wheel: Wheel) -> None:
         self._view = view
-        self.driving = Driving(wheel, view.wheel, view.subject.dt, self._world, self._pressed)
+        self.driving = Driving(wheel, view.wheel, view.subject.dt, lambda: view.page.world, self._pressed)
         self.chase = Chase(view.page, wheel.vehicle)
         view.preparers.append(self.driving.before_step)
         gui = view.server.viser.gui
@@ -55,16 +54,8 @@ class DrivePanel:
             if client is not None:  # else it was set by `switch`
                 view.post(lambda: self._switched(on, [client]))
 
-        @self._keys.on_update
-        def _(_: Any) -> None:
-            keys = Keys(self._keys.value)
-            view.post(lambda: setattr(self.driving.driver, "keys", keys))
-
-        @self._eye.on_update
-        def _(event: Any) -> None:
-            eye = Eye(self._eye.value)
-            if event.client is not None:
-                view.post(lambda: self.chase.use(eye))
+        post_value(view, self._keys.on_update, lambda keys: setattr(self.driving.driver, "keys", Keys(keys)))
+        post_value(view, self._eye.on_update, lambda eye: self.chase.use(Eye(eye)), by_person=True)
 
         @view.server.viser.on_client_connect
         def _(client: Any) -> None:
@@ -79,20 +70,15 @@ class DrivePanel:
     def switch(self, on: bool, keys: Keys = Keys.SMOOTH) -> None:
         """Switches driving on or off: the first page that is opened drives."""
         self.driving.driver.keys = keys
-        self._set(self._keys, keys.value)
-        self._set(self._switch, on)
+        set_changed(self._keys, value=keys.value)
+        set_changed(self._switch, value=on)
         self._switched(on, list(self._view.server.viser.get_clients().values()))
 
     def refresh(self, now: float) -> None:
         """Tells whether somebody drives."""
-        line = ""
         wheel = self._view.wheel
-        if wheel.open:
-            line = (
-                "W A S D or arrows, Space brakes, R resets" if self._view.wheel.occupied else "nobody is at the wheel"
-            )
-        if self._line.content != line:
-            self._line.content = line
+        line = "W A S D or arrows, Space brakes, R resets" if wheel.occupied else "nobody is at the wheel"
+        set_changed(self._line, content=line if wheel.open else "")
 
     def _switched(self, on: bool, clients: list[Any]) -> None:
         self._view.wheel.open = on
@@ -105,21 +91,11 @@ class DrivePanel:
         for client in self._view.server.viser.get_clients().values():
             run_script(client, STOP)
 
-    def _world(self) -> int:
-        page = self._view.page
-        return int(page.worlds[page.chosen])
-
     def _pressed(self, button: str) -> None:
         if button == "reset":
-            mask = np.zeros(self._view.subject.simulation.model.world_count, bool)
-            mask[self._world()] = True
-            self._view.reset(mask)
+            self._view.reset(self._view.page.mask)
         elif button == TAKEN:
             self.chase.use(self.chase.eye)
         elif button == "camera":
             self.chase.use(self.chase.eye.next)
-            self._set(self._eye, self.chase.eye.value)
-
-    @staticmethod
-    def _set(control: Any, value: Any) -> None:
-        control.value = value
+            set_changed(self._eye, value=self.chase.eye.value)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from simwarp.viewer.live.page_controls import set_changed
 from simwarp.viewer.live.wheel.driving import read_row, vehicle_of
 
 if TYPE_CHECKING:
@@ -135,14 +136,10 @@ class VehiclePanel:
         gui = view.server.viser.gui
         with gui.add_folder("Vehicle"):
             self._out: Any = gui.add_html("")
-        self._sent = ""
 
     def refresh(self, now: float) -> None:
         """The present readings."""
-        page = self._view.page
-        text = Dashboard.read(self._vehicle, int(page.worlds[page.chosen]), self._goal).html()
-        if text != self._sent:
-            self._out.content = self._sent = text
+        set_changed(self._out, content=Dashboard.read(self._vehicle, self._view.page.world, self._goal).html())
 
 
 def add_driving(view: LiveView) -> None:
