@@ -7,20 +7,28 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from rich.console import Console
+
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluation.grids import level_of
 from simwarp.cli.options import CommonOptions
 from simwarp.cli.policy_command import policy_command
 from simwarp.core.warp_start import report_compiling
-from simwarp.tasks import InputError, make, resolve_device
+from simwarp.tasks import InputError, Task, make, resolve_device
+from simwarp.train.evaluation.filming import Film, FilmOptions, View
+from simwarp.train.evaluation.mp4 import check_encoder
+from simwarp.train.evaluation.play import (
+    VIDEO_SUFFIXES,
+    Frame,
+    check_video_path,
+    record,
+    write_picture,
+    write_video,
+)
+from simwarp.train.runs.progress_display import LiveLine
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from simwarp.cli.view.films import HtmlFilm
-    from simwarp.tasks import Task
-    from simwarp.train.evaluation.filming import Film, FilmOptions
-    from simwarp.train.evaluation.play import Frame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,9 +80,6 @@ MOST_BYTES: Final = 8_000_000_000
 
 def run(arguments: list[str]) -> int:
     """Play as the arguments say."""
-    from simwarp.train.evaluation.filming import Film
-    from simwarp.train.evaluation.play import VIDEO_SUFFIXES
-
     command = policy_command("play", arguments, PlayOptions)
     name, options, source = command.name, command.options(), command.source
     assert source is not None  # options() has ended the process where help was asked for
@@ -112,9 +117,6 @@ def _record(
     task: Task[Any], policy: Any, options: Any, film: Film | HtmlFilm, frames: list[Frame], console: Console
 ) -> float:
     """Play, and return the mean return; the frames are kept as they come."""
-    from simwarp.train.evaluation.play import record
-    from simwarp.train.runs.progress_display import LiveLine
-
     with report_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
 
         def show(step: int, steps: int) -> None:
@@ -125,10 +127,6 @@ def _record(
 
 def _write(film: Film | HtmlFilm, target: Path, frames: list[Frame], name: str, console: Console) -> None:
     """Write what was filmed."""
-    from simwarp.train.evaluation.filming import Film
-    from simwarp.train.evaluation.play import VIDEO_SUFFIXES, write_picture, write_video
-    from simwarp.train.runs.progress_display import LiveLine
-
     console.print(f"writing {target} ...", highlight=False, soft_wrap=True)
     if not isinstance(film, Film):
         film.write()
@@ -171,8 +169,6 @@ def _check(options: Any) -> None:
 
 
 def _film_options(options: Any) -> FilmOptions:
-    from simwarp.train.evaluation.filming import FilmOptions, View
-
     return FilmOptions(
         worlds=tuple(options.worlds), size=options.size, view=View(options.camera), zoom=options.zoom,
         follow=options.follow, trail=options.trail, marks=options.marks,
@@ -181,8 +177,6 @@ def _film_options(options: Any) -> FilmOptions:
 
 def _target(name: str, options: Any, checkpoint: Path, console: Console) -> Path:
     """File to write, refused before any work is done where that cannot be."""
-    from simwarp.train.evaluation.play import check_video_path
-
     if options.html is None:
         target: Path = options.video or _default_video(name, console)
         check_video_path(target)
@@ -199,8 +193,6 @@ def _target(name: str, options: Any, checkpoint: Path, console: Console) -> Path
 
 def _default_video(name: str, console: Console) -> Path:
     """An MP4, or a GIF where there is no encoder."""
-    from simwarp.train.evaluation.mp4 import check_encoder
-
     try:
         check_encoder()
     except InputError:

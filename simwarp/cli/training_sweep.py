@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 import tyro
 from rich.console import Console
@@ -26,15 +26,19 @@ from simwarp.cli.evaluation.grids import (
 )
 from simwarp.cli.options import expand_shorthands, finite, option_value, split_task
 from simwarp.cli.training import StartOptions, read_options
+from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import thread_count
 from simwarp.tasks import task_class, task_names
-
-if TYPE_CHECKING:
-    from simwarp.train.sweeps.plan import SweepRun
-    from simwarp.train.sweeps.ranking import RankedPoint, RunResult
-    from simwarp.train.sweeps.run_state import RunRecord
-    from simwarp.train.sweeps.running import RunSource
-    from simwarp.train.sweeps.searching import Dimension
+from simwarp.train.runs.run_files import write_json
+from simwarp.train.runs.run_folder import RunFolder, check_root
+from simwarp.train.runs.run_lock import writing
+from simwarp.train.sweeps.launchers import LocalLauncher
+from simwarp.train.sweeps.plan import SweepRun, point_label, run_name, sweep_name
+from simwarp.train.sweeps.ranking import RankedPoint, RunResult, check_column, ranking, result_of
+from simwarp.train.sweeps.run_state import RunRecord, RunState
+from simwarp.train.sweeps.running import RunList, RunSource, SweepRunner, check_runs
+from simwarp.train.sweeps.searching import Dimension, Search
+from simwarp.train.sweeps.sweep_display import SweepDisplay
 
 RESULTS: Final = "results.json"
 CURVES: Final = "curves.png"
@@ -117,9 +121,6 @@ class SweepPlan:
 
     def runs_at(self, label: str, values: Mapping[str, Any], options: Any) -> list[SweepRun]:
         """Return the runs of a point, one per seed."""
-        from simwarp.train.runs.run_folder import RunFolder
-        from simwarp.train.sweeps.plan import SweepRun, run_name
-
         threads = options.flat_train.threads
         if options.launcher is LauncherKind.LOCAL:
             threads = max(1, thread_count(threads) // self.jobs)
@@ -136,8 +137,6 @@ class SweepPlan:
 
     def grid_runs(self) -> list[SweepRun]:
         """Return the runs of the grid, seed by seed, so that an early stop leaves all points with some."""
-        from simwarp.train.sweeps.plan import point_label
-
         points = [self.runs_at(point_label(values), values, options) for values, options in self.points]
         return [run for same_seed in zip(*points, strict=True) for run in same_seed]
 
@@ -147,11 +146,6 @@ def run(arguments: list[str]) -> int:
     word, arguments = split_task(arguments, "sweep", task_names())
     plan = read_plan(word, arguments)
     options = plan.options
-    from simwarp.core.stopping import stop_on_signals
-    from simwarp.train.runs.run_folder import check_root
-    from simwarp.train.runs.run_lock import writing
-    from simwarp.train.sweeps.running import SweepRunner
-    from simwarp.train.sweeps.sweep_display import SweepDisplay
 
     check_root(plan.folder, "--runs" if options.out is None else "--out")
     options.check(options.warm_start)
@@ -177,8 +171,6 @@ def run(arguments: list[str]) -> int:
 
 def _launcher(plan: SweepPlan) -> Any:
     if plan.options.launcher is LauncherKind.LOCAL:
-        from simwarp.train.sweeps.launchers import LocalLauncher
-
         return LocalLauncher(plan.word)
     from simwarp.train.sweeps.slurm import SlurmLauncher
 
@@ -195,9 +187,6 @@ def _slurm_parameters(texts: Sequence[str]) -> dict[str, str]:
 
 def _source(plan: SweepPlan, report: SweepReport) -> RunSource:
     """Return what tells the runs; those of a grid that are there are held to what is asked for."""
-    from simwarp.train.sweeps.running import RunList, check_runs
-    from simwarp.train.sweeps.searching import Search
-
     if plan.space:
         return Search(plan.folder, plan.space, plan.options.trials, plan.trial, lambda record: report.add(record).score)
     runs = plan.grid_runs()
@@ -252,8 +241,6 @@ def read_plan(word: str, arguments: list[str]) -> SweepPlan:
 
 def _folder(task: str, options: Any, axes: Mapping[str, Any], space: Mapping[str, list[str]], seeds: list[int]) -> Path:
     """Return the folder of a sweep: the same for the same command, and for one with more values or seeds."""
-    from simwarp.train.sweeps.plan import sweep_name
-
     if options.out is not None:
         return Path(options.out)
     more: dict[str, Any] = {"warm_start": str(options.warm_start)}
@@ -264,7 +251,6 @@ def _folder(task: str, options: Any, axes: Mapping[str, Any], space: Mapping[str
 
 
 def _check_counts(options: Any) -> None:
-    from simwarp.train.sweeps.ranking import check_column
 
     for field in ("jobs", "trials"):
         value = getattr(options, field)
@@ -323,8 +309,6 @@ def search_words(texts: Sequence[str]) -> dict[str, list[str]]:
 
 def _dimension(key: str, words: Sequence[str], typed: Callable[[str], Any]) -> Dimension:
     """Return what is searched, both ends and all choices held to the type and the rules of the field."""
-    from simwarp.train.sweeps.searching import Dimension
-
     if words[0] != ":":
         for word in words:
             typed(word)
@@ -387,13 +371,11 @@ class SweepReport:
             self.save(records)
 
     def _read(self, record: RunRecord) -> RunResult:
-        from simwarp.train.sweeps.ranking import result_of
 
         return result_of(record, self._plan.options.rank_by, task_class(self._plan.word).success_reasons)
 
     def save(self, records: Sequence[RunRecord]) -> None:
         """Write results and pictures, of unfinished runs what there is."""
-        from simwarp.train.runs.run_files import write_json
         from simwarp.train.sweeps.sweep_curves import draw_curves, draw_search
 
         self._open = [self._read(record) for record in records if record.run.name not in self._ended]
@@ -414,14 +396,10 @@ class SweepReport:
 
     def ranking(self) -> list[RankedPoint]:
         """Return the points, the best first."""
-        from simwarp.train.sweeps.ranking import ranking
-
         return ranking(self.results)
 
     def content(self) -> dict[str, Any]:
         """Return the keys of ``--json`` and ``results.json``."""
-        from simwarp.train.sweeps.run_state import RunState
-
         results = self.results
         ranked = self.ranking()
         return {
@@ -443,8 +421,6 @@ class SweepReport:
 
     def print_to(self, console: Console) -> None:
         """Print the ranking, and where things are; failures go to standard error."""
-        from simwarp.train.sweeps.run_state import RunState
-
         console.print(self._table())
         folder = self._plan.folder
         for name, word in ((CURVES, "curves"), (SEARCH, "search"), (RESULTS, "results")):
@@ -481,8 +457,6 @@ class SweepReport:
 
     def exit_code(self, interrupted: bool) -> int:
         """Return 0 if all runs are done, 1 if one failed or stopped, 130 after an interruption."""
-        from simwarp.train.sweeps.run_state import RunState
-
         states = [result.record.state for result in self.results]
         if len(states) >= self._plan.total and all(state is RunState.DONE for state in states):
             return DONE

@@ -1,8 +1,8 @@
 """Recorded runs that vehicles are held against: which there are, and how they are read and kept.
 
 `vehicle_reference.npz` holds eleven runs of Project Chrono 10, commit 7689fbc (BSD 3-clause), 100 rows per second and
-thinned to the columns that are compared: integers, each times the scale of its column. `write_reference` makes it from
-a folder of full CSV files.
+thinned to the columns that are compared: integers, each times the scale of its column. `scripts/pack_vehicle_runs.py`
+makes it from a folder of full CSV files.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from simwarp.vehicle.results.channels import Array, Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 SHIPPED: Final = Path(__file__).with_name("vehicle_reference.npz")
-HEADER: Final = "recorded runs of Project Chrono 10, commit 7689fbc; columns are integers times their scale"
 
 VEHICLES: Final = {"full": "hmmwv", "reduced": "hmmwv-reduced", "gator": "gator", "artcar": "artcar"}
 TIRES: Final = {"PAC89": "pacejka89", "PAC02": "pacejka2002"}
@@ -28,9 +27,6 @@ CUTOFF: Final = 10.0
 """Of the low-pass that loads are compared behind [Hz]."""
 COLUMNS: Final = ("t_s", "speed_mps", "yawrate_radps", "engine_radps", "gear", *LOADS)
 """Columns that are compared or drawn."""
-
-_STEPS: Final = {"t_s": 1e-3, "speed_mps": 1e-4, "yawrate_radps": 1e-5, "engine_radps": 0.02, "gear": 1.0}
-"""Resolution of the shipped columns; that of loads is the largest load / 30 000, at most 1 N."""
 
 _NAME: Final = re.compile(
     r"f_(?P<vehicle>full|reduced|gator|artcar)_(?P<tire>[A-Z][A-Z0-9]+)(?:_(?P<powertrain>[a-z]+))??"
@@ -135,18 +131,6 @@ def read_shipped() -> dict[Case, Run]:
             columns = counts * file[f"{case.name}.scale"][:, None]
             runs[case] = Run(dict(zip(COLUMNS, columns, strict=True)))
     return runs
-
-
-def write_reference(folder: Path, target: Path = SHIPPED) -> None:
-    """Packs the runs of a folder."""
-    packed: dict[str, np.ndarray] = {"header.scale": np.array(HEADER)}
-    for case, run in read_folder(folder).items():
-        load_step = min(1.0, max(np.abs(run[name]).max() for name in LOADS) / 3e4)
-        scale = np.array([_STEPS.get(name, load_step) for name in COLUMNS])
-        counts = np.rint(np.array([run[name] for name in COLUMNS]) / scale[:, None]).astype(np.int32)
-        packed[case.name] = np.diff(counts, axis=1, prepend=0)
-        packed[f"{case.name}.scale"] = scale
-    np.savez_compressed(target, **packed)  # type: ignore[arg-type]  # the stubs take allow_pickle for one of them
 
 
 def low_pass(values: Array, dt: float, cutoff: float = CUTOFF) -> Array:

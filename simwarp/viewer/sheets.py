@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from simwarp.core.files import write_file
+
 Picture = npt.NDArray[np.uint8]
 
 PAPER = (250, 250, 250)
 INK = (30, 30, 30)
+
+
+def write_image(path: Path, picture: Picture) -> None:
+    """Writes a PNG, or a JPEG where the file's name does not end in .png.
+
+    Raises:
+        OutputError: the disk did not take it.
+    """
+    kind: dict[str, Any] = {"format": "png", "optimize": True}
+    if path.suffix.lower() != ".png":
+        kind = {"format": "jpeg", "quality": 88}
+    content = io.BytesIO()
+    Image.fromarray(picture).save(content, **kind)
+    write_file(path, content.getvalue())
 
 
 def grid(pictures: Sequence[Picture], columns: int, *, gap: int = 4) -> Picture:

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from scripts.pack_vehicle_runs import pack_runs
 from simwarp import verify
 from simwarp.cli import main
 from simwarp.vehicle.results.channels import Run
@@ -141,7 +142,7 @@ def test_the_table_is_packed_and_read_back(tmp_path, monkeypatch, shipped):
     case, run = shipped["f_artcar_TMEASY_accel"]
     table = np.array([run[name] for name in COLUMNS]).T
     np.savetxt(tmp_path / f"{case.name}.csv", table, delimiter=",", header=",".join(COLUMNS), comments="", fmt="%.7g")
-    vehicle_cases.write_reference(tmp_path, tmp_path / "packed.npz")
+    pack_runs(tmp_path, tmp_path / "packed.npz")
     monkeypatch.setattr(vehicle_cases, "SHIPPED", tmp_path / "packed.npz")
     ((again, packed),) = read_shipped().items()
     assert again == case

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,11 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 import torch
-from PIL import Image
 
 from simwarp.core.files import check_output, write_file
 from simwarp.tasks import InputError, Task
 from simwarp.tasks.framework.agent_rows import Rows
+from simwarp.viewer.sheets import write_image
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 from .filming import film_still, film_strip
@@ -124,13 +123,7 @@ def write_picture(path: Path, frames: list[Frame], title: str, worlds: Sequence[
         OutputError: the disk did not take it.
     """
     taken = [(frame.time, frame.images) for frame in frames if frame.images is not None]
-    picture = io.BytesIO()
-    image = Image.fromarray(film_strip(taken, title, worlds))
-    if path.suffix.lower() == ".png":
-        image.save(picture, format="png", optimize=True)
-    else:
-        image.save(picture, format="jpeg", quality=88)
-    write_file(path, picture.getvalue())
+    write_image(path, film_strip(taken, title, worlds))
 
 
 def write_video(

@@ -19,9 +19,10 @@ from typing import Any, Final
 
 from simwarp.core.files import DRAFT_PREFIX, FileError, check_output, output_error, read_json
 from simwarp.core.types import formatted
-from simwarp.tasks import InputError
+from simwarp.tasks import InputError, TaskConfig, config_to_plain
+from simwarp.tasks.framework.registry import origin_of
 
-from ..config import configs_from_plain
+from ..config import TrainConfig, configs_from_plain
 from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from .run_files import write_json, write_run_file
 
@@ -196,6 +197,15 @@ def check_root(root: Path, option: str = "--runs") -> None:
     if not os.path.isdir(above):
         raise FileError(f"{option}: '{above}' is no folder; name one in which run folders can be made")
     check_output(above / "run", option)
+
+
+def run_description(
+    task_name: str, config: TrainConfig, task_config: TaskConfig, warm_start: Path | None = None
+) -> dict[str, Any]:
+    """Return what ``config.json`` of a run says: the task and its file, configurations, the policy to start from."""
+    configs = {"train_config": config_to_plain(config), "task_config": config_to_plain(task_config)}
+    start = {} if warm_start is None else {WARM_START: str(warm_start)}
+    return {**origin_of(task_name), **configs, **start}
 
 
 def create_run(root: Path, task: str, config: dict[str, Any]) -> RunFolder:

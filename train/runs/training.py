@@ -18,8 +18,7 @@ from simwarp.core.readable import ReadableFields
 from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import default_threads
 from simwarp.core.types import ModelError, formatted
-from simwarp.tasks import InputError, Task, TaskConfig, config_to_plain, make, task_class
-from simwarp.tasks.framework.registry import origin_of
+from simwarp.tasks import InputError, Task, TaskConfig, make, task_class
 
 from ..algorithm.distiller import Distiller, Lesson
 from ..algorithm.distributed import Processes, connect, processes
@@ -31,7 +30,18 @@ from .changed_options import changed_options_error
 from .loggers import RunLog, check_logger
 from .progress_display import ProgressDisplay
 from .run_files import write_json
-from .run_folder import CONFIG, RUNS, WARM_START, RunFolder, check_root, create_run, open_run, provenance, read_policy
+from .run_folder import (
+    CONFIG,
+    RUNS,
+    WARM_START,
+    RunFolder,
+    check_root,
+    create_run,
+    open_run,
+    provenance,
+    read_policy,
+    run_description,
+)
 from .run_lock import RunLock, writing
 from .run_saver import RunSaver
 from .saved_distillation import planned_lesson, saved_lesson
@@ -132,7 +142,8 @@ def train(
                 console.print("the run has no checkpoint yet: it begins at iteration 0", highlight=False)
                 start = _start_of_run(resume, task_name)
             lesson = _lesson_of_run(resume, saved)
-        description = run_description(task_name, config, task_config, warm_start, lesson)
+        description = run_description(task_name, config, task_config, warm_start)
+        description |= {} if lesson is None else lesson.described()
         task = _worlds(task_name, config, task_config, group, device, console)
         trainer = Trainer(task, config, group) if lesson is None else Distiller(task, config, lesson, group)
         held.callback(trainer.close)
@@ -160,18 +171,6 @@ def _load(trainer: Learner, path: Path, content: dict[str, Any]) -> bool:
         return trainer.load(content, f"checkpoint {path}")
     except InputError as error:
         raise changed_options_error(error, path, content, trainer.config, trainer.task.config) from error
-
-
-def run_description(
-    task_name: str, config: TrainConfig, task_config: TaskConfig, warm_start: Path | None = None,
-    lesson: Lesson | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Return what ``config.json`` of a run says: the task and its file, configurations, the policy to start from, and
-    the teacher.
-    """
-    configs = {"train_config": config_to_plain(config), "task_config": config_to_plain(task_config)}
-    start = {} if warm_start is None else {WARM_START: str(warm_start)}
-    return {**origin_of(task_name), **configs, **start, **({} if lesson is None else lesson.described())}
 
 
 def _worlds(

@@ -14,8 +14,7 @@ from simwarp.tasks import InputError, TaskConfig, config_to_plain
 from simwarp.tasks.framework.config_values import plain_value
 
 from ..config import TrainConfig
-from ..runs.run_folder import CONFIG, WARM_START, RunFolder, prepare_run
-from ..runs.training import run_description
+from ..runs.run_folder import CONFIG, WARM_START, RunFolder, prepare_run, run_description
 
 OWN: Final = ("train_config.seed", "train_config.threads", "train_config.iterations")
 """Settings in which runs of one sweep may differ: its own seed, processors as there are, iterations to go on to."""

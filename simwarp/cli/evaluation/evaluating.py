@@ -5,20 +5,20 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from simwarp.cli.evaluation.eval_report import Report, open_folder
 from simwarp.cli.evaluation.grids import grid_points, level_of
 from simwarp.cli.options import CommonOptions, option_value
 from simwarp.cli.policy_command import policy_command
 from simwarp.core.files import OutputError
+from simwarp.core.stopping import stop_on_signals
 from simwarp.tasks import TaskConfig, resolve_device
-
-if TYPE_CHECKING:
-    from simwarp.cli.evaluation.eval_report import Report
+from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,10 +62,6 @@ class GridEvalOptions(EvalOptions):
 
 def run(arguments: list[str]) -> int:
     """Evaluate as the arguments say; 130 after an interruption."""
-    from simwarp.cli.evaluation.eval_report import Report, open_folder
-    from simwarp.core.stopping import stop_on_signals
-    from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
-
     base = EvalOptions if option_value(arguments, "--grid") is None else GridEvalOptions
     command = policy_command("eval", arguments, base)
     name, options = command.name, command.options()

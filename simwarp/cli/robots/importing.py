@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 import shlex
 import time
@@ -18,7 +17,6 @@ from rich.table import Table
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options, split_path
 from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, SelfCollisionWord, load_file
-from simwarp.core.files import write_file
 from simwarp.core.types import Dof, ModelError, PositionDrive, VelocityMotor
 from simwarp.core.warp_start import report_compiling
 from simwarp.importers.imported import Imported
@@ -281,15 +279,12 @@ def _number(side: float) -> float | None:
 
 
 def _draw(robot: Imported, path: Path) -> None:
-    from PIL import Image
-
     from simwarp.sensors import Visuals
     from simwarp.viewer import portrait
+    from simwarp.viewer.sheets import write_image
 
     visuals = Visuals(robot.builder)
     robot.add_visuals(visuals)
     keyframes = robot.keyframes
     home = keyframes.get("home") or next(iter(keyframes.values()), None)
-    picture = io.BytesIO()
-    Image.fromarray(portrait(visuals, None if home is None else home.q)).save(picture, format="png")
-    write_file(path, picture.getvalue())
+    write_image(path, portrait(visuals, None if home is None else home.q))

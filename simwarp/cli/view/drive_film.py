@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
-
-from PIL import Image
+from typing import Final
 
 from simwarp.cli import UsageError
 from simwarp.cli.view.maneuver_scene import maneuver_scene
-from simwarp.core.files import write_file
 from simwarp.sensors.cameras.lights import Lighting, Sun
+from simwarp.train.evaluation.play import Frame, write_video
 from simwarp.vehicle.results.runs import Progress, Setup
+from simwarp.viewer.sheets import write_image
 from simwarp.viewer.studio import FollowCamera, Shot
-
-if TYPE_CHECKING:
-    from simwarp.train.evaluation.play import Frame
 
 STILLS: Final = (".png", ".jpg", ".jpeg")
 FILMS: Final = (".mp4", ".gif")
@@ -81,7 +76,6 @@ class DriveFilm:
         return advance
 
     def _render(self, t: float) -> None:
-        from simwarp.train.evaluation.play import Frame
 
         begin = time.perf_counter()
         self._frames.append(Frame(t + self._start, self._camera.render(t + self._start)))
@@ -94,14 +88,6 @@ class DriveFilm:
             OutputError: the disk did not take it.
         """
         if self._films and self._frames:
-            from simwarp.train.evaluation.play import write_video
-
             write_video(self.path, self._frames, self._title)
             return
-        still = io.BytesIO()
-        image = Image.fromarray(self._camera.render(0.0)[0])
-        if self.path.suffix.lower() == ".png":
-            image.save(still, format="png", optimize=True)
-        else:
-            image.save(still, format="jpeg", quality=88)
-        write_file(self.path, still.getvalue())
+        write_image(self.path, self._camera.render(0.0)[0])

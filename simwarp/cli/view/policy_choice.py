@@ -11,7 +11,9 @@ from simwarp.cli.options import option_value
 from simwarp.cli.policy_command import policy_defaults
 from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, task_class
+from simwarp.train.config import task_config_from_plain
 from simwarp.train.networks.policies import Policy, network_policy, random_policy, zero_policy
+from simwarp.train.runs.run_folder import CHECKPOINTS, CONFIG, open_run
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,9 +69,6 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
 
 def _of_run(name: str, path: Path) -> Actor:
     """The newest checkpoint of a run; chance until there is one."""
-    from simwarp.train.config import task_config_from_plain
-    from simwarp.train.runs.run_folder import CONFIG, open_run
-
     folder = open_run(path)
     saved = folder.load_config()
     if saved["task"] != name:
@@ -83,7 +82,5 @@ def _of_run(name: str, path: Path) -> Actor:
 
 def _run_of(checkpoint: Path) -> Path | None:
     """Folder of the run that a checkpoint lies in."""
-    from simwarp.train.runs.run_folder import CHECKPOINTS, CONFIG
-
     folder = checkpoint.parent.parent
     return folder if checkpoint.parent.name == CHECKPOINTS and (folder / CONFIG).is_file() else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def post_value(
-    view: LiveView, listen: Callable[[Any], Any], act: Callable[[Any], object], *, by_person: bool = False
+    view: LiveView, listen: Callable[[Any], Any], act: Callable[[Any], None], *, by_person: bool = False
 ) -> None:
     """Calls a function with each new value of a control, on the thread of the view.
 
@@ -25,7 +26,7 @@ def post_value(
     def _(event: Any) -> None:
         value = event.target.value
         if event.client is not None or not by_person:
-            view.post(lambda: act(value))
+            view.post(functools.partial(act, value))
 
 
 def set_changed(handle: Any, **values: object) -> None:

@@ -11,6 +11,7 @@ import torch
 from PIL import Image
 from rich.console import Console
 
+from scripts.ship_policy import ship
 from simwarp.core.files import FileError
 from simwarp.tasks import InputError, Task, make, replace_fields, task_class
 from simwarp.tasks.framework import registry
@@ -263,8 +264,6 @@ def test_the_shipped_pendulum_policy_solves_the_pendulum(tmp_path):
 
 
 def test_shipping_in_nominal_worlds_but_for_what_the_policy_knows(tmp_path):
-    from simwarp.train.networks.shipping import ship
-
     usual = task_class("fast").config_type()
     config = replace_fields(default_config(task_class("fast")), {"device": "cpu", "iterations": 1, "num_envs": 4})
     worlds = replace_fields(usual, {"max_episode_steps": 7, "action_delay": (1, 1)})
@@ -282,8 +281,6 @@ def test_shipping_in_nominal_worlds_but_for_what_the_policy_knows(tmp_path):
 
 
 def test_shipping_writes_the_actor_and_where_it_came_from(trained, tmp_path):
-    from simwarp.train.networks.shipping import ship
-
     run = find_policy("fast", None, trained).path.parents[1]
     record = ship(run, tmp_path)
     assert {"command", "git", "versions", "evaluation", "iterations"} <= set(record)

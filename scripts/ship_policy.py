@@ -1,5 +1,4 @@
-"""Putting a trained policy into the package: ``python -m simwarp.train.networks.shipping RUN [--nominal [--keep
-FIELD ...]]``, from a checkout.
+"""Puts a trained policy into the package: ``python -m scripts.ship_policy RUN [--nominal [--keep FIELD ...]]``.
 
 Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached);
 ``TASK.OBS`` where the task has a choice of observations, ``TASK.OBS.soil`` where it was trained on soil.
@@ -18,14 +17,13 @@ from typing import Any
 
 from simwarp.core.files import read_json
 from simwarp.tasks import InputError, config_to_plain, task_class
-
-from ..algorithm.distiller import TAUGHT_BY
-from ..config import task_config_from_plain
-from ..evaluation.evaluation import evaluate_with_baselines
-from ..runs.checkpoint import SUFFIX, inference_only, save_checkpoint
-from ..runs.run_files import write_json
-from ..runs.run_folder import PROVENANCE, open_run
-from .policies import SHIPPED, network_policy
+from simwarp.train.algorithm.distiller import TAUGHT_BY
+from simwarp.train.config import task_config_from_plain
+from simwarp.train.evaluation.evaluation import evaluate_with_baselines
+from simwarp.train.networks.policies import SHIPPED, network_policy
+from simwarp.train.runs.checkpoint import SUFFIX, inference_only, save_checkpoint
+from simwarp.train.runs.run_files import write_json
+from simwarp.train.runs.run_folder import PROVENANCE, open_run
 
 _EPISODES = 256
 _SEED = 1_000_003
