@@ -19,7 +19,7 @@ from simwarp.core.files import read_json
 from simwarp.tasks import InputError, config_to_plain, task_class
 from simwarp.train.algorithm.distiller import TAUGHT_BY
 from simwarp.train.config import task_config_from_plain
-from simwarp.train.evaluation.evaluation import evaluate_with_baselines
+from simwarp.train.evaluation.evaluation import evaluate_policies
 from simwarp.train.networks.policies import SHIPPED, network_policy
 from simwarp.train.runs.checkpoint import SUFFIX, inference_only, save_checkpoint
 from simwarp.train.runs.run_files import write_json
@@ -53,13 +53,14 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Coll
     if nominal:
         kept = {key: trained[key] for key in ("obs", "soil", *keep) if key in trained}
         content["task_config"] = usual | kept
-    results = evaluate_with_baselines(
+    found = evaluate_policies(
         name,
         lambda task: network_policy(content, task),
         config=task_config_from_plain(task_class(name), content["task_config"]),
         episodes=_EPISODES,
         seed=_SEED,
     )
+    results = dict(found)
     made = read_json(folder.path / PROVENANCE, PROVENANCE)
     record = {
         "task": name,

@@ -19,7 +19,15 @@ from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
 from .framework.errors import InputError, TaskError
 from .framework.mirror import Mirror, Reflection, reflection
-from .framework.recorded_launches import NamedRows, TensorFunction, filled, launch_over, share_over, zeros_of
+from .framework.recorded_launches import (
+    ComputedRows,
+    NamedRows,
+    TensorFunction,
+    filled,
+    launch_over,
+    share_over,
+    zeros_of,
+)
 from .framework.registry import ENTRY_POINT_GROUP, config_to_train_in, make, register, task_class, task_names
 from .framework.replay import ReplayReport
 from .framework.simulation_access import Attachments
@@ -37,6 +45,7 @@ __all__ = [
     "ActuatorNetwork",
     "Attachments",
     "Command",
+    "ComputedRows",
     "Count",
     "Curriculum",
     "Drawing",

@@ -20,6 +20,7 @@ from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task
 
 from ..framework.config import RewardWeights
 from ..framework.recorded_launches import (
+    ComputedRows,
     NamedRows,
     TensorLaunch,
     WorldLaunch,
@@ -245,7 +246,6 @@ class ReachTask(Task[ReachConfig]):
         self._touched, self._near_steps = sw.to_torch(self.reach.touched), sw.to_torch(self.reach.near_steps)
         self._target = sw.to_torch(self.reach.target)
         self._cube_x = sw.to_torch(simulation.model.shape_x)[:, self.cube]
-        self._policy = torch.zeros(self.num_worlds, 2 * len(self.arm.joints) + 6, device=device)
         self._success = torch.zeros(self.num_worlds, dtype=torch.bool, device=device)
         self._distance = torch.zeros(self.num_worlds, device=device)
         self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
@@ -261,7 +261,7 @@ class ReachTask(Task[ReachConfig]):
         self._begin_reach = launch_over(self, kernels.begin_reach, self.action, self.reach)
         self._drive = launch_over(self, kernels.turn_joints, self.action, self.reaching, state, torque)
         self._finish = launch_over(self, kernels.finish_reach, self.action, *moved, torque)
-        self._observe = launch_over(self, kernels.observe_reach, *moved, self._policy)
+        self._observe = ComputedRows(self, kernels.observe_reach, *moved, width=2 * len(self.arm.joints) + 6)
         self._compute_rewards = NamedRows(
             self, kernels.compute_reach_rewards, named, weights, float(config.decimation), self.action, *moved
         )
@@ -353,8 +353,7 @@ class ReachTask(Task[ReachConfig]):
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy`` (W, 18) float32, the buffer itself."""
-        self._observe.launch()
-        return {"policy": self._policy}
+        return {"policy": self._observe()}
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
@@ -403,15 +402,12 @@ class ReachTask(Task[ReachConfig]):
         """Draw the edge of the cube from above, and the way that is left."""
         half = self._target.new_tensor([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1]]) * _HALF_CUBE
         edge = (self._target[:, None] + half).float()
-        self._observe.launch()
-        grip = self._policy[:, -3:]
-        left = torch.stack([grip, self._target.float()], dim=1)
+        left = torch.stack([self._observe()[:, -3:], self._target.float()], dim=1)
         return Drawing((Line(edge, "tab:red", 2.0), Line(left, "tab:orange", 1.0)))
 
     def map_position(self) -> torch.Tensor:
         """The grip, (W, 3) [m]."""
-        self._observe.launch()
-        return self._policy[:, -3:]
+        return self._observe()[:, -3:]
 
 
 @register("racer3-reach")

@@ -24,6 +24,7 @@ from ..framework.agents import lead_of
 from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import (
+    ComputedRows,
     NamedRows,
     TensorFunction,
     TensorLaunch,
@@ -222,9 +223,20 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         super().setup()
         if self.camera is not None:
             self.column.frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
-        lead, device = lead_of(self), self.device
-        self._policy, self._measured = (torch.zeros(*lead, size, device=device) for size in (17 + _RAYS, 6))
+        self._record_observations()
         self.record_world()
+
+    def _record_observations(self) -> None:
+        """Record what writes the observations; the rows stay the same ones."""
+        column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
+        state, shape = self.simulation.state.arrays, (self.num_worlds, self.agents)
+        if self.navigation is not None:
+            measured = [column, state, self._navigator, self.random.draws, routes, follow, platoon]
+            self._measure = ComputedRows(self, measure_follower, *measured, width=6)
+        seen = [column, state, self.action.view(-1, 2), routes, follow, self.obstacles.slots, platoon]
+        self._observe = ComputedRows(
+            self, observe_followers, *seen, width=17 + _RAYS, shape=lead_of(self), threads=shape
+        )  # fmt: skip
 
     def _record_vehicle(self) -> None:
         """Record what every driving task launches; the truck is the only vehicle of its platoon."""
@@ -287,15 +299,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._record_draws()
         self._record_driving()
         column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
-        state, shape = self.simulation.state.arrays, (self.num_worlds, self.agents)
-        if self.navigation is not None:
-            measured = [column, state, self._navigator, self.random.draws, routes, follow, platoon, self._measured]
-            self._measure = launch_over(self, measure_follower, *measured)
-        rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
-        seen = [column, state, rows, routes, follow, self.obstacles.slots, platoon, policy]
-        self._observe = TensorLaunch(observe_followers, shape, seen, self.device)
-        where = [column, state, routes, follow, platoon]
-        of_agents: dict[str, Any] = {"shape": lead_of(self), "threads": shape}
+        where = [column, self.simulation.state.arrays, routes, follow, platoon]
+        of_agents: dict[str, Any] = {"shape": lead_of(self), "threads": (self.num_worlds, self.agents)}
         self._compute_rewards = NamedRows(self, compute_follower_rewards, self.term_names, *where, **of_agents)
         self._find_ends = NamedRows(self, end_followers, ENDS, *where, dtype=torch.bool, **of_agents)
         self._measure_metrics = NamedRows(self, write_follower_metrics, METRICS, *where, **of_agents)
@@ -378,15 +383,13 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed; the buffer
         itself.
         """
-        self._measure.launch()
-        return self._measured
+        return self._measure()
 
     def exact_state(self) -> torch.Tensor:
         """Return the leaders' places, the first one's heading and speed, motion, tilt, inputs, ranges to obstacles; the
         buffer itself.
         """
-        self._observe.launch()
-        return self._policy
+        return self._observe()
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``following``, ``failure`` and, if it counts, the difference in ``speed``."""

@@ -17,7 +17,7 @@ from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.config import RewardWeights
 from ..framework.drawing import Drawing, Line
-from ..framework.recorded_launches import NamedRows, TensorFunction, fill, filled, launch_over, zeros_of
+from ..framework.recorded_launches import ComputedRows, NamedRows, TensorFunction, fill, filled, launch_over, zeros_of
 from .base import DrivingConfig, DrivingTask
 from .lapping_kernels import (
     PREVIEW,
@@ -131,12 +131,13 @@ class LappingTask(DrivingTask[LappingT]):
         car, state, course, routes = self._car, self.simulation.state.arrays, self.course, self.routes.tables
         worlds, device, number = self.num_worlds, self.device, (torch.float32, ())
         width = 3 + 2 * PREVIEW + 3 + self.action_size
-        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (width, 3))
         outside = torch.zeros(worlds, dtype=torch.bool, device=device)
         self._start = launch_over(self, start_lap, self._every_world, car, self._navigator, state, routes, lap)
         self._advance_lap = launch_over(self, advance_lap, car, state, routes, lap)
-        self._measure = launch_over(self, measure_lap, car, state, course, self.action, self._measured)
-        self._observe = launch_over(self, observe_lap, car, state, course, routes, lap, self.action, self._policy)
+        self._measure = ComputedRows(self, measure_lap, car, state, course, self.action, width=3)
+        self._observe = ComputedRows(
+            self, observe_lap, car, state, course, routes, lap, self.action, width=width
+        )  # fmt: skip
         driven = [outside, car, state, course, routes, lap]
         self._compute_rewards = NamedRows(self, compute_lap_rewards, ("progress", "lap", "failure"), *driven)
         ends, ended = ("off_lane", "upset", "lap"), [outside, car, state, routes, lap]
@@ -221,13 +222,11 @@ class LappingTask(DrivingTask[LappingT]):
 
     def measured(self) -> torch.Tensor:
         """Return (W, 3): speed, yaw rate, steering; the buffer itself."""
-        self._measure.launch()
-        return self._measured
+        return self._measure()
 
     def exact_state(self) -> torch.Tensor:
         """Return (W, N): place in the lane, points of the lane ahead, motion and inputs; the buffer itself."""
-        self._observe.launch()
-        return self._policy
+        return self._observe()
 
     def outside(self) -> torch.Tensor:
         """Return (W,) bool: the vehicle has left its lane."""

@@ -15,7 +15,19 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import Drawing, Ge, Le, Line, NamedRows, Positive, RewardWeights, filled, launch_over, register
+from simwarp.tasks import (
+    ComputedRows,
+    Drawing,
+    Ge,
+    Le,
+    Line,
+    NamedRows,
+    Positive,
+    RewardWeights,
+    filled,
+    launch_over,
+    register,
+)
 from simwarp.tasks.driving import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, RangeFan, outline
 
 from .obstacle_avoidance_kernels import (
@@ -133,11 +145,10 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         )
         self._pillar_x = sw.to_torch(model.shape_x)[:, self.pillars[0] : self.pillars[-1] + 1]
         car, drive, state = self._car, self._drive, self.simulation.state.arrays
-        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 3))
         self._draw = launch_over(self, draw_pillars, self._every_world, road, self.random.draws)
         self._begin_way = launch_over(self, begin_way, road, car, state)
-        self._measure = launch_over(self, measure_way, car, state, self.action, self._measured)
-        self._observe = launch_over(self, observe_way, road, car, state, self.action, self._policy)
+        self._measure = ComputedRows(self, measure_way, car, state, self.action, width=3)
+        self._observe = ComputedRows(self, observe_way, road, car, state, self.action, width=13 + _RAYS)
         moving = [road, car, drive, state]
         self._compute_rewards = NamedRows(self, compute_road_rewards, ("failure", "progress", "goal"), *moving)
         ends = ("goal", "collision", "off_road")
@@ -151,15 +162,13 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     def measured(self) -> torch.Tensor:
         """Return (W, 3): speed, yaw rate, steering; the buffer itself."""
-        self._measure.launch()
-        return self._measured
+        return self._measure()
 
     def exact_state(self) -> torch.Tensor:
         """Return (W, 38): place across the road, heading, motion, inputs, the next two pillars, ranges to pillars; the
         buffer itself.
         """
-        self._observe.launch()
-        return self._policy
+        return self._observe()
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the penalty of a ``failure``, ``progress`` towards the end, and the ``goal``'s bonus."""

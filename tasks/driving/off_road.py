@@ -18,7 +18,7 @@ from simwarp.tasks import Ge, Gt, Le, NotNegative
 
 from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
-from ..framework.recorded_launches import NamedRows, TensorLaunch, fill, filled, launch_over, zeros_of
+from ..framework.recorded_launches import ComputedRows, NamedRows, TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
 from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
 from .hills import Hills
@@ -187,7 +187,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     def setup(self) -> None:
         """Make tables and buffers, and record what a step launches."""
-        config, worlds, device = self.config, self.num_worlds, self.device
+        config = self.config
         self.terrain = self._make_ground()
         self.trip = zeros_of(Trip, self, last_action=self.action_size)
         self.goal = sw.to_torch(self.trip.goal)
@@ -199,16 +199,17 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         super().setup()
         terrain, car, drive, state, trip = self.terrain, self._car, self._drive, self.simulation.state.arrays, self.trip
         terms = ("progress", "goal", "failure", "change")[: 4 if config.rewards.change != 0.0 else 3]
-        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 6))
         slots = self.obstacles.slots
         self._start = launch_over(
             self, start_trip, self._every_world, terrain, self.random.draws, self._slopes, car, self._navigator, state,
             trip,
         )  # fmt: skip
         self._begin_trip = launch_over(self, begin_trip, car, state, self.action, trip)
-        self._observe = launch_over(self, observe_trip, terrain, car, state, self.action, slots, trip, self._policy)
-        estimated = [terrain, self._navigator, self.random.draws, trip, self._measured]
-        self._measure = launch_over(self, measure_trip, *estimated) if self.navigation is not None else None
+        seen = [terrain, car, state, self.action, slots, trip]
+        self._observe = ComputedRows(self, observe_trip, *seen, width=13 + _RAYS)
+        if self.navigation is not None:
+            estimated = [terrain, self._navigator, self.random.draws, trip]
+            self._measure = ComputedRows(self, measure_trip, *estimated, width=6)
         moving = [terrain, car, drive, state]
         self._compute_rewards = NamedRows(self, compute_trip_rewards, terms, *moving, self.action, trip)
         ends = ("goal", "collision", "off_map", "upset")
@@ -284,16 +285,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     def measured(self) -> torch.Tensor:
         """Return (W, 6): goal, heading and speed by GPS and IMU; the buffer itself."""
-        assert self._measure is not None
-        self._measure.launch()
-        return self._measured
+        return self._measure()
 
     def exact_state(self) -> torch.Tensor:
         """Return goal, heading, motion, tilt, inputs, ranges to obstacles, and the distance to the goal; the buffer
         itself.
         """
-        self._observe.launch()
-        return self._policy
+        return self._observe()
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``goal``, ``failure`` and, if it counts, ``change`` of the action."""

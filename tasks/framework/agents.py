@@ -20,8 +20,8 @@ MOST_AGENTS = 256
 """Agents of a world, at most."""
 
 
-class Acting(Protocol):
-    """What a batch of worlds tells of its agents: see `Task`."""
+class Worlds(Protocol):
+    """Interface of a batch of worlds, with agents: see `Task`."""
 
     @property
     def name(self) -> str:
@@ -31,6 +31,11 @@ class Acting(Protocol):
     @property
     def num_worlds(self) -> int:
         """W."""
+        ...
+
+    @property
+    def device(self) -> torch.device:
+        """Of its tensors."""
         ...
 
     @property
@@ -71,7 +76,7 @@ class Agents:
         InputError: their number, or what they do at rest, is wrong.
     """
 
-    def __init__(self, task: Acting, device: torch.device) -> None:
+    def __init__(self, task: Worlds, device: torch.device) -> None:
         self.count = whole(f"task '{task.name}': agents", task.agents, 1, MOST_AGENTS)
         self.several = self.count > 1
         shape = (task.num_worlds, self.count)
@@ -87,7 +92,7 @@ class Agents:
         self._rest = TensorLaunch(rest_agents, tuple(self.done.shape), arguments, asked.device)
 
     @staticmethod
-    def _make_resting(task: Acting, device: torch.device) -> torch.Tensor:
+    def _make_resting(task: Worlds, device: torch.device) -> torch.Tensor:
         action, size = task.resting_action, task.action_size
         values = list(action) if isinstance(action, Sequence) else [action] * size
         if len(values) != size or not all(-1.0 <= float(value) <= 1.0 for value in values):

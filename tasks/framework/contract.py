@@ -6,6 +6,7 @@ are counted on the device, by the kernels that judge a step and look at its obse
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
@@ -15,10 +16,11 @@ import torch
 from simwarp.core.readable import plural
 from simwarp.core.types import formatted
 
+from .agents import Worlds
 from .drawing import Drawing, Line
 from .errors import TaskError, TaskStepError, broken
 from .escapes import named_escapes
-from .interface_checks import Worlds, check_batch, check_flags, check_observations, check_terms
+from .interface_checks import check_batch, check_flags, check_observations, check_terms
 from .statistics import EpisodeSummary
 
 Form: TypeAlias = tuple[torch.Size, torch.dtype, torch.device]
@@ -72,15 +74,18 @@ class Contract:
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return the reasons to end, name -> (W,) bool, always in the same order."""
-        return self._held("terminations", "termination", self._task.terminations(), _check_ends, "reasons to end")
+        check = functools.partial(check_flags, kind="termination")
+        return self._held("terminations", "termination", self._task.terminations(), check, "reasons to end")
 
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return the reasons to cut off, name -> (W,) bool, always in the same order."""
-        return self._held("truncations", "truncation", self._task.truncations(), _check_cuts, "reasons to cut off")
+        check = functools.partial(check_flags, kind="truncation")
+        return self._held("truncations", "truncation", self._task.truncations(), check, "reasons to cut off")
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the metrics, name -> (W,)."""
-        return self._held("metrics", "metric", self._task.metrics(), _check_metrics)
+        check = functools.partial(check_terms, kind="metric", floating=False)
+        return self._held("metrics", "metric", self._task.metrics(), check)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the task's own state, name -> (...)."""
@@ -193,18 +198,6 @@ def _form_of(value: Any) -> str:
     if isinstance(value, torch.Tensor):
         return _form(value.shape, value.dtype, value.device)
     return "None" if value is None else f"{type(value).__name__} {formatted(value)}"
-
-
-def _check_ends(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
-    return check_flags(task, "termination", values)
-
-
-def _check_cuts(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
-    return check_flags(task, "truncation", values)
-
-
-def _check_metrics(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:
-    return check_terms(task, values, kind="metric", floating=False)
 
 
 def _check_state(task: Worlds, values: Any) -> Mapping[str, torch.Tensor]:

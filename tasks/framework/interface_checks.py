@@ -3,44 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 
 from simwarp.core.types import formatted
 
-from .agents import lead_of
+from .agents import Worlds, lead_of
 from .command import Command
 from .errors import TaskError
-
-
-class Worlds(Protocol):
-    """Interface of a batch of worlds."""
-
-    @property
-    def name(self) -> str:
-        """Of the task."""
-        ...
-
-    @property
-    def num_worlds(self) -> int:
-        """Worlds stepped together."""
-        ...
-
-    @property
-    def device(self) -> torch.device:
-        """Of its tensors."""
-        ...
-
-    @property
-    def action_size(self) -> int:
-        """Numbers of an action."""
-        ...
-
-    @property
-    def agents(self) -> int:
-        """Of a world."""
-        ...
 
 
 def _named(task: Worlds, more: bool = False) -> str:
@@ -133,7 +104,7 @@ def check_reasons(task: Worlds, metrics: Mapping[str, torch.Tensor], reasons: Se
         raise TaskError(f"task '{task.name}': success_reasons names {unknown}, not among {list(reasons)}")
 
 
-def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Tensor]:
+def check_flags(task: Worlds, flags: object, *, kind: str) -> Mapping[str, torch.Tensor]:
     """Check end reasons: each (W,) bool."""
     checked = _check_mapping(task, f"{kind}s()", flags)
     for name, flag in checked.items():

@@ -88,6 +88,36 @@ def fill(struct: Any, **values: Any) -> None:
         setattr(struct, name, from_torch(value) if isinstance(value, torch.Tensor) else value)
 
 
+class ComputedRows:
+    """A kernel whose last argument is rows (W, N), such as observations, and these rows.
+
+    Args:
+        batch: the worlds.
+        kernel: with a thread for each world.
+        arguments: of the kernel but the last one; tensors may stand for arrays.
+        width: N. None: the rows are (W,).
+        dtype: of the rows.
+        shape: of the rows before N, (W, A) of several agents; the kernel has it flat. None: (W,).
+        threads: of the kernel, such as (W, A). None: one for each world.
+    """
+
+    def __init__(
+        self, batch: Batch, kernel: wp.Kernel, *arguments: Any, width: int | None, dtype: torch.dtype = torch.float32,
+        shape: tuple[int, ...] | None = None, threads: tuple[int, ...] | None = None,
+    ) -> None:  # fmt: skip
+        worlds, row = (batch.num_worlds,), () if width is None else (width,)
+        self._rows = torch.zeros(*(shape or worlds), *row, dtype=dtype, device=batch.device)
+        self._launch = TensorLaunch(kernel, threads or worlds, [*arguments, self._rows.view(-1, *row)], batch.device)
+
+    def __repr__(self) -> str:
+        return f"ComputedRows: {tuple(self._rows.shape)}"
+
+    def __call__(self) -> torch.Tensor:
+        """Return the rows as they are now, the buffer itself."""
+        self._launch.launch()
+        return self._rows
+
+
 class NamedRows:
     """A kernel whose last argument is rows (R, W), and what it writes there by name, such as terms of a reward.
 

@@ -15,7 +15,7 @@ import simwarp as sw
 from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
-from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over, zeros_of
+from ..framework.recorded_launches import ComputedRows, WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 from .walking_kernels import (
     FORCE_CLIP,
@@ -163,8 +163,7 @@ class WalkingTask(Task[WalkingT]):
         )
         self.walker, width = self._make_walker()
         walker = self.walker
-        self._policy = torch.zeros(worlds, width, device=device)
-        self._outside, self._success = (torch.zeros(worlds, dtype=torch.bool, device=device) for _ in range(2))
+        self._success = torch.zeros(worlds, dtype=torch.bool, device=device)
         self._distance = torch.zeros(worlds, device=device)
         self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
         goal = [config.goal_distance, config.goal_time + 0.5 * config.control_dt, config.goal_width]
@@ -172,8 +171,8 @@ class WalkingTask(Task[WalkingT]):
         self._begin_walk = launch_over(self, begin_walk, state, self.action, self.walk)
         self._drive = launch_over(self, drive_joints, self.action, walker, state, torque)
         self._finish = launch_over(self, finish_physics, self.action, walker, state, self.walk, torque)
-        self._observe = launch_over(self, observe_walk, walker, state, self._policy)
-        self._find_outside = launch_over(self, find_outside, state, self._outside)
+        self._observe = ComputedRows(self, observe_walk, walker, state, width=width)
+        self._find_outside = ComputedRows(self, find_outside, state, width=None, dtype=torch.bool)
         self._measure = launch_over(
             self, measure_success, self.episode_steps, config.control_dt, *goal, state, self.walk, self._success,
             self._distance,
@@ -232,13 +231,11 @@ class WalkingTask(Task[WalkingT]):
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy`` (W, ...) float32, the buffer itself."""
-        self._observe.launch()
-        return {"policy": self._policy}
+        return {"policy": self._observe()}
 
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return ``arena``: the robot has left the original's floor of 50 m around the start."""
-        self._find_outside.launch()
-        return {"arena": self._outside}
+        return {"arena": self._find_outside()}
 
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start near the built pose and the heading +X."""

@@ -165,7 +165,7 @@ def parse_simwarp(words: list[str]) -> None:
     run = COMMANDS[words[0]].load()
     stop: Any
     if words[0] == "eval":
-        stop = mock.patch("simwarp.train.evaluation.grid.evaluate_grid", _stop)
+        stop = mock.patch("simwarp.cli.evaluation.evaluating.evaluate_grid", _stop)
     elif words[0] == "sweep":
         from simwarp.cli import training_sweep
 

@@ -10,7 +10,6 @@ import torch
 from rsl_rl.algorithms import Distillation
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
-from torch import nn
 
 from simwarp.core.constraints import Count, Positive, Whole
 from simwarp.tasks.framework.config_values import Settings
@@ -19,7 +18,7 @@ from ..config import AugmentationConfig
 from ..networks.augmentation import augment_groups
 from .learner_threads import LearnerThreads
 from .mini_batch_shares import Share, mini_batches_in_shares, share_bounds, share_count
-from .shared_ppo import sum_in_order
+from .shared_ppo import apply_gradients, sum_in_order
 
 ACTION_LIMIT: Final = 1.0
 """Tasks clip actions to this, so that a teacher that asks for more is not imitated beyond."""
@@ -141,10 +140,7 @@ class SharedDistillation(Distillation):
         self.optimizer.zero_grad()
         for parameter, *gradients in zip(parameters, *(each for _, each in found), strict=True):
             parameter.grad = sum_in_order(gradients)
-        if self.is_multi_gpu:
-            self.reduce_parameters()
-        nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
-        self.optimizer.step()
+        apply_gradients(self, parameters)
         return sum_in_order([loss for loss, _ in found])
 
     def _changed(self, batch: RolloutStorage.Batch, seed: int) -> RolloutStorage.Batch:

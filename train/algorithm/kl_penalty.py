@@ -15,14 +15,13 @@ from typing import Any
 
 import torch
 from rsl_rl.storage import RolloutStorage
-from torch import nn
 
 from simwarp.core.constraints import Positive
 from simwarp.tasks import config_from_plain
 from simwarp.tasks.framework.config_values import Settings
 
 from .mini_batch_shares import Share
-from .shared_ppo import DIVERGENCE, ENTROPY, SURROGATE, VALUE, SharedPPO, sum_in_order
+from .shared_ppo import DIVERGENCE, ENTROPY, SURROGATE, VALUE, SharedPPO, apply_gradients, sum_in_order
 
 _BETA_BOUND = 35.0
 _BETA_FACTOR = 1.5
@@ -68,11 +67,6 @@ class KLPenaltyPPO(SharedPPO):
         self.hinge = hinge
         self.base_learning_rate = float(options.get("learning_rate", 1e-3))
 
-    def _batches(self, epochs: int) -> Any:
-        if self.actor.is_recurrent or self.critic.is_recurrent:
-            return self.storage.recurrent_mini_batch_generator(self.num_mini_batches, epochs)
-        return self.storage.mini_batch_generator(self.num_mini_batches, epochs)
-
     def _divergence(self, batch: RolloutStorage.Batch) -> torch.Tensor:
         """Return the mean KL divergence of the old policy from the one that just ran on ``batch``."""
         # Made under inference_mode, as the advantages are: autograd takes copies only
@@ -88,7 +82,7 @@ class KLPenaltyPPO(SharedPPO):
         """Return the divergence over the whole rollout, the same number in all processes."""
         parts = []
         if self.threads is None:
-            for batch in self._batches(1):
+            for batch in self.batches(1):
                 self._act_again(batch)
                 parts.append(self._divergence(batch))
         else:
@@ -135,7 +129,7 @@ class KLPenaltyPPO(SharedPPO):
     def _steps(self, policy_learns: bool) -> Iterator[torch.Tensor]:
         """Learn from the rollout once; yield value loss, surrogate and entropy of each mini-batch, (3,)."""
         if self.threads is None:
-            for batch in self._batches(1):
+            for batch in self.batches(1):
                 yield self._learn(batch, policy_learns)
             return
         for shares in self.shared_batches(1):
@@ -165,11 +159,7 @@ class KLPenaltyPPO(SharedPPO):
             report[1], report[2] = surrogate.detach(), entropy.detach()
         self.optimizer.zero_grad()
         loss.backward()
-        if self.is_multi_gpu:
-            self.reduce_parameters()
-        nn.utils.clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
-        nn.utils.clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
-        self.optimizer.step()
+        apply_gradients(self, self.actor.parameters(), self.critic.parameters())
         return report
 
     def _learn_shared(self, shares: list[Share]) -> torch.Tensor:

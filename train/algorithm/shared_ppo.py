@@ -8,7 +8,7 @@ optimiser follows. Shares are summed in their order, so that learning is reprodu
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import torch
@@ -75,6 +75,12 @@ class SharedPPO(PPO):
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
         self.storage.clear()
+
+    def batches(self, epochs: int) -> Any:
+        """Return the mini-batches of the rollout, as rsl-rl cuts it, over some epochs."""
+        if self._remembers():
+            return self.storage.recurrent_mini_batch_generator(self.num_mini_batches, epochs)
+        return self.storage.mini_batch_generator(self.num_mini_batches, epochs)
 
     def shared_batches(self, epochs: int) -> Iterator[list[Share]]:
         """Yield the shares of each mini-batch."""
@@ -146,11 +152,7 @@ class SharedPPO(PPO):
         self.optimizer.zero_grad()
         for parameter, *shares in zip(parameters, *gradients, strict=True):
             parameter.grad = sum_in_order(shares)
-        if self.is_multi_gpu:
-            self.reduce_parameters()
-        nn.utils.clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
-        nn.utils.clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
-        self.optimizer.step()
+        apply_gradients(self, self.actor.parameters(), self.critic.parameters())
 
     def terms(self, batch: RolloutStorage.Batch) -> torch.Tensor:
         """Return the means over a share of (4,): value loss, surrogate, divergence of the old policy, entropy.
@@ -221,6 +223,20 @@ class SharedPPO(PPO):
             self.learning_rate = min(_LARGEST_RATE, self.learning_rate * _RATE_FACTOR)
         for group in self.optimizer.param_groups:
             group["lr"] = self.learning_rate
+
+
+def apply_gradients(algorithm: Any, *parameters: Iterable[nn.Parameter]) -> None:
+    """Take one step of an algorithm's optimiser by the gradients that its parameters have, of all processes.
+
+    Args:
+        algorithm: of rsl-rl.
+        parameters: of one network each: its gradients are bounded together.
+    """
+    if algorithm.is_multi_gpu:
+        algorithm.reduce_parameters()
+    for one in parameters:
+        nn.utils.clip_grad_norm_(one, algorithm.max_grad_norm)
+    algorithm.optimizer.step()
 
 
 def sum_in_order(terms: Sequence[torch.Tensor]) -> torch.Tensor:

@@ -11,7 +11,6 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from rsl_rl.utils import resolve_callable
 from tensordict import TensorDict
-from torch import nn
 
 from simwarp.tasks import InputError, Task
 
@@ -21,7 +20,7 @@ from .acting_rows import ActingRows
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .learner import Learner
-from .shared_ppo import SharedPPO
+from .shared_ppo import SharedPPO, apply_gradients
 from .symmetry import symmetry_settings
 from .vec_env import TaskVecEnv
 
@@ -98,17 +97,12 @@ class Trainer(Learner):
             for shares in algorithm.shared_batches(ppo.epochs):
                 yield algorithm.learn_values(shares, _squared_error)
             return
-        recurrent = algorithm.critic.is_recurrent
-        make = self.storage.recurrent_mini_batch_generator if recurrent else self.storage.mini_batch_generator
-        for batch in make(ppo.mini_batches, ppo.epochs):
+        for batch in algorithm.batches(ppo.epochs):
             values = algorithm.critic(batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[1])
             loss = _squared_error(batch, values)
             algorithm.optimizer.zero_grad()
             loss.backward()
-            if self.group.several:
-                algorithm.reduce_parameters()
-            nn.utils.clip_grad_norm_(algorithm.critic.parameters(), ppo.max_grad_norm)
-            algorithm.optimizer.step()
+            apply_gradients(algorithm, algorithm.critic.parameters())
             yield loss.detach()
 
 

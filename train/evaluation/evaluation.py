@@ -319,21 +319,3 @@ def evaluate_policies(
                 watcher.warn(f"`simwarp replay {task.guard.write(kept)}` repeats what led to the error")
             raise
         yield name, evaluation
-
-
-def evaluate_with_baselines(
-    task_name: str,
-    make_policy: Callable[[Task[Any]], Policy],
-    *,
-    config: TaskConfig,
-    episodes: int,
-    seed: int,
-    device: str = "cpu",
-    num_envs: int | None = None,
-) -> dict[str, Evaluation]:
-    """Return the evaluations of :func:`evaluate_policies` by name."""
-    return dict(
-        evaluate_policies(
-            task_name, make_policy, config=config, episodes=episodes, seed=seed, device=device, num_envs=num_envs
-        )
-    )

@@ -171,20 +171,17 @@ class Page:
 
     def followed(self) -> Array:
         """Place of the body that the camera goes with, in the scene [m]."""
-        body = self.body()
-        if body == WORLD:
+        if self.body() == WORLD:
             return np.zeros(3)
-        world = self.worlds[self.chosen : self.chosen + 1]
-        place = body_positions(self.subject.simulation.state, world)[0, body]
-        return np.asarray(place + self.offsets[self.chosen] - self._origin)
+        return np.asarray(self._of_body(body_positions) + self.offsets[self.chosen] - self._origin)
 
     def velocity(self) -> Array:
         """Velocity of the body that the camera goes with [m/s]."""
-        body = self.body()
-        if body == WORLD:
-            return np.zeros(3)
-        world = self.worlds[self.chosen : self.chosen + 1]
-        return np.asarray(body_velocities(self.subject.simulation.state, world)[0, body])
+        return np.zeros(3) if self.body() == WORLD else self._of_body(body_velocities)
+
+    def _of_body(self, read: Callable[[Any, Any], Array]) -> Array:
+        """What is read of the body that the camera goes with, in the chosen world."""
+        return np.asarray(read(self.subject.simulation.state, np.array([self.world]))[0, self.body()])
 
     def follow(self, on: bool) -> None:
         """Moves the scene under the camera, or lets it rest."""

@@ -171,6 +171,9 @@ class FlatGround:
         """Return heights (W, N) [m] of the ground below the grid, over that of the feet of a robot that stands: 0 on
         level ground, positive where it is higher, cut off at the limit.
 
+        On rough ground they are looked up in the height field. Rays (``height_scan.RayScan``) tell the same and cost
+        more.
+
         Args:
             position: (W, 3) of the bases, world [m].
             yaw: (W,) headings [rad].
@@ -354,17 +357,6 @@ class RoughGround(FlatGround):
     def height(self, points: torch.Tensor) -> torch.Tensor:
         """Return heights (W, N) [m] of the patches at points (W, N, 2) [m]; see :class:`FlatGround`."""
         return self._height(points.float().contiguous())[0]
-
-    def scan(self, position: torch.Tensor, yaw: torch.Tensor) -> torch.Tensor:
-        """Return heights (W, N) [m] below the grid; see :class:`FlatGround`.
-
-        They are looked up in the height field. Rays (``height_scan.RayScan``) tell the same and cost more.
-
-        Args:
-            position: (W, 3) of the bases, world [m].
-            yaw: (W,) headings [rad].
-        """
-        return self._scan(position, yaw)
 
     def outside(self, position: torch.Tensor) -> torch.Tensor:
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""

@@ -19,7 +19,6 @@ from simwarp.train.config import default_config
 from simwarp.train.evaluation.evaluation import (
     evaluate,
     evaluate_policies,
-    evaluate_with_baselines,
     wilson_interval,
 )
 from simwarp.train.evaluation.filming import Film
@@ -145,10 +144,11 @@ def test_several_agents_are_evaluated_in_as_many_worlds_as_their_episodes_fill(t
 
 def test_the_trained_policy_beats_both_baselines(trained):
     source = find_policy("fast", None, trained)
-    results = evaluate_with_baselines(
+    found = evaluate_policies(
         "fast", lambda task: network_policy(source.content, task), config=task_class("fast").config_type(),
         episodes=64, seed=5,
     )  # fmt: skip
+    results = dict(found)
     assert set(results) == {"policy", "zero", "random"}
     assert results["policy"].mean_return > results["zero"].mean_return + 10.0
     assert results["policy"].metrics["final_distance"] < results["random"].metrics["final_distance"]
@@ -254,9 +254,10 @@ def test_the_shipped_pendulum_policy_solves_the_pendulum(tmp_path):
     source = find_policy("pendulum", None, tmp_path)
     assert source.path == policies.shipped_policy("pendulum")
     config = task_class("pendulum").config_type()
-    results = evaluate_with_baselines(
+    found = evaluate_policies(
         "pendulum", lambda task: network_policy(source.content, task), config=config, episodes=64, seed=17
     )
+    results = dict(found)
     assert results["policy"].mean_episode_length >= 990.0
     assert results["policy"].success_rate > 0.95
     assert results["zero"].mean_episode_length < 200.0

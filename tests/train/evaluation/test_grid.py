@@ -27,7 +27,7 @@ from simwarp.train.evaluation.grid import (
     evaluate_grid,
 )
 from simwarp.train.networks.policies import zero_policy
-from simwarp.train.runs import progress
+from simwarp.train.runs import progress_display
 from tests.tasks.framework.samples import counter
 from tests.tasks.framework.test_agents import Staggered
 
@@ -155,7 +155,7 @@ def test_a_stop_keeps_what_is_finished_and_tells_the_rest():
 
 
 def test_the_display_says_which_point_of_how_many_and_what_came_out(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "_PLAIN_INTERVAL", 0.0)
+    monkeypatch.setattr(progress_display, "_PLAIN_INTERVAL", 0.0)
     points = points_of("fast", bound=[1.5, 3.0])
     with GridDisplay(Console(width=200), 2, 1, 6) as display:
         evaluate_grid(
@@ -188,7 +188,7 @@ def test_progress_counts_the_episodes_of_all_agents_of_a_world():
 
 
 def test_an_estimate_needs_something_to_start_from_and_no_line_comes_twice(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "_PLAIN_INTERVAL", 0.0)
+    monkeypatch.setattr(progress_display, "_PLAIN_INTERVAL", 0.0)
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     with GridDisplay(Console(width=200), 1, 2, 8) as display:
