@@ -20,6 +20,7 @@ from simwarp.kernels.dynamics.recovery import LEAST_SHARE
 from simwarp.kernels.dynamics.world import make_scratch, measure_worlds
 from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
+from simwarp.model.rules import INFINITE
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.solver_options import SolverOptions, step_config
 from simwarp.simulation.stage_recording import record_collision
@@ -238,7 +239,8 @@ def _passed_limits(model: Model, state: State, config: StepConfig) -> dict[int, 
     fastest = np.where(is_length, config.max_depenetration_velocity, config.max_depenetration_rate)
     # one unit in the last place of a coordinate is no fault
     least = float(LEAST_SHARE) * fastest * config.dt + 1e-6 * np.abs(q)
-    passed = (low <= high) & ((q < low - least) | (q > high + least))
+    below, above = (low > -INFINITE) & (q < low - least), (high < INFINITE) & (q > high + least)
+    passed = (low <= high) & (below | above)
     titles = coordinate_titles(model.joint_names, model.joint_dof_start)
     names = np.repeat(np.array(model.joint_names, object), np.diff(model.joint_dof_start))
     found: dict[int, list[PassedLimit]] = {}

@@ -155,6 +155,15 @@ def test_an_overlap_is_taken_away_at_the_depenetration_velocity_and_leaves_no_sp
     assert sim.problems() == []
 
 
+@pytest.mark.parametrize("far", [1.0, 1e29, 1e30])
+def test_a_coordinate_without_limits_passes_none_however_far_it_is(far: float) -> None:
+    """No limit is 1e30 in float32; the length of this spring is sqrt(3) times `far`, beyond it."""
+    builder = sw.ModelBuilder()
+    builder.add_body("ball", mass=1.0, inertia=(0.1, 0.1, 0.1))
+    builder.add_spring("spring", sw.WORLD, 0, anchor0=(far, far, far), anchor1=(0.0, 0.0, 0.0), stiffness=1.0)
+    assert simulation_of(builder)[1] == []
+
+
 def test_a_limit_recovers_at_the_depenetration_rate_and_leaves_no_speed() -> None:
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     arm = builder.add_body("arm", mass=1.0, inertia=(0.1, 0.1, 0.1), pose=sw.pose((0.5, 0.0, 0.0)))
