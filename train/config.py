@@ -293,7 +293,7 @@ def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -
 
 def _algorithm_config(ppo: PPOConfig) -> dict[str, Any]:
     algorithm = {
-        "class_name": "simwarp.train.algorithm.shared_ppo:SharedPPO",
+        "class_name": "simwarp.train.algorithm.threaded_ppo:ThreadedPPO",
         "learning_rate": ppo.learning_rate,
         "schedule": ppo.schedule.value,
         "desired_kl": ppo.desired_kl,

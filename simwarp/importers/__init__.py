@@ -11,7 +11,7 @@ from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.importers.imported import Imported
 from simwarp.importers.mjcf.mjcf_reader import load_mjcf
 from simwarp.importers.report import ImportedWarning, ImportReport
-from simwarp.importers.robot_files import load_robot, save_robot
+from simwarp.importers.saved_robot import load_robot, save_robot
 from simwarp.importers.solidworks.solidworks_reader import load_solidworks
 from simwarp.importers.step.step_reader import load_step
 from simwarp.importers.urdf.urdf_reader import load_urdf

@@ -8,7 +8,7 @@ from typing import Any
 import simwarp as sw
 
 from ..framework.task import Task
-from ..randomisation.actuator_ranges import own_arrays
+from ..randomisation.actuator_randomisation import own_arrays
 
 
 def actuators_of(

@@ -12,7 +12,7 @@ import simwarp as sw
 from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names
-from .actuator_ranges import ARRAYS, ActuatorNumbers, of_actuators
+from .actuator_randomisation import ARRAYS, ActuatorNumbers, of_actuators
 from .limit_ranges import LIMITS, DrawnLimits, check_limit_ranges
 from .mass_centres import ARRAYS_OF_CENTRES, CENTRES, MassCentres, of_centres
 from .randomisation_config import Mode, Range, When

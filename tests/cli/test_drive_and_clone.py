@@ -125,7 +125,7 @@ def test_a_person_drives_one_world_and_no_bit_of_another():
     from simwarp.cli.view.task_subject import task_subject
     from simwarp.tasks import make
     from simwarp.train.networks.policies import zero_policy
-    from simwarp.viewer.live.wheel.human_driver import Inputs
+    from simwarp.viewer.live.driving.human_driver import Inputs
 
     config = replace_fields(task_class("off-road").config_type(), {"obs": "state"})
     ends = []

@@ -16,9 +16,9 @@ from simwarp.tasks.framework.config_values import Settings
 
 from ..config import AugmentationConfig
 from ..networks.augmentation import augment_groups
-from .learner_threads import LearnerThreads
+from .learner_thread_pool import LearnerThreads
 from .mini_batch_shares import Share, mini_batches_in_shares, share_bounds, share_count
-from .shared_ppo import apply_gradients, sum_in_order
+from .threaded_ppo import apply_gradients, sum_in_order
 
 ACTION_LIMIT: Final = 1.0
 """Tasks clip actions to this, so that a teacher that asks for more is not imitated beyond."""
@@ -44,7 +44,7 @@ class DistillationConfig(Settings):
     """Random changes of the images that the student learns from."""
 
 
-class SharedDistillation(Distillation):
+class ThreadedDistillation(Distillation):
     """rsl-rl's distillation, with mini-batches of a whole rollout shared among threads.
 
     The student's mean action is fitted in the least squares to what the teacher would have asked for, clipped as the

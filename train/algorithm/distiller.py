@@ -20,7 +20,7 @@ from simwarp.tasks.framework.saved_state import check_like
 from ..config import NetworkKind, TrainConfig, rsl_rl_config, train_config_from_plain
 from ..networks.networks import check_groups
 from ..runs.checkpoint import inference_only
-from .distillation import DistillationConfig, SharedDistillation
+from .distillation import DistillationConfig, ThreadedDistillation
 from .distributed import Processes
 from .learner import Learner
 from .vec_env import TEACHER, TaskVecEnv
@@ -76,7 +76,7 @@ class Distiller(Learner):
     """
 
     rate_option: ClassVar[str] = "distillation.learning-rate"
-    algorithm: SharedDistillation
+    algorithm: ThreadedDistillation
 
     def __init__(self, task: Task[Any], config: TrainConfig, lesson: Lesson, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
@@ -90,7 +90,7 @@ class Distiller(Learner):
         task.contract.on_iteration(0)
         super().__init__(task, config, TaskVecEnv(task, teacher=lesson.obs or ""), group)
 
-    def _make_algorithm(self, observations: TensorDict) -> SharedDistillation:
+    def _make_algorithm(self, observations: TensorDict) -> ThreadedDistillation:
         task, lesson = self.task, self.lesson
         own = list(task.observation_shapes)
         seen = [str(name) for name in observations.keys() if str(name).startswith(TEACHER)]  # noqa: SIM118 (no dict)
@@ -106,7 +106,7 @@ class Distiller(Learner):
             "teacher": rsl_rl_config(teaching, seen, task.action_size)["actor"],
             "multi_gpu": self.group.rsl_rl(),
             "algorithm": {
-                "class_name": "simwarp.train.algorithm.distillation:SharedDistillation",
+                "class_name": "simwarp.train.algorithm.distillation:ThreadedDistillation",
                 "learning_rate": lesson.config.learning_rate,
                 "num_learning_epochs": lesson.config.epochs,
                 "num_mini_batches": lesson.config.mini_batches,
@@ -117,11 +117,11 @@ class Distiller(Learner):
             },
         }
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
-        made: SharedDistillation = kind.construct_algorithm(observations, self.env, settings, self.device)
+        made: ThreadedDistillation = kind.construct_algorithm(observations, self.env, settings, self.device)
         self._teach(made)
         return made
 
-    def _teach(self, algorithm: SharedDistillation) -> None:
+    def _teach(self, algorithm: ThreadedDistillation) -> None:
         """Load the teacher's network."""
         state = self.lesson.teacher["actor_state_dict"]
         try:

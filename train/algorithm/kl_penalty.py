@@ -21,7 +21,7 @@ from simwarp.tasks import config_from_plain
 from simwarp.tasks.framework.config_values import Settings
 
 from .mini_batch_shares import Share
-from .shared_ppo import DIVERGENCE, ENTROPY, SURROGATE, VALUE, SharedPPO, apply_gradients, sum_in_order
+from .threaded_ppo import DIVERGENCE, ENTROPY, SURROGATE, VALUE, ThreadedPPO, apply_gradients, sum_in_order
 
 _BETA_BOUND = 35.0
 _BETA_FACTOR = 1.5
@@ -51,7 +51,7 @@ class Penalty(Settings):
         return Penalty(beta, multiplier)
 
 
-class KLPenaltyPPO(SharedPPO):
+class KLPenaltyPPO(ThreadedPPO):
     """PPO with another objective.
 
     Args:

@@ -32,7 +32,7 @@ from ..runs.checkpoint import check_members
 from ..runs.progress_table import LOGGED, SUCCESS
 from ..runs.saved_state import check_memories, check_optimizer
 from .distributed import Processes
-from .learner_threads import LearnerThreads
+from .learner_thread_pool import LearnerThreads
 from .vec_env import TaskVecEnv
 
 _WINDOW_EPISODES = 100

@@ -20,8 +20,8 @@ from .acting_rows import ActingRows
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .learner import Learner
-from .shared_ppo import SharedPPO, apply_gradients
 from .symmetry import symmetry_settings
+from .threaded_ppo import ThreadedPPO, apply_gradients
 from .vec_env import TaskVecEnv
 
 
@@ -35,7 +35,7 @@ class Trainer(Learner):
     """
 
     rate_option: ClassVar[str] = "ppo.learning-rate"
-    algorithm: SharedPPO
+    algorithm: ThreadedPPO
 
     def __init__(self, task: Task[Any], config: TrainConfig, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
@@ -50,12 +50,12 @@ class Trainer(Learner):
                 "world, which recurrent networks do not learn from; use a feed-forward one such as mlp"
             )
 
-    def _make_algorithm(self, observations: TensorDict) -> SharedPPO:
+    def _make_algorithm(self, observations: TensorDict) -> ThreadedPPO:
         settings = rsl_rl_config(self.config, list(self.task.observation_shapes), self.task.action_size)
         settings["multi_gpu"] = self.group.rsl_rl()
         settings["algorithm"]["symmetry_cfg"] = symmetry_settings(self.task, self.config)
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
-        made: SharedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
+        made: ThreadedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
         return made
 
     @property

@@ -21,7 +21,7 @@ from simwarp.core.types import Dof, ModelError, PositionDrive, VelocityMotor
 from simwarp.core.warp_start import report_compiling
 from simwarp.importers.imported import Imported
 from simwarp.importers.report import Fate, ReportLine
-from simwarp.importers.robot_files import save_robot
+from simwarp.importers.saved_robot import save_robot
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec
 from simwarp.simulation.state_check import Overlap, PassedLimit, StateFaults, initial_faults

@@ -18,7 +18,7 @@ from simwarp.core.rotation import matrix_of, quat_conjugate, quat_multiply, rota
 from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, ShapeType
 from simwarp.core.wording import close_names
 from simwarp.importers.imported import Imported
-from simwarp.importers.robot_files import robot_text
+from simwarp.importers.saved_robot import robot_text
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, ShapeSpec

@@ -14,8 +14,8 @@ from simwarp.cli.view.task_subject import TaskLoop
 from simwarp.tasks import config_to_plain
 from simwarp.train.algorithm.trajectories import FORMAT, Trajectories, save_trajectories
 from simwarp.vehicle.vehicle import Vehicle
-from simwarp.viewer.live.wheel.driving import Wheel
-from simwarp.viewer.live.wheel.human_driver import Inputs
+from simwarp.viewer.live.driving.browser_driving import Wheel
+from simwarp.viewer.live.driving.human_driver import Inputs
 
 
 @dataclasses.dataclass

@@ -8,11 +8,11 @@ from typing import Final
 from simwarp.cli.view.maneuver_scene import maneuver_scene
 from simwarp.core.types import ModelError
 from simwarp.vehicle.results.runs import SAMPLE_TIME, Progress, Setup
+from simwarp.viewer.live.driving.chase import Chase, Eye
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.pacing import Pace
 from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.subject import Mask, Subject
-from simwarp.viewer.live.wheel.chase import Chase, Eye
 from simwarp.viewer.studio import Shot
 
 OPENING: Final = 10.0

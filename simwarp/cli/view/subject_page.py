@@ -6,11 +6,11 @@ from typing import Any
 
 from simwarp.cli import UsageError
 from simwarp.cli.view.view_options import ViewOptions
+from simwarp.viewer.live.driving.drive_panel import DrivePanel
+from simwarp.viewer.live.driving.human_driver import Keys
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.web_server import WebServer
-from simwarp.viewer.live.wheel.drive_switch import DrivePanel
-from simwarp.viewer.live.wheel.human_driver import Keys
 from simwarp.viewer.live.world_layout import Layout
 
 

@@ -13,8 +13,8 @@ from simwarp.tasks import StepResult, Task
 from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_coordinates import joint_series
+from simwarp.viewer.live.driving.vehicle_panel import GOAL
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
-from simwarp.viewer.live.wheel.vehicle_panel import GOAL
 
 MOST_OBSERVED = 400
 """Components of a group of observations that can be plotted."""

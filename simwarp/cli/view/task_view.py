@@ -16,10 +16,10 @@ from simwarp.cli.view.task_subject import task_subject
 from simwarp.cli.view.view_options import TaskViewOptions, check_view_options
 from simwarp.tasks import make, resolve_device, task_class
 from simwarp.train.runs.run_folder import RunFolder
+from simwarp.viewer.live.driving.browser_driving import WHEEL
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.web_server import WebServer
-from simwarp.viewer.live.wheel.driving import WHEEL
 
 
 def task_view(name: str, arguments: list[str], server: WebServer | None) -> tuple[Any, LiveView]:

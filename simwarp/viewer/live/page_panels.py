@@ -15,13 +15,13 @@ from simwarp.viewer.live.controls.joint_panel import JointPanel
 from simwarp.viewer.live.controls.plot_panel import PlotPanel
 from simwarp.viewer.live.controls.sensor_panel import SensorPanel
 from simwarp.viewer.live.controls.show_panel import ShowPanel
+from simwarp.viewer.live.driving.vehicle_panel import add_driving
 from simwarp.viewer.live.hand import hand_of
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.recording_panel import RecordingPanel
 from simwarp.viewer.live.run_panel import RunPanel
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.training_panel import TrainingPanel
-from simwarp.viewer.live.wheel.vehicle_panel import add_driving
 from simwarp.viewer.live.world_layout import Layout
 
 

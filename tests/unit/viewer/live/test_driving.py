@@ -16,13 +16,13 @@ from websockets.typing import Origin
 
 from simwarp.cli.view.vehicle_subject import vehicle_subject
 from simwarp.viewer.live.batches import turned
+from simwarp.viewer.live.driving.browser_driving import read_row, wheel_of
+from simwarp.viewer.live.driving.chase import Chase, Eye
+from simwarp.viewer.live.driving.drive_panel import DrivePanel
+from simwarp.viewer.live.driving.human_driver import HumanDriver, Inputs, Keys, Wish, shifted
+from simwarp.viewer.live.driving.vehicle_panel import Dashboard
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
-from simwarp.viewer.live.wheel.chase import Chase, Eye
-from simwarp.viewer.live.wheel.drive_switch import DrivePanel
-from simwarp.viewer.live.wheel.driving import read_row, wheel_of
-from simwarp.viewer.live.wheel.human_driver import HumanDriver, Inputs, Keys, Wish, shifted
-from simwarp.viewer.live.wheel.vehicle_panel import Dashboard
 from tests.unit.viewer.live.driving_page import DrivingPage, address, run_for
 
 DT = 0.01

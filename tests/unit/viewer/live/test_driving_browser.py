@@ -11,9 +11,9 @@ pytest.importorskip("selenium")
 from selenium.webdriver.common.action_chains import ActionChains
 
 from simwarp.cli.view.vehicle_subject import vehicle_subject
+from simwarp.viewer.live.driving.drive_panel import DrivePanel
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
-from simwarp.viewer.live.wheel.drive_switch import DrivePanel
 from tests.unit.viewer.live.headless import NEEDED, console_errors, keep, open_browser, until
 
 pytestmark = NEEDED

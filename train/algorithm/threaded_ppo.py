@@ -17,11 +17,11 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 from torch import nn
 
-from .learner_threads import LearnerThreads
+from .learner_thread_pool import LearnerThreads
 from .mini_batch_shares import Share, mini_batches_in_shares, share_bounds, share_count
 
 VALUE, SURROGATE, DIVERGENCE, ENTROPY, MIRROR = range(5)
-"""Places in what :meth:`SharedPPO.terms` returns; the last one only where a symmetry is used."""
+"""Places in what :meth:`ThreadedPPO.terms` returns; the last one only where a symmetry is used."""
 _SMALLEST_RATE: Final = 1e-5
 _LARGEST_RATE: Final = 1e-2
 _RATE_FACTOR: Final = 1.5
@@ -30,7 +30,7 @@ _RATE_FACTOR: Final = 1.5
 Gradients = tuple[torch.Tensor, ...]
 
 
-class SharedPPO(PPO):
+class ThreadedPPO(PPO):
     """PPO on one thread as rsl-rl does it, or on several."""
 
     threads: LearnerThreads | None = None

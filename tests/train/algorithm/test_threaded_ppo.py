@@ -9,7 +9,7 @@ from rsl_rl.algorithms import PPO
 
 from simwarp.tasks import make, replace_fields
 from simwarp.train.algorithm import mini_batch_shares
-from simwarp.train.algorithm.learner_threads import LearnerThreads
+from simwarp.train.algorithm.learner_thread_pool import LearnerThreads
 from simwarp.train.algorithm.mini_batch_shares import mini_batches_in_shares, share_count
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import Cell, CriticSees, NetworkKind, Objective, TrainConfig

@@ -14,9 +14,9 @@ import warp as wp
 
 from simwarp.vehicle.spec.vehicle_spec import ManualShafts
 from simwarp.vehicle.vehicle import Vehicle
+from simwarp.viewer.live.driving.human_driver import HELD_BRAKE, SILENCE, HumanDriver, Inputs, Keys, Wish, shifted
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import ConnectionClosed
-from simwarp.viewer.live.wheel.human_driver import HELD_BRAKE, SILENCE, HumanDriver, Inputs, Keys, Wish, shifted
 
 PATH: Final = "/drive"
 WHEEL: Final = "wheel"

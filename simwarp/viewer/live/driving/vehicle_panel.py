@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from simwarp.viewer.live.driving.browser_driving import read_row, vehicle_of
 from simwarp.viewer.live.page_controls import set_changed
-from simwarp.viewer.live.wheel.driving import read_row, vehicle_of
 
 if TYPE_CHECKING:
     from simwarp.vehicle.vehicle import Vehicle
@@ -144,8 +144,8 @@ class VehiclePanel:
 
 def add_driving(view: LiveView) -> None:
     """The dashboard of a subject with a vehicle, and the switch to drive it where nothing else does."""
-    from simwarp.viewer.live.wheel.drive_switch import DrivePanel
-    from simwarp.viewer.live.wheel.driving import wheel_of
+    from simwarp.viewer.live.driving.browser_driving import wheel_of
+    from simwarp.viewer.live.driving.drive_panel import DrivePanel
 
     wheel, vehicle = wheel_of(view.subject), vehicle_of(view.subject)
     if wheel is not None:

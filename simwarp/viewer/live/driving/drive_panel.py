@@ -7,11 +7,11 @@ import json
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from simwarp.viewer.live.driving.browser_driving import PATH, TAKEN, Driving, Wheel
+from simwarp.viewer.live.driving.chase import Chase, Eye
+from simwarp.viewer.live.driving.human_driver import Keys
 from simwarp.viewer.live.page_controls import post_value, set_changed
 from simwarp.viewer.live.web_server import TOKEN, run_script
-from simwarp.viewer.live.wheel.chase import Chase, Eye
-from simwarp.viewer.live.wheel.driving import PATH, TAKEN, Driving, Wheel
-from simwarp.viewer.live.wheel.human_driver import Keys
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView
@@ -21,7 +21,7 @@ STOP = "if (window.simwarpDrive) window.simwarpDrive.stop();"
 
 @functools.cache
 def _script() -> str:
-    return (files("simwarp.viewer.live.wheel") / "keys.js").read_text(encoding="utf-8")
+    return (files("simwarp.viewer.live.driving") / "keys.js").read_text(encoding="utf-8")
 
 
 class DrivePanel:

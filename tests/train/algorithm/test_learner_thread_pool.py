@@ -5,7 +5,7 @@ import threading
 import pytest
 import torch
 
-from simwarp.train.algorithm.learner_threads import LearnerThreads
+from simwarp.train.algorithm.learner_thread_pool import LearnerThreads
 
 NAME = "simwarp-learner"
 
