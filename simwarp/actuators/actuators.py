@@ -32,7 +32,7 @@ from simwarp.core.arrays import (
 )
 from simwarp.core.readable import Names, Row, plural
 from simwarp.core.types import WORLD, ModelError, formatted, number
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 from simwarp.model.checks import checked_names, positive_number
 from simwarp.model.model import Model
 from simwarp.model.rules import INFINITE
@@ -135,8 +135,7 @@ class Actuators(ForceElement, FixedAttributes):
             ModelError: there is none of this name.
         """
         if name not in self.names:
-            near = close_names(name, self.names)
-            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(self.names[:8]) or 'none'}"
+            hint = suggestion(name, self.names, f"there are {', '.join(self.names[:8]) or 'none'}")
             raise ModelError(f"Actuators: no actuator {formatted(name)}; {hint}")
         return self.names.index(name)
 

@@ -11,7 +11,7 @@ from simwarp import scenes
 from simwarp.bench.motion import swinging_drives, swinging_joints, twisted_bodies
 from simwarp.cli import shortened
 from simwarp.core.types import WORLD, Material, PositionDrive, pose
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestions
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation, SolverOptions
 from simwarp.vehicle.spec.vehicle_files import vehicle_names
@@ -185,6 +185,5 @@ def display_names(tasks: Iterable[str]) -> list[str]:
 def unknown_name_message(name: str, tasks: Iterable[str]) -> str:
     """One line about a name that is no scene, vehicle or task."""
     known = display_names(tasks)
-    close = close_names(name, known, 3, 0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(known)}"
+    hint = suggestions(name, known, f"there are: {', '.join(known)}")
     return f"unknown scene '{shortened(name)}'; {hint}"

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from simwarp.cli.lighter_imports import FULL, leave_compiler_out, run_in_full, stand_ins
 from simwarp.cli.process import leave, leave_at_once, prepare_streams, silence_output
 from simwarp.core.stopping import exit_at_signals, interrupted_by_signals
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestions
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 HELP = frozenset({"-h", "--help"})
@@ -173,8 +173,7 @@ def explanation(error: BaseException) -> str:
 def _find(name: str) -> Command:
     if name in COMMANDS:
         return COMMANDS[name]
-    close = close_names(name, COMMANDS, 3, 0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"commands: {', '.join(COMMANDS)}"
+    hint = suggestions(name, COMMANDS, f"commands: {', '.join(COMMANDS)}")
     raise UsageError(f"unknown command '{shortened(name)}'; {hint}")
 
 

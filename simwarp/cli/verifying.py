@@ -17,7 +17,7 @@ from rich.text import Text
 
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestions
 from simwarp.model.model import resolve_device
 from simwarp.verify import SCENES
 from simwarp.verify.check_result import CheckResult
@@ -48,8 +48,7 @@ def chosen(names: tuple[str, ...]) -> list[str]:
     """
     for name in names:
         if name not in SCENES:
-            close = close_names(name, SCENES, 3, 0.5)
-            hint = f"did you mean {' or '.join(close)}?" if close else f"scenes: {', '.join(SCENES)}"
+            hint = suggestions(name, SCENES, f"scenes: {', '.join(SCENES)}")
             raise UsageError(f"unknown scene '{shortened(name)}'; {hint}")
     return list(dict.fromkeys(names)) or list(SCENES)
 

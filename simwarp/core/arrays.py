@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_in_capture
 from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, formatted, numbers
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 
 CONVERSIONS = {
     np.float32: "float", np.float64: "double", np.int32: "int", np.int64: "long", np.uint8: "byte", np.bool_: "bool",
@@ -266,8 +266,9 @@ class FixedAttributes:
         known = present is not None or name in dir(self)
         if known:
             raise ModelError(f"{thing}: cannot be replaced, it is fixed when the {type(self).__name__} is made")
-        near = close_names(name, (each for each in vars(self) if not each.startswith("_")))
-        hint = f"did you mean '{near[0]}'?" if near else "keep what is yours elsewhere"
+        hint = suggestion(
+            name, (each for each in vars(self) if not each.startswith("_")), "keep what is yours elsewhere"
+        )
         raise ModelError(f"{thing}: there is no such attribute; {hint}")
 
 

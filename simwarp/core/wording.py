@@ -25,6 +25,18 @@ def nearest(word: object, known: Iterable[object]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
+def suggestion(word: object, known: Iterable[str], otherwise: str) -> str:
+    """`did you mean 'x'?`, or what a message says otherwise, where no known name is near."""
+    near = close_names(word, known)
+    return f"did you mean '{near[0]}'?" if near else otherwise
+
+
+def suggestions(word: object, known: Iterable[str], otherwise: str, *, count: int = 3, cutoff: float = 0.5) -> str:
+    """`did you mean x or y?` with at most `count` names, or what a message says otherwise."""
+    close = close_names(word, known, count, cutoff)
+    return f"did you mean {' or '.join(close)}?" if close else otherwise
+
+
 def shortened(text: str | Path) -> str:
     """A path or a key: its beginning, if it is long."""
     return str(text) if len(str(text)) <= LONGEST_PATH else f"{str(text)[:100]}..."

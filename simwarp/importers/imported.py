@@ -12,7 +12,7 @@ import numpy.typing as npt
 from simwarp.core.readable import Names, Readable, ReadableFields, Row
 from simwarp.core.types import WORLD, Drive, ModelError, Pose, formatted
 from simwarp.core.types import pose as make_pose
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 from simwarp.importers.coordinates import CoordinateMap
 from simwarp.importers.lowest_point import lowest_point
 from simwarp.importers.report import Fate, ImportReport
@@ -189,8 +189,7 @@ class Imported(Readable):
         """
         columns = {**self.tendons, **self.dofs}
         if joint not in columns:
-            near = close_names(joint, columns)
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(list(columns)[:12])}"
+            hint = suggestion(joint, columns, f"known: {', '.join(list(columns)[:12])}")
             raise ModelError(f"{self.report.source}: no joint or tendon {formatted(joint)}; {hint}")
         index, local = self.builder.coordinate_of(columns[joint])
         count = len(self.builder.joints[index].dofs)

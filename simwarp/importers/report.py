@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, formatted
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 
 MOST_NAMED: Final = 8
 """Names of one element that a warning or an error lists; the report has all of them."""
@@ -72,8 +72,7 @@ class ImportReport(Readable):
             )
         self._allowed = frozenset(allow)
         for kind in sorted(self._allowed - set(refusable), key=str):
-            near = close_names(str(kind), list(refusable))
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(refusable)}"
+            hint = suggestion(str(kind), list(refusable), f"known: {', '.join(refusable)}")
             raise ModelError(f"{source}: allow names {formatted(kind)}, which is never refused; {hint}")
 
     def hold(self, element: str, name: str = "", note: str = "") -> None:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 from typing import Any, Final, Literal, TypeAlias
 
 from simwarp.core.types import WORLD, JointType, ModelError, formatted
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 from simwarp.importers.report import ImportReport
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import meeting_pairs
@@ -33,11 +33,10 @@ def checked_self_collision(where: str, choice: Any) -> SelfCollision:
     """
     if choice is None or isinstance(choice, bool) or (isinstance(choice, str) and choice in WORDS):
         return choice  # type: ignore[return-value]
-    near = close_names(choice, WORDS) if isinstance(choice, str) else ()
-    hint = f"; did you mean '{near[0]}'?" if near else "; None keeps what the file says"
+    hint = suggestion(choice, WORDS, "None keeps what the file says")
     raise ModelError(
         f"{where}: self_collision must be True, False, 'adjacent-off' or 'overlapping-off', got "
-        f"{formatted(choice)}{hint}"
+        f"{formatted(choice)}; {hint}"
     )
 
 

@@ -26,7 +26,7 @@ from simwarp.core.types import (
     number,
     numbers,
 )
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_options import DRIVES, DofOptions
 from simwarp.model.rules import Name, PoseField, held_fields
@@ -102,8 +102,7 @@ def checked_index(
 def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> str:
     """`value` as one of the known words, or a ModelError that lists them."""
     if not isinstance(value, str) or value not in known:
-        near = close_names(value, known)
-        hint = f"did you mean '{near[0]}'?" if near else "choose one of them"
+        hint = suggestion(value, known, "choose one of them")
         raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {formatted(value)}; {hint}")
     return value
 
@@ -114,8 +113,7 @@ def checked_member(thing: str, field: str, value: Any, kind: type[Member]) -> Me
         return value
     known = [member.name.lower() for member in kind]
     if not isinstance(value, str) or value not in known:
-        near = close_names(value, known)
-        hint = f"did you mean '{near[0]}'?" if near else f"write {kind.__name__}.{known[0].upper()}"
+        hint = suggestion(value, known, f"write {kind.__name__}.{known[0].upper()}")
         raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {formatted(value)}; {hint}")
     return kind[value.upper()]
 
@@ -142,8 +140,7 @@ def checked_names(thing: str, field: str, given: Any, known: Iterable[str]) -> s
     listed = list(known)
     for name in names:
         if not isinstance(name, str) or name not in listed:
-            near = close_names(name, listed)
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(listed[:8])}, ..."
+            hint = suggestion(name, listed, f"known: {', '.join(listed[:8])}, ...")
             raise ModelError(f"{thing}: {field} names an unknown parameter {formatted(name)}; {hint}")
     return set(names)
 

@@ -32,7 +32,7 @@ from simwarp.core.types import (
 from simwarp.core.types import (
     pose as make_pose,
 )
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -184,8 +184,7 @@ def word_of(*known: str) -> Parsed:
     def read(value: Any) -> str:
         value = value.value if isinstance(value, enum.Enum) else value
         if not isinstance(value, str) or value not in known:
-            near = close_names(value, known)
-            raise RuleError(f"one of {', '.join(known)}", f"did you mean '{near[0]}'?" if near else "choose one")
+            raise RuleError(f"one of {', '.join(known)}", suggestion(value, known, "choose one"))
         return value
 
     return Parsed(read)

@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.core.memory import check_layouts
 from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, formatted, number
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestion
 from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
 from simwarp.model.checks import checked_flag, whole_number
@@ -311,8 +311,7 @@ def _choice(name: str, value: Any, choices: dict[str, Any]) -> Any:
     """The enum member of a name."""
     if isinstance(value, str) and value in choices:
         return choices[value]
-    near = close_names(value, choices)
-    hint = f"did you mean {near[0]!r}?" if near else "choose one of them"
+    hint = suggestion(value, choices, "choose one of them")
     raise ValueError(f"{name} must be one of {', '.join(choices)}, got {formatted(value)}; {hint}")
 
 

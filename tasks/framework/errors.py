@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from simwarp.core.readable import plural
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestions
 
 MOST_LISTED: Final = 24
 """Names that an error lists."""
@@ -52,8 +52,6 @@ def broken(task: Any, method: str, what: str) -> TaskStepError:
 def near_names(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean A or B?"`` for names close to ``name``, else ``"; known: ..."``."""
     known = sorted(known)
-    close = close_names(name, known, 3, 0.5)
-    if close:
-        return f"; did you mean {' or '.join(close)}?"
     more = ", ..." if len(known) > MOST_LISTED else ""
-    return f"; known: {', '.join(known[:MOST_LISTED])}{more}" if known else ""
+    hint = suggestions(name, known, f"known: {', '.join(known[:MOST_LISTED])}{more}")
+    return f"; {hint}" if known else ""

@@ -16,7 +16,7 @@ from simwarp.cli import UsageError, shortened
 from simwarp.cli.robots.robot_templates import FIXED, FLOATING, JOINTS, README, TEST
 from simwarp.core.rotation import matrix_of, quat_conjugate, quat_multiply, rotate
 from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, ShapeType
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestions
 from simwarp.importers.imported import Imported
 from simwarp.importers.saved_robot import robot_text
 from simwarp.model.builder import ModelBuilder
@@ -230,8 +230,7 @@ def with_pose(robot: Imported, home: Array, words: Sequence[str], *, has_keyfram
             raise UsageError(f"--pose must be JOINT=VALUE [rad or m], got '{shortened(word)}'")
         named = [name for name in single if fnmatch.fnmatchcase(name, pattern)]
         if not named:
-            near = close_names(pattern, single, 3)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"joints: {', '.join(list(single)[:12])}"
+            hint = suggestions(pattern, single, f"joints: {', '.join(list(single)[:12])}", cutoff=0.6)
             raise UsageError(f"--pose names no hinge or slide with '{shortened(pattern)}'; {hint}")
         for name in named:
             column, dof = single[name]

@@ -13,7 +13,7 @@ import numpy as np
 
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.schema import fault_text
-from simwarp.core.wording import close_names
+from simwarp.core.wording import suggestions
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, look_ahead_for
@@ -281,8 +281,7 @@ def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
         script, end = read_script(FilePath(name))
         return Maneuver(name=FilePath(name).name, script=script, start=0.0, duration=options.get("duration", end))
     if name not in MANEUVERS:
-        close = close_names(name, MANEUVERS, 2, 0.5)
-        hint = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(MANEUVERS)}"
+        hint = suggestions(name, MANEUVERS, f"choose from {', '.join(MANEUVERS)}", count=2)
         raise SpecError(f"maneuver '{name}' is not known; {hint}")
     known = maneuver_options(name)
     for key in options:
