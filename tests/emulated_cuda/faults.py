@@ -19,8 +19,8 @@ ERRORS = {
     907: "operation not permitted on an event last recorded in a capturing stream",
 }  # fmt: skip
 """Texts of cudaGetErrorString."""
-INNER = ("/warp/", "/torch/", "emulated_cuda", "contextlib")
-"""Parts of the paths of files that are not a user's."""
+INNER = ("warp.", "torch.", "tests.emulated_cuda.", "contextlib")
+"""Beginnings of the names of modules that are not a user's."""
 SHOWN = 20
 """Faults that a report has at most."""
 
@@ -28,9 +28,7 @@ SHOWN = 20
 def caller() -> str:
     """File and line outside Warp, torch and the emulated device from which a call came."""
     frame: FrameType | None = sys._getframe(1)
-    while (
-        frame and any(part in frame.f_code.co_filename for part in INNER) and "/test_" not in frame.f_code.co_filename
-    ):
+    while frame and str(frame.f_globals.get("__name__")).startswith(INNER):
         frame = frame.f_back
     return f"{frame.f_code.co_filename}:{frame.f_lineno}" if frame else "?"
 

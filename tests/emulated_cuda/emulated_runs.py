@@ -1,0 +1,47 @@
+"""Runs of programs on the emulated device, for tests."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.emulated_cuda.settings import SWITCH, Check, StreamOrder, is_on, why_unavailable
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+
+
+def skip_where_unavailable() -> None:
+    """Skip a test where the device cannot be emulated, or is: a program in a program would run on it twice."""
+    reason = why_unavailable() or ("runs on the emulated device already" if is_on() else "")
+    if reason:
+        pytest.skip(reason)
+
+
+def run_emulated(
+    *arguments: str,
+    check: Check = Check.MEMORY,
+    streams: StreamOrder = StreamOrder.EAGER,
+    seed: int = 1,
+    folder: Path = ROOT,
+    timeout: float = 1200.0,
+) -> str:
+    """Run Python with these arguments on the emulated device; what it prints.
+
+    Raises:
+        AssertionError: it failed.
+    """
+    environment = {
+        **os.environ, f"{SWITCH}_CHECK": check, f"{SWITCH}_STREAMS": streams, f"{SWITCH}_SEED": str(seed),
+        f"{SWITCH}_REPORT": "0",
+    }  # fmt: skip
+    command = [sys.executable, str(HERE), *arguments]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout, check=False
+    )
+    assert done.returncode == 0, f"{' '.join(arguments)}: {done.stderr[-3000:]}"
+    return done.stdout
