@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Ge, Le, Meaning, NotNegative, Parsed, Positive, RuleError
+from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Fault, Schema, dotted
 from simwarp.core.types import (
     FLOAT32_LEAST,
@@ -36,8 +37,26 @@ from simwarp.core.wording import suggestion
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-RULES: Final = Schema(ModelError, least=FLOAT32_LEAST)
-"""Holds arguments and specifications to their annotations."""
+
+def _fault_text(fault: Fault, kind: type) -> str:
+    """A fault of a configuration in Python: names the class and the field."""
+    return fault.what if fault.kind == "check" else f"{kind.__name__}: {dotted(fault.keys)} {fault.what}"
+
+
+RULES: Final = Schema(ModelError, least=FLOAT32_LEAST, describe=_fault_text)
+"""Holds arguments, specifications and configurations to their annotations."""
+
+
+class Configuration(ReadableFields):
+    """Base of configurations: frozen dataclasses whose fields are held to their types."""
+
+    def __post_init__(self) -> None:
+        RULES.hold(self)
+        self.check()
+
+    def check(self) -> None:
+        """Rules between the fields."""
+
 
 LONGEST_NAME: Final = 255
 """Bytes of the longest name in UTF-8: of a body, a joint, a shape, a sensor."""
@@ -202,6 +221,17 @@ def _lengths(value: Any) -> Array:
     if not (extent >= FLOAT32_LEAST).all():
         raise RuleError("three positive numbers", "pass lengths along x, y and z [m]")
     return extent
+
+
+def instance_of(kind: type, remedy: str) -> Parsed:
+    """A field that holds an object of a class."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise RuleError(f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}", remedy)
+        return value
+
+    return Parsed(read)
 
 
 def one_of(*kinds: type) -> Parsed:

@@ -9,42 +9,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from simwarp.core.constraints import Meaning, NotNegative, Positive
-from simwarp.core.readable import ReadableFields
-from simwarp.core.schema import Fault, Schema, dotted
-from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, formatted, pose
+from simwarp.core.types import WORLD, ModelError, Pose, formatted, pose
 from simwarp.model.checks import checked_index, checked_pose
 from simwarp.model.model import Model
+from simwarp.model.rules import Configuration
 from simwarp.simulation.attachments import Sensor
 
 Config = TypeVar("Config")
 
 
-def _fault_text(fault: Fault, kind: type) -> str:
-    """A fault in Python: names the class and the field."""
-    if fault.kind == "check":
-        return fault.what
-    return f"{kind.__name__}: {dotted(fault.keys)} {fault.what}"
-
-
-SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, describe=_fault_text)
-"""Reads configurations of sensors."""
-
-
-class Configuration(ReadableFields):
-    """Base of the configurations: frozen dataclasses whose fields are held to their types."""
-
-    def __post_init__(self) -> None:
-        SENSORS.hold(self)
-        self.check()
-
-    def check(self) -> None:
-        """Rules between the fields."""
-
-
-__all__ = ["Mount", "Schedule", "ScheduleSteps", "Sensor", "body_index", "checked_config", "checked_model"]
+__all__ = ["Configuration", "Mount", "Schedule", "ScheduleSteps", "Sensor", "body_index", "checked_config", "checked_model"]
 
 
 class ScheduleSteps(NamedTuple):

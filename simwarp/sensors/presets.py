@@ -26,8 +26,9 @@ from simwarp.core.schema import Place
 from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import nearest
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
-from simwarp.sensors.interface import SENSORS, Sensor
+from simwarp.sensors.interface import Sensor
 from simwarp.sensors.motion.encoders import (
     Encoder,
     EncoderConfig,
@@ -104,7 +105,7 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
     for key in FOR_PEOPLE:
         if not isinstance(members.pop(key, ""), str):
             raise place.at(key).error("must be a text")
-    config = SENSORS.load(KINDS[sort].config, members, lambda fault: place.line(fault._replace(kind="value")))
+    config = RULES.load(KINDS[sort].config, members, lambda fault: place.line(fault._replace(kind="value")))
     names = [field.name for field in dataclasses.fields(config)]
     for key in changes:
         if key not in names:

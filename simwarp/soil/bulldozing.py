@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeAlias
 
 from simwarp.core.arrays import with_zeros
-from simwarp.core.readable import ReadableFields
-from simwarp.core.types import ModelError, formatted
-from simwarp.model.checks import whole_number
+from simwarp.core.constraints import Angle, Ge, Gt, Le, Meaning, Positive
+from simwarp.model.rules import Configuration
 from simwarp.simulation.attachments import StepContext
 from simwarp.simulation.step_sizes import scratch_slots_of
 from simwarp.soil.bulldozing_kernels import FlowScratch, FlowTables, push_soil_aside
@@ -18,10 +17,11 @@ from simwarp.soil.soil_shapes import SoilShape, greatest_reach
 
 STEP_LIMIT: Final = 100
 """Of erosion, and nodes that take part around a patch."""
+Steps: TypeAlias = Annotated[int, Ge(1), Le(STEP_LIMIT), Meaning("5 to 10, as usual")]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Bulldozing(ReadableFields):
+class Bulldozing(Configuration):
     """Soil that a shape presses down rises beside it, and slides where that gets too steep (Chrono's SCM).
 
     Attributes:
@@ -35,28 +35,15 @@ class Bulldozing(ReadableFields):
         ModelError: a value breaks its rule.
     """
 
-    angle: float = math.radians(55.0)
-    flow: float = 1.0
-    iterations: int = 5
-    propagation: int = 6
-    period: float = 0.01
-
-    def __post_init__(self) -> None:
-        _check("angle", self.angle, 0.0, math.radians(80.0), "above 0 and at most 1.396 rad (80 degrees)", "in radians")
-        _check("flow", self.flow, 0.0, 1.0, "above 0 and at most 1", "without any, leave bulldozing out")
-        _check("period", self.period, 0.0, 1.0, "above 0 and at most 1 s", "0.01 is usual")
-        for name in ("iterations", "propagation"):
-            whole_number("bulldozing", name, getattr(self, name), 1, STEP_LIMIT, "5 to 10 are usual")
+    angle: Annotated[Positive, Angle(math.radians(80.0)), Meaning("radians")] = math.radians(55.0)
+    flow: Annotated[float, Gt(0.0), Le(1.0), Meaning("a share; without any, leave bulldozing out")] = 1.0
+    iterations: Steps = 5
+    propagation: Steps = 6
+    period: Annotated[float, Gt(0.0), Le(1.0), Meaning("seconds, 0.01 is usual")] = 0.01
 
     def description(self) -> str:
         """Flow, period and angle in one line."""
         return f"{100.0 * self.flow:g} % every {1e3 * self.period:g} ms, heaps up to {math.degrees(self.angle):g} deg"
-
-
-def _check(name: str, value: Any, above: float, limit: float, rule: str, remedy: str) -> None:
-    number = isinstance(value, int | float) and math.isfinite(value)
-    if not (number and above < value <= limit):
-        raise ModelError(f"bulldozing: {name} must be {rule}, got {formatted(value)}; {remedy}")
 
 
 class SoilFlow:

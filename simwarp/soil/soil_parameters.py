@@ -6,10 +6,11 @@ import dataclasses
 import enum
 import math
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from simwarp.core.readable import ReadableFields
+from simwarp.core.constraints import Angle, Ge, Le, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError, formatted
+from simwarp.model.rules import Configuration, Passive
 from simwarp.soil import soil_tables_kernels as soil_tables
 
 DEEP: Final = 0.5
@@ -33,7 +34,7 @@ class SoilParameter(enum.IntEnum):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SoilSpec(ReadableFields):
+class SoilSpec(Configuration):
     """A soil after Bekker, Janosi and Hanamoto, with elastic unloading and damping (Chrono's SCM).
 
     Attributes:
@@ -50,34 +51,27 @@ class SoilSpec(ReadableFields):
         ModelError: a value breaks its rule.
     """
 
-    k_phi: float
-    k_c: float = 0.0
-    exponent: float = 1.1
-    cohesion: float = 0.0
-    friction_angle: float = math.radians(30.0)
-    shear_length: float = 0.01
-    elastic: float = 2.0e8
-    damping: float = 3.0e4
+    k_phi: Annotated[Positive, Meaning("N/m^(n+2); a preset shows the order of magnitude")]
+    k_c: Passive = 0.0
+    exponent: Annotated[float, Ge(0.2), Le(2.0), Meaning("1 for a linear soil")] = 1.1
+    cohesion: Passive = 0.0
+    friction_angle: Annotated[NotNegative, Angle(math.radians(60.0)), Meaning("radians")] = math.radians(30.0)
+    shear_length: Annotated[Positive, Meaning("metres; a preset shows the order of magnitude")] = 0.01
+    elastic: Annotated[Positive, Meaning("Pa/m; a preset shows the order of magnitude")] = 2.0e8
+    damping: Passive = 3.0e4
 
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not (isinstance(value, int | float) and math.isfinite(value)):
-                raise _wrong(field.name, "a finite number", value, "see SoilSpec")
-        for name, unit in (("k_phi", "N/m^(n+2)"), ("shear_length", "m"), ("elastic", "Pa/m")):
-            if getattr(self, name) <= 0.0:
-                raise _wrong(name, f"positive [{unit}]", getattr(self, name), "a preset shows the order of magnitude")
-        for name in ("k_c", "cohesion", "damping"):
-            if getattr(self, name) < 0.0:
-                raise _wrong(name, "zero or positive", getattr(self, name), "drop the sign")
-        if not 0.2 <= self.exponent <= 2.0:
-            raise _wrong("exponent", "from 0.2 to 2", self.exponent, "1 is a linear soil")
-        if not 0.0 <= self.friction_angle <= math.radians(60.0):
-            raise _wrong("friction_angle", "from 0 to 1.047 rad (60 degrees)", self.friction_angle, "convert degrees")
+    def check(self) -> None:
+        """Checks that unloading is stiffer than loading.
+
+        Raises:
+            ModelError: `elastic` is too low.
+        """
         steepest = self.k_phi * self.exponent * DEEP ** (self.exponent - 1.0)
         if self.elastic < steepest:
             rule = f"at least k_phi n z^(n-1) = {steepest:.4g} Pa/m at {DEEP:g} m: unloading is stiffer than loading"
-            raise _wrong("elastic", rule, self.elastic, "raise it, or lower k_phi")
+            raise ModelError(
+                f"SoilSpec: elastic must be {rule}, got {formatted(self.elastic)}; raise it, or lower k_phi"
+            )
 
     def values(self) -> tuple[float, ...]:
         """The parameters in the order of `SoilParameter`."""
@@ -85,10 +79,6 @@ class SoilSpec(ReadableFields):
             self.k_phi, self.k_c, self.exponent, self.cohesion, math.tan(self.friction_angle), self.shear_length,
             self.elastic, self.damping,
         )  # fmt: skip
-
-
-def _wrong(name: str, rule: str, value: object, remedy: str) -> ModelError:
-    return ModelError(f"soil: {name} must be {rule}, got {formatted(value)}; {remedy}")
 
 
 PRESETS: Final = {

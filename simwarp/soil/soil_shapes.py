@@ -5,19 +5,23 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import warp as wp
 
+from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, finite_vector, formatted, pose
-from simwarp.model.checks import not_negative, positive_number, whole_number
+from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, formatted, pose
+from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
+from simwarp.model.rules import Lengths, Passive, Vector3, held_fields, instance_of
 from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, SIDE, WHEEL
 from simwarp.soil.soil_tables_kernels import SoilShapes as ShapeTables
 
-SIZE: Final = "give its size"
+GivenPose: TypeAlias = Annotated[Pose, instance_of(Pose, "make it by sw.pose")]
+Carrier: TypeAlias = Annotated[int | str, Meaning("an integer, the body's index, or its name")]
+Size: TypeAlias = Annotated[Positive, Meaning("its size in metres")]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,11 +35,11 @@ class SoilWheel:
         offset: of the wheel's centre from the body's centre of mass, body axes [m].
     """
 
-    body: int | str
-    radius: float
-    width: float
-    crown: float = 0.0
-    offset: Vec3 = (0.0, 0.0, 0.0)
+    body: Carrier
+    radius: Size
+    width: Size
+    crown: Passive = 0.0
+    offset: Vector3 = (0.0, 0.0, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,9 +52,9 @@ class SoilBox:
         pose: of the box from the body's centre of mass, body axes.
     """
 
-    body: int | str
-    half: Vec3
-    pose: Pose = dataclasses.field(default_factory=pose)
+    body: Carrier
+    half: Lengths
+    pose: GivenPose = dataclasses.field(default_factory=pose)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -63,9 +67,9 @@ class SoilSphere:
         offset: of its centre from the body's centre of mass, body axes [m].
     """
 
-    body: int | str
-    radius: float
-    offset: Vec3 = (0.0, 0.0, 0.0)
+    body: Carrier
+    radius: Size
+    offset: Vector3 = (0.0, 0.0, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,10 +82,10 @@ class SoilCapsule:
         pose: from the body's centre of mass, body axes.
     """
 
-    body: int | str
-    radius: float
-    half_length: float
-    pose: Pose = dataclasses.field(default_factory=pose)
+    body: Carrier
+    radius: Size
+    half_length: Passive
+    pose: GivenPose = dataclasses.field(default_factory=pose)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -94,10 +98,10 @@ class SoilCylinder:
         pose: from the body's centre of mass, body axes.
     """
 
-    body: int | str
-    radius: float
-    half_length: float
-    pose: Pose = dataclasses.field(default_factory=pose)
+    body: Carrier
+    radius: Size
+    half_length: Size
+    pose: GivenPose = dataclasses.field(default_factory=pose)
 
 
 SoilShape: TypeAlias = SoilWheel | SoilBox | SoilSphere | SoilCapsule | SoilCylinder
@@ -131,6 +135,7 @@ def checked_shapes(shapes: Any) -> tuple[SoilShape, ...]:
         if type(shape) not in _ROWS:
             names = ", ".join(kind.__name__ for kind in _ROWS)
             raise ModelError(f"soil: shapes must be of {names}, got {formatted(shape)}; wrap it in one of these")
+        held_fields(type(shape).__name__, type(shape), vars(shape))
     return listed
 
 
@@ -139,15 +144,10 @@ def _axis(pose: Pose, axis: Vec3) -> Any:
 
 
 def _wheel_row(s: SoilWheel) -> _Row:
-    positive_number("SoilWheel", "radius", s.radius, "m", SIZE)
-    positive_number("SoilWheel", "width", s.width, "m", SIZE)
-    not_negative("SoilWheel", "crown", s.crown, "m")
     return _Row(int(WHEEL), s.offset, s.radius, 0.5 * s.width, s.crown, width=s.width)
 
 
 def _box_row(s: SoilBox) -> _Row:
-    for value in finite_vector("SoilBox", "half", s.half, 3):
-        positive_number("SoilBox", "half", value, "m", SIZE)
     up, side = _axis(s.pose, (0.0, 0.0, 1.0)), _axis(s.pose, (1.0, 0.0, 0.0))
     around = math.hypot(*s.half)
     width = 2.0 * sorted(s.half)[1]  # it may be as thin as it likes
@@ -155,20 +155,15 @@ def _box_row(s: SoilBox) -> _Row:
 
 
 def _sphere_row(s: SoilSphere) -> _Row:
-    positive_number("SoilSphere", "radius", s.radius, "m", SIZE)
     return _Row(int(BALL), s.offset, s.radius, width=2.0 * s.radius)
 
 
 def _capsule_row(s: SoilCapsule) -> _Row:
-    positive_number("SoilCapsule", "radius", s.radius, "m", SIZE)
-    not_negative("SoilCapsule", "half_length", s.half_length, "m")
     axis = _axis(s.pose, (0.0, 0.0, 1.0))
     return _Row(int(CAPSULE), s.pose.position, s.radius, s.half_length, axis=axis, width=2.0 * s.radius)
 
 
 def _cylinder_row(s: SoilCylinder) -> _Row:
-    positive_number("SoilCylinder", "radius", s.radius, "m", SIZE)
-    positive_number("SoilCylinder", "half_length", s.half_length, "m", SIZE)
     axis = _axis(s.pose, (0.0, 0.0, 1.0))
     width = 2.0 * min(s.radius, max(s.half_length, 0.5 * s.radius))
     return _Row(int(WHEEL), s.pose.position, s.radius, s.half_length, axis=axis, width=width)
@@ -181,11 +176,6 @@ _ROWS: Final[dict[type, Callable[[Any], _Row]]] = {
 
 
 def _row(shape: SoilShape) -> _Row:
-    name = type(shape).__name__
-    if isinstance(shape, SoilWheel | SoilSphere):
-        finite_vector(name, "offset", shape.offset, 3)
-    elif not isinstance(shape.pose, Pose):
-        raise ModelError(f"{name}: pose must be a Pose, got {formatted(shape.pose)}; make it by sw.pose")
     return _ROWS[type(shape)](shape)
 
 

@@ -256,11 +256,11 @@ def test_mistakes_in_calls_are_one_clear_error(make, message):
 
 def test_every_field_of_every_configuration_can_stand_in_a_file():
     """A type that the reader does not know would be found by a user only."""
-    from simwarp.sensors.interface import SENSORS
+    from simwarp.model.rules import RULES
 
     for kind in KINDS.values():
         for name, hint in field_hints(kind.config).items():
             with pytest.raises(sw.ModelError, match=name):
-                SENSORS.load(kind.config, {name: {"no such": object}})
+                RULES.load(kind.config, {name: {"no such": object}})
             with pytest.raises(sw.ModelError):
-                SENSORS.load(hint, {"no such": object})
+                RULES.load(hint, {"no such": object})

@@ -342,15 +342,15 @@ def test_rays_hit_the_banks_where_the_reference_does():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"angle": 55.0}, "angle must be above 0 and at most 1.396 rad (80 degrees), got 55.0; in radians"),
-        ({"angle": 0.0}, "angle must be above 0 and at most 1.396 rad (80 degrees), got 0.0"),
-        ({"flow": 0.0}, "flow must be above 0 and at most 1, got 0.0; without any, leave bulldozing out"),
-        ({"flow": 1.5}, "flow must be above 0 and at most 1, got 1.5"),
-        ({"iterations": 0}, "iterations must be an integer >= 1, got 0; 5 to 10 are usual"),
-        ({"propagation": 2.5}, "propagation must be an integer >= 1, got 2.5"),
-        ({"period": 0.0}, "period must be above 0 and at most 1 s, got 0.0; 0.01 is usual"),
-        ({"period": math.nan}, "period must be above 0 and at most 1 s, got nan"),
-        ({"angle": "steep"}, "angle must be above 0"),
+        ({"angle": 55.0}, "angle must be within ±1.396 rad (80°), got 55.0; if these are degrees, they are 0.9599 rad"),
+        ({"angle": 0.0}, "angle must be positive, got 0.0; give radians"),
+        ({"flow": 0.0}, "flow must be positive, got 0.0; give a share; without any, leave bulldozing out"),
+        ({"flow": 1.5}, "flow must be in (0, 1], got 1.5"),
+        ({"iterations": 0}, "iterations must be from 1 to 100, got 0; give 5 to 10, as usual"),
+        ({"propagation": 2.5}, "propagation must be a whole number, got 2.5"),
+        ({"period": 0.0}, "period must be positive, got 0.0; give seconds, 0.01 is usual"),
+        ({"period": math.nan}, "period must be a finite number, got nan; give seconds, 0.01 is usual"),
+        ({"angle": "steep"}, "angle must be a number, got 'steep'"),
     ],
 )
 def test_mistakes_are_told_in_a_line(values, message):

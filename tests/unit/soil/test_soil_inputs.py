@@ -25,21 +25,21 @@ NONSENSE: Any = {"body": None, "share": 0.5, "half": 0.1, "pose": (0, 0, 0)}
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"k_phi": 0.0}, "k_phi must be positive [N/m^(n+2)], got 0.0; a preset shows the order of magnitude"),
-        ({"k_phi": -2e6}, "k_phi must be positive [N/m^(n+2)], got -2000000.0; a preset"),
-        ({"exponent": 0.1}, "exponent must be from 0.2 to 2, got 0.1; 1 is a linear soil"),
-        ({"exponent": 2.5}, "exponent must be from 0.2 to 2, got 2.5; 1 is a linear soil"),
+        ({"k_phi": 0.0}, "k_phi must be positive, got 0.0; give N/m^(n+2); a preset shows the order of magnitude"),
+        ({"k_phi": -2e6}, "k_phi must be positive, got -2000000.0; give N/m^(n+2); a preset"),
+        ({"exponent": 0.1}, "exponent must be in [0.2, 2], got 0.1; give 1 for a linear soil"),
+        ({"exponent": 2.5}, "exponent must be in [0.2, 2], got 2.5; give 1 for a linear soil"),
         (
             {"friction_angle": 30.0},
-            "friction_angle must be from 0 to 1.047 rad (60 degrees), got 30.0; convert degrees",
+            "friction_angle must be within ±1.047 rad (60°), got 30.0; if these are degrees, they are 0.5236 rad",
         ),
-        ({"friction_angle": 1.1}, "friction_angle must be from 0 to 1.047 rad (60 degrees), got 1.1; convert degrees"),
-        ({"friction_angle": -0.1}, "friction_angle must be from 0 to 1.047 rad (60 degrees), got -0.1; convert"),
-        ({"cohesion": -1.0}, "cohesion must be zero or positive, got -1.0; drop the sign"),
+        ({"friction_angle": 1.1}, "friction_angle must be within ±1.047 rad (60°), got 1.1; if these are degrees"),
+        ({"friction_angle": -0.1}, "friction_angle must be zero or positive, got -0.1; give radians"),
+        ({"cohesion": -1.0}, "cohesion must be zero or positive, got -1.0; give 0 for none"),
         ({"elastic": 1e5}, "elastic must be at least k_phi n z^(n-1) = 1.026e+06 Pa/m at 0.5 m: unloading is stiffer"),
         ({"elastic": 1e5}, "got 100000.0; raise it, or lower k_phi"),
-        ({"shear_length": 0.0}, "shear_length must be positive [m], got 0.0; a preset shows"),
-        ({"damping": -1.0}, "damping must be zero or positive, got -1.0; drop the sign"),
+        ({"shear_length": 0.0}, "shear_length must be positive, got 0.0; give metres; a preset shows"),
+        ({"damping": -1.0}, "damping must be zero or positive, got -1.0; give 0 for none"),
     ],
 )
 def test_values_of_a_soil(values, message):
@@ -52,7 +52,7 @@ def test_values_of_a_soil(values, message):
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(SoilSpec)])
 @pytest.mark.parametrize("value", [math.nan, math.inf, "1e6", None])
 def test_no_value_of_a_soil_may_be_anything_but_a_finite_number(name, value):
-    with pytest.raises(sw.ModelError, match=f"{name} must be a finite number, got "):
+    with pytest.raises(sw.ModelError, match=f"{name} must be a (finite )?number, got "):
         SoilSpec(**{**GOOD, name: value})
 
 
@@ -127,9 +127,9 @@ def test_options_of_a_soil(options, message):
         ([], "shapes must be at least one, got none; name those that sink in"),
         (
             [SoilSphere(body=NONSENSE["body"], radius=0.1)],
-            "body must be an integer >= 0, got None; name it, or give its index",
+            "SoilSphere: body must be an integer, the body's index, or its name, got None",
         ),
-        ([SoilSphere(body=NONSENSE["share"], radius=0.1)], "body must be an integer >= 0 and <= 0, got 0.5; name it"),
+        ([SoilSphere(body=NONSENSE["share"], radius=0.1)], "SoilSphere: body must be an integer, the body's index, or its name, got 0.5"),
         ([SoilSphere(body=sw.WORLD, radius=0.1)], "body must be an integer >= 0, got -1; name it, or give its index"),
         ([SoilSphere(body=0, radius=0.1, offset=(0.0, 1.0))], "SoilSphere: offset must be 3 finite numbers"),
         ([SoilBox(body=0, half=NONSENSE["half"])], "SoilBox: half must be 3 finite numbers"),

@@ -201,9 +201,9 @@ def test_soil_gives_no_energy(seed):
     ("make", "message"),
     [
         (lambda m: SoilSpec(k_phi=0.0), "k_phi must be positive"),
-        (lambda m: SoilSpec(k_phi=1e6, exponent=2.5), "exponent must be from 0.2 to 2, got 2.5"),
-        (lambda m: SoilSpec(k_phi=1e6, friction_angle=30.0), "friction_angle must be from 0 to 1.047 rad"),
-        (lambda m: SoilSpec(k_phi=1e6, cohesion=-1.0), "cohesion must be zero or positive, got -1.0; drop the sign"),
+        (lambda m: SoilSpec(k_phi=1e6, exponent=2.5), "exponent must be in [0.2, 2], got 2.5"),
+        (lambda m: SoilSpec(k_phi=1e6, friction_angle=30.0), "friction_angle must be within ±1.047 rad"),
+        (lambda m: SoilSpec(k_phi=1e6, cohesion=-1.0), "cohesion must be zero or positive, got -1.0; give 0 for none"),
         (lambda m: SoilSpec(k_phi=1e9), "elastic must be at least k_phi n z"),
         (lambda m: SoilSpec(k_phi=math.nan), "k_phi must be a finite number, got nan"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], spacing=0.11), "spacing must be positive"),
