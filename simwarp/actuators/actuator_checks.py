@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull
 from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, formatted
-from simwarp.model.checks import checked_name, checked_pose, positive_number
+from simwarp.model.checks import checked_instances, checked_name, checked_pose, index_within, positive_number
 from simwarp.model.effort_routing import EffortRoute
 from simwarp.model.model import Model
 from simwarp.model.rules import held_fields
@@ -21,17 +20,11 @@ def checked_specs(model: Model, specs: Any) -> tuple[ActuatorSpec, ...]:
     Raises:
         ModelError: one does not, or two have a name or a drive in common.
     """
-    if isinstance(specs, (str, bytes, dict)) or not isinstance(specs, Iterable):
-        raise ModelError(f"Actuators: specs must be a list of ActuatorSpec, got {formatted(specs)}; write [...]")
-    listed = tuple(specs)
+    kinds, remedy = "a list of ActuatorSpec", "write ActuatorSpec(name=..., terms=...)"
+    listed = checked_instances("Actuators", "specs", specs, ActuatorSpec, kinds, remedy)
     names: set[str] = set()
     driven: dict[tuple[int, int], str] = {}
     for spec in listed:
-        if not isinstance(spec, ActuatorSpec):
-            raise ModelError(
-                f"Actuators: specs must be a list of ActuatorSpec, got {formatted(spec)} among them; "
-                "write ActuatorSpec(name=..., terms=...)"
-            )
         thing = checked_name("actuator", spec.name)
         if spec.name in names:
             raise ModelError(f"{thing}: the name is taken by another actuator; choose one of its own")
@@ -77,13 +70,8 @@ def _check_site(thing: str, site: SitePull, model: Model) -> None:
     if site.reference is not None:
         ends.append(("reference", site.reference, WORLD))
     for role, body, least in ends:
-        whole = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
-        if not whole or not least <= body < model.body_count:
-            also = " or WORLD" if least == WORLD else ""
-            raise ModelError(
-                f"{thing}: site {role} must be a body index in 0..{model.body_count - 1}{also}, got {formatted(body)}; "
-                "take model.body(name)"
-            )
+        rule = f"site {role} must be a body index in 0..{model.body_count - 1}{' or WORLD' if least == WORLD else ''}"
+        index_within(thing, rule, body, model.body_count, "take model.body(name)", least=least)
     if site.body == site.reference:
         raise ModelError(f"{thing}: site body and reference must differ, got {site.body} for both; leave one out")
     checked_pose(thing, site.pose)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -30,12 +30,13 @@ from simwarp.core.arrays import (
     writable,
     writable_from,
 )
+from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.readable import Names, Row, plural
 from simwarp.core.types import WORLD, ModelError, formatted, number
 from simwarp.core.wording import suggestion
-from simwarp.model.checks import checked_names, positive_number
+from simwarp.model.checks import checked_names
 from simwarp.model.model import Model
-from simwarp.model.rules import INFINITE
+from simwarp.model.rules import INFINITE, RULES, instance_of
 from simwarp.simulation.attachments import ForceElement, StepContext
 
 PER_WORLD: Final = (
@@ -87,16 +88,17 @@ class Actuators(ForceElement, FixedAttributes):
     free_speed: WritableArray
     corner_speed: WritableArray
 
+    @RULES.arguments("Actuators")
     def __init__(
-        self, model: Model, specs: Iterable[ActuatorSpec], *, per_world: Iterable[str] = (), dt: float | None = None
-    ) -> None:
-        if not isinstance(model, Model):
-            raise ModelError(f"Actuators: model must be a Model, got {formatted(model)}; pass what finalize returned")
+        self, model: Annotated[Model, instance_of(Model, "pass what finalize returned")],
+        specs: Iterable[ActuatorSpec], *, per_world: Iterable[str] = (),
+        dt: Annotated[Positive, Meaning("the time of a sub-step [s]")] | None = None,
+    ) -> None:  # fmt: skip
         self.model = model
         self.specs = checked_specs(model, specs)
         self.names = tuple(spec.name for spec in self.specs)
         wanted = checked_names("Actuators", "per_world", per_world, PER_WORLD)
-        self._dt = None if dt is None else positive_number("Actuators", "dt", dt, "s", "give the time of a sub-step")
+        self._dt = dt
         count, worlds, device = len(self.specs), model.world_count, model.device
         self.ctrl = writable((worlds, count), wp.float32, device, label="actuators.ctrl")
         self.activation = writable((worlds, count), wp.float64, device, label="actuators.activation")

@@ -44,6 +44,7 @@ from simwarp.model.checks import (
     checked_pose,
     distance_between,
     dof_from_options,
+    index_within,
 )
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
@@ -523,12 +524,8 @@ class ModelBuilder(Readable, ShapeList, CouplingList):
         return thing
 
     def _body(self, thing: str, role: str, index: int) -> BodySpec:
-        if not isinstance(index, (int, np.integer)) or isinstance(index, bool) or not 0 <= index < len(self.bodies):
-            raise ModelError(
-                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {formatted(index)}; "
-                "pass what add_body returned"
-            )
-        return self.bodies[index]
+        rule = f"{role} must be a body index in 0..{len(self.bodies) - 1} or WORLD"
+        return self.bodies[index_within(thing, rule, index, len(self.bodies), "pass what add_body returned")]
 
     def _pose_of(self, thing: str, role: str, index: int) -> Pose:
         world = isinstance(index, (int, np.integer)) and index == WORLD

@@ -84,27 +84,33 @@ def whole_number(thing: str, field: str, value: Any, least: int, most: int, reme
     return int(value)
 
 
-def checked_index(
-    thing: str, rule: str, given: Any, count: int, find: Callable[[str], int], remedy: str, *, least: int = 0
-) -> int:
-    """The index of something that is given by its name, which `find` looks up, or by its index itself.
+def index_within(thing: str, rule: str, given: Any, count: int, remedy: str, *, least: int = 0) -> int:
+    """An index from `least` to below `count`.
 
     Raises:
-        ModelError: there is no such name or index; it says `{thing}: {rule}, got {given}; {remedy}`.
+        ModelError: it is none; it says `{thing}: {rule}, got {given}; {remedy}`.
     """
-    if isinstance(given, str):
-        return find(given)
     if not isinstance(given, (int, np.integer)) or isinstance(given, bool) or not least <= given < count:
         raise ModelError(f"{thing}: {rule}, got {formatted(given)}; {remedy}")
     return int(given)
 
 
-def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> str:
-    """`value` as one of the known words, or a ModelError that lists them."""
-    if not isinstance(value, str) or value not in known:
-        hint = suggestion(value, known, "choose one of them")
-        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {formatted(value)}; {hint}")
-    return value
+def checked_index(
+    thing: str, rule: str, given: Any, count: int, find: Callable[[str], int], remedy: str, *, least: int = 0
+) -> int:
+    """`index_within` of something that may be given by its name, which `find` looks up."""
+    return find(given) if isinstance(given, str) else index_within(thing, rule, given, count, remedy, least=least)
+
+
+def checked_instances(thing: str, field: str, given: Any, kind: Any, kinds: str, remedy: str) -> tuple[Any, ...]:
+    """A collection of instances of a class, which messages call `kinds`."""
+    if isinstance(given, (str, bytes, dict)) or not isinstance(given, Iterable):
+        raise ModelError(f"{thing}: {field} must be a list, got {formatted(given)}; write {field}=[...]")
+    listed = tuple(given)
+    for part in listed:
+        if not isinstance(part, kind):
+            raise ModelError(f"{thing}: {field} must be {kinds}, got {formatted(part)} among them; {remedy}")
+    return listed
 
 
 def checked_member(thing: str, field: str, value: Any, kind: type[Member]) -> Member:

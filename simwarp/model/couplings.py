@@ -6,11 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Final
 
-import numpy as np
-
 from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, formatted
-from simwarp.model.checks import checked_name, finite_number, whole_number
+from simwarp.model.checks import checked_name, finite_number, index_within, whole_number
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.rules import RULES, Name
 from simwarp.model.specifications import CouplingSpec, JointSpec
@@ -89,11 +87,8 @@ class CouplingList:
         Raises:
             ModelError: there is no such joint.
         """
-        if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint <= len(self.joints):
-            raise ModelError(
-                f"dof_start: joint must be in 0..{len(self.joints)}, got {formatted(joint)}; "
-                "pass what add_joint_... returned"
-            )
+        rule = f"joint must be in 0..{len(self.joints)}"
+        index_within("dof_start", rule, joint, len(self.joints) + 1, "pass what add_joint_... returned")
         return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
 
     def coordinate_of(self, column: int) -> tuple[int, int]:
@@ -113,20 +108,11 @@ class CouplingList:
 
     def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
         """A joint of this builder and an index of one of its coordinates."""
-        integers = (int, np.integer)
-        if not isinstance(joint, integers) or isinstance(joint, bool) or not 0 <= joint < len(self.joints):
-            raise ModelError(
-                f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {formatted(joint)}; "
-                "pass what add_joint_... returned"
-            )
-        spec = self.joints[joint]
+        rule = f"joint must be in 0..{len(self.joints) - 1}"
+        spec = self.joints[index_within(thing, rule, joint, len(self.joints), "pass what add_joint_... returned")]
         count = len(ELEMENTS[spec.type].dofs)
-        if not isinstance(local, integers) or isinstance(local, bool) or not 0 <= local < count:
-            raise ModelError(
-                f"{thing}: joint '{spec.name}' has {count} coordinates, got index {formatted(local)}; "
-                "couple joints that have coordinates"
-            )
-        return spec, int(local)
+        rule = f"an index of joint '{spec.name}', which has {count} coordinates, must be below that"
+        return spec, index_within(thing, rule, local, count, "couple joints that have coordinates")
 
     def _terms(self, thing: str, terms: Any, remedy: str) -> tuple[tuple[int, float], ...]:
         """(public dof index, coefficient) of 1 to 12 terms; combinations are written out."""

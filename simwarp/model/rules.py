@@ -223,6 +223,12 @@ def _lengths(value: Any) -> Array:
     return extent
 
 
+def _flag(value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise RuleError("True or False", "choose one")
+    return bool(value)
+
+
 def instance_of(kind: type, remedy: str) -> Parsed:
     """A field that holds an object of a class."""
 
@@ -246,6 +252,7 @@ def one_of(*kinds: type) -> Parsed:
     return Parsed(read)
 
 
+Flag: TypeAlias = Annotated[bool, Parsed(_flag)]
 Range: TypeAlias = Annotated[tuple[float, float], Parsed(_range)]
 """(lower, upper), infinite for an open side."""
 TableField: TypeAlias = Annotated[Table, Parsed(_table)]

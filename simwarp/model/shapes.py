@@ -39,6 +39,7 @@ from simwarp.model.checks import (
     checked_flag,
     checked_name,
     checked_pose,
+    index_within,
     positive_number,
     whole_number,
 )
@@ -375,11 +376,8 @@ class ShapeList:
         raise NotImplementedError
 
     def _check_body(self, thing: str, body: int) -> None:
-        if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < self.body_total:
-            raise ModelError(
-                f"{thing}: body must be WORLD or in 0..{self.body_total - 1}, got {formatted(body)}; "
-                "pass what add_body returned"
-            )
+        rule = f"body must be WORLD or in 0..{self.body_total - 1}"
+        index_within(thing, rule, body, self.body_total, "pass what add_body returned", least=WORLD)
 
     def _add_shape(
         self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: Mapping[str, Any], asset: int = -1

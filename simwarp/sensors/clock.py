@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from simwarp.core.memory import check_fits
 from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, instance_of
 from simwarp.sensors.clock_kernels import (
     ClockSettings,
     ClockState,
@@ -82,14 +83,15 @@ def stream_of(seed: int, name: str) -> int:
     return int.from_bytes(digest, "little")
 
 
-def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> MountArrays:
+@RULES.arguments("sensor '{sensor}'")
+def mount_arrays(
+    sensor: str, mount: Annotated[Mount, instance_of(Mount, "write Mount(body, pose)")], model: Model, copies: int = 1
+) -> MountArrays:
     """The mount as kernels read it, in `copies` rows (1, or W where worlds differ).
 
     Raises:
         ModelError: the model has no such body.
     """
-    if not isinstance(mount, Mount):
-        raise ModelError(f"sensor '{sensor}': mount must be a Mount, got {formatted(mount)}; write Mount(body, pose)")
     arrays = MountArrays()
     arrays.body = body_index(sensor, mount.body, model)
     arrays.position = writable_from(np.tile(mount.pose.position, (copies, 1)), wp.vec3d, model.device)
@@ -131,14 +133,12 @@ class FrameBuffer(Readable):
     def _readable_title(self) -> str:
         return f" of sensor '{self.sensor}': {', '.join(self.data)}"
 
+    @RULES.arguments("sensor '{sensor}'")
     def __init__(
-        self, sensor: str, schedule: Schedule, model: Model, fields: Mapping[str, Field], *, seed: int = 0,
+        self, sensor: str, schedule: Annotated[Schedule, instance_of(Schedule, "write Schedule(rate=...)")],
+        model: Model, fields: Mapping[str, Field], *, seed: int = 0,
         gradual: bool = False,
     ) -> None:  # fmt: skip
-        if not isinstance(schedule, Schedule):
-            raise ModelError(
-                f"sensor '{sensor}': schedule must be a Schedule, got {formatted(schedule)}; write Schedule(rate=...)"
-            )
         checked_model(sensor, model)
         check_frames(sensor, fields, model.world_count, model.device)
         self.sensor, self.schedule, self.model = sensor, schedule, model

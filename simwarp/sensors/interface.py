@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from simwarp.core.constraints import Meaning, NotNegative, Positive
@@ -21,7 +21,16 @@ from simwarp.simulation.attachments import Sensor
 Config = TypeVar("Config")
 
 
-__all__ = ["Configuration", "Mount", "Schedule", "ScheduleSteps", "Sensor", "body_index", "checked_config", "checked_model"]
+__all__ = [
+    "Configuration",
+    "Mount",
+    "Schedule",
+    "ScheduleSteps",
+    "Sensor",
+    "body_index",
+    "checked_config",
+    "checked_model",
+]
 
 
 class ScheduleSteps(NamedTuple):
@@ -143,17 +152,3 @@ def sensor_index(
             raise ModelError(f"sensor '{sensor}': {error}") from None
 
     return checked_index(f"sensor '{sensor}'", rule, given, count, find_for_sensor, remedy, least=least)
-
-
-def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) -> set[str]:
-    """The names of the arrays that get a row per world.
-
-    Raises:
-        ModelError: one is unknown, or they are no collection of names.
-    """
-    if isinstance(per_world, str) or not isinstance(per_world, Iterable):
-        raise ModelError(f"{thing}: per_world must be a collection of names, got {formatted(per_world)}; pass a tuple")
-    wanted = set(per_world)
-    for name in sorted(wanted - set(known), key=str):
-        raise ModelError(f"{thing}: per_world names an unknown array '{name}'; known: {', '.join(known)}")
-    return wanted

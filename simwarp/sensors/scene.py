@@ -15,17 +15,18 @@ from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.readable import Names, Readable, Row, plural
-from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, formatted
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.checks import checked_pose
+from simwarp.model.checks import checked_names, checked_pose, index_within
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, held_fields, instance_of
 from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
-from simwarp.sensors.interface import body_index, wanted_arrays
+from simwarp.sensors.interface import body_index
 from simwarp.sensors.ray_hit_kernels import RayTarget
 from simwarp.sensors.ray_instances_kernels import RayScene, place_instances
 from simwarp.sensors.ray_targets_kernels import TARGETS, RayTargets
@@ -63,19 +64,29 @@ class Appearance:
     group: int = 1
 
 
+Albedo: TypeAlias = Annotated[float, Ge(0.0), Le(1.0), Meaning("0 for none to 1 for all light")]
+Int32: TypeAlias = Annotated[int, Ge(-(2**31)), Le(2**31 - 1), Meaning("an integer of 32 bits")]
+TextureIndex: TypeAlias = Annotated[
+    int,
+    Ge(-1),
+    Le(2**31 - 1),
+    Meaning("one of visuals: write texture=visuals.texture(ImageTexture(image=...))"),
+]
+
+
 class PlainAppearanceOptions(TypedDict, total=False):
     """Fields of `Appearance` without its colour, with its defaults."""
 
-    texture: int
-    label: int
-    reflectance: float
-    group: int
+    texture: TextureIndex
+    label: Int32
+    reflectance: Albedo
+    group: Int32
 
 
 class AppearanceOptions(PlainAppearanceOptions, total=False):
     """Fields of `Appearance`, with its defaults."""
 
-    color: Vec3
+    color: tuple[Albedo, Albedo, Albedo]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,11 +113,8 @@ class Visuals(Readable):
         ModelError: `builder` is no ModelBuilder; by its methods: a body, mesh or value is not usable.
     """
 
-    def __init__(self, builder: ModelBuilder) -> None:
-        if not isinstance(builder, ModelBuilder):
-            raise ModelError(
-                f"visuals: builder must be a ModelBuilder, got {formatted(builder)}; pass the model's builder"
-            )
+    @RULES.arguments("visuals")
+    def __init__(self, builder: Annotated[ModelBuilder, instance_of(ModelBuilder, "pass the model's builder")]) -> None:
         self.builder = builder
         self.meshes: list[TriangleMesh] = []
         self.mesh_visuals: list[VisualMesh | None] = []
@@ -131,7 +139,9 @@ class Visuals(Readable):
         instance = self.instances[index]
         self.instances[index] = dataclasses.replace(
             instance,
-            appearance=dataclasses.replace(instance.appearance, **_checked_appearance(instance.name, appearance)),
+            appearance=dataclasses.replace(
+                instance.appearance, **held_fields(f"visual '{instance.name}'", AppearanceOptions, appearance)
+            ),
         )
 
     def hide(self, *shapes: int) -> None:
@@ -198,10 +208,9 @@ class Visuals(Readable):
         Raises:
             ModelError: there is no such mesh or body, or a value is not usable.
         """
-        if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
-            raise ModelError(
-                f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {formatted(asset)}; see add_mesh_asset"
-            )
+        index_within(
+            "visuals", f"asset must be in 0..{len(self.meshes) - 1}", asset, len(self.meshes), "see add_mesh_asset"
+        )
         if self.mesh_visuals[asset] is not None:
             appearance.setdefault("color", (1.0, 1.0, 1.0))
         return self._add(ShapeType.MESH, body, scale, name, pose, appearance, asset)
@@ -254,7 +263,11 @@ class Visuals(Readable):
         """The endless plane z = 0 of its frame; returns the instance."""
         return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, appearance)
 
-    def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | str | None = None) -> Scene:
+    @RULES.arguments("visuals")
+    def finalize(
+        self, model: Annotated[Model, instance_of(Model, "pass what builder.finalize returned")], *,
+        per_world: Iterable[str] = (), origin_body: int | str | None = None,
+    ) -> Scene:  # fmt: skip
         """The scene of a model that the same builder made; see `Scene`.
 
         Raises:
@@ -292,10 +305,6 @@ class Visuals(Readable):
         self._followed = len(self.builder.shapes)
 
     def _check_model(self, model: Model) -> None:
-        if not isinstance(model, Model):
-            raise ModelError(
-                f"visuals: model must be a Model, got {formatted(model)}; pass what builder.finalize returned"
-            )
         remedy = "finalize this builder after its last body and shape, and pass that model"
         for what, mine, theirs in (
             ("bodies", [body.name for body in self.builder.bodies], model.body_names),
@@ -323,36 +332,13 @@ class Visuals(Readable):
         if any(instance.name == title for instance in self.instances):
             raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
         count = len(self.builder.bodies)
-        if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < count:
-            raise ModelError(
-                f"{thing}: body must be WORLD or in 0..{count - 1}, got {formatted(body)}; pass add_body's index"
-            )
+        rule, remedy = f"body must be WORLD or in 0..{count - 1}", "pass add_body's index"
         instance = Instance(
-            title, kind, int(body), -1, checked_pose(thing, pose), checked_size(thing, kind, size), asset,
-            Appearance(**_checked_appearance(title, appearance)),
+            title, kind, index_within(thing, rule, body, count, remedy, least=WORLD), -1, checked_pose(thing, pose),
+            checked_size(thing, kind, size), asset, Appearance(**held_fields(thing, AppearanceOptions, appearance)),
         )  # fmt: skip
         self.instances.append(instance)
         return len(self.instances) - 1
-
-
-def _checked_appearance(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    known = [field.name for field in dataclasses.fields(Appearance)]
-    for key, value in values.items():
-        if key not in known:
-            raise ModelError(f"visual '{name}': unknown option '{key}'; known: name, pose, {', '.join(known)}")
-        if key in ("texture", "label", "group"):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-                rule = "what visuals.texture returned" if key == "texture" else "an integer"
-                remedy = "write texture=visuals.texture(ImageTexture(image=...))" if key == "texture" else "pass one"
-                raise ModelError(f"visual '{name}': {key} must be {rule}, got {formatted(value)}; {remedy}")
-            if not -(2**31) <= value < 2**31:
-                raise ModelError(f"visual '{name}': {key} must fit into 32 bits, got {value}; take a smaller one")
-        else:
-            number = finite_vector(f"visual '{name}'", key, (value,) if key == "reflectance" else value,
-                                   1 if key == "reflectance" else 3)  # fmt: skip
-            if number.min() < 0.0 or number.max() > 1.0:
-                raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {formatted(value)}; scale it")
-    return dict(values)
 
 
 class Scene(Readable):
@@ -396,7 +382,7 @@ class Scene(Readable):
     ) -> None:
         self.model, self.visuals = model, visuals
         instances = visuals.instances
-        wanted = wanted_arrays("scene", per_world, PER_WORLD)
+        wanted = checked_names("scene", "per_world", per_world, PER_WORLD)
         self.names = tuple(instance.name for instance in instances)
         self.body = np.array([instance.body for instance in instances], np.int32)
         self.shape = np.array([instance.shape for instance in instances], np.int32)

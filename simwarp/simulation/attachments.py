@@ -17,6 +17,7 @@ import warp as wp
 from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import close_names
+from simwarp.model.checks import checked_instances
 from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
@@ -218,8 +219,10 @@ def checked_elements(elements: Any) -> tuple[ForceElement, ...]:
     Raises:
         ModelError: they are no collection of force elements, or one stands there twice.
     """
-    kind, example = "force elements", "Vehicle(model, ...)"
-    listed: tuple[ForceElement, ...] = _instances("elements", elements, ForceElement, kind, example)
+    remedy = "make one first, such as Vehicle(model, ...), or derive a class of your own from simwarp.ForceElement"
+    listed: tuple[ForceElement, ...] = checked_instances(
+        "Simulation", "elements", elements, ForceElement, "force elements", remedy
+    )
     for k, part in enumerate(listed):
         if any(part is other for other in listed[:k]):
             raise ModelError(
@@ -234,27 +237,14 @@ def checked_sensors(sensors: Any) -> tuple[Sensor, ...]:
     Raises:
         ModelError: they are no collection of sensors, or one has no name of its own.
     """
-    listed: tuple[Sensor, ...] = _instances("sensors", sensors, Sensor, "sensors", "Camera(scene, mount, config)")
+    remedy = "make one first, such as Camera(scene, mount, config), or derive a class of your own from simwarp.Sensor"
+    listed: tuple[Sensor, ...] = checked_instances("Simulation", "sensors", sensors, Sensor, "sensors", remedy)
     names = [sensor.name for sensor in listed]
     for sensor, name in zip(listed, names, strict=True):
         if not name:
             raise ModelError(f"Simulation: a sensor must have a name, got a {type(sensor).__name__} without; set .name")
         if names.count(name) > 1:
             raise ModelError(f"Simulation: two sensors are called '{name}'; give one another name")
-    return listed
-
-
-def _instances(what: str, given: Any, base: type, kind: str, example: str) -> tuple[Any, ...]:
-    """A collection of instances of a base class."""
-    if isinstance(given, (str, bytes, dict)) or not isinstance(given, Iterable):
-        raise ModelError(f"Simulation: {what} must be a list, got {formatted(given)}; write {what}=[...]")
-    listed = tuple(given)
-    for part in listed:
-        if not isinstance(part, base):
-            raise ModelError(
-                f"Simulation: {what} must be {kind}, got {formatted(part)} among them; make one first, such as "
-                f"{example}, or derive a class of your own from simwarp.{base.__name__}"
-            )
     return listed
 
 

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.constraints import Ge, Le, Meaning, NotNegative, Whole
 from simwarp.core.memory import check_layouts
-from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, formatted, number
-from simwarp.core.wording import suggestion
+from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, formatted
 from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
-from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.model import resolve_device
+from simwarp.model.rules import RULES, Flag, word_of
 from simwarp.simulation.solver_options import MOST_ITERATIONS
 
 Array = npt.NDArray[np.float64]
+Rows: TypeAlias = Annotated[Whole, Meaning("the number of such rows")]
 
 SOLVERS = {solver.name.lower(): solver for solver in ConeSolver}
 FRICTION_LAWS = {law.name.lower(): law for law in FrictionLaw}
@@ -52,23 +53,24 @@ class ConeSolution:
     """(problems, velocities) v+ [m/s or rad/s] when the mechanics are given."""
 
 
+@RULES.arguments("solve_cone_problems")
 def solve_cone_problems(
     N: Any,
     r: Any,
     mu: Any,
     *,
-    bilateral_count: int = 0,
-    limit_count: int = 0,
+    bilateral_count: Rows = 0,
+    limit_count: Rows = 0,
     jacobian: Any = None,
     inverse_mass: Any = None,
     free_velocity: Any = None,
     bias: Any = None,
-    solver: str = "apgd",
-    friction_law: str = "convex",
-    tolerance: float = 1.0e-5,
-    max_iterations: int | None = None,
+    solver: Annotated[str, word_of(*SOLVERS)] = "apgd",
+    friction_law: Annotated[str, word_of(*FRICTION_LAWS)] = "convex",
+    tolerance: Annotated[NotNegative, Meaning("m/s, 0 to use all iterations")] = 1.0e-5,
+    max_iterations: Annotated[int, Ge(1), Le(MOST_ITERATIONS), Meaning("one, or leave it out")] | None = None,
     warm_start: Any = None,
-    fallback: bool = True,
+    fallback: Flag = True,
     device: Any = None,
 ) -> ConeSolution:
     """Solves u = N gamma + r, gamma in K, u in K*, gamma^T u = 0 for a batch of problems (or a single one).
@@ -107,25 +109,13 @@ def solve_cone_problems(
     given = _Given.read(N, r, mu, jacobian, inverse_mass, free_velocity, bias, warm_start)
     given.check(bilateral_count, limit_count)
     config = ConeConfig()
-    chosen = _choice("solver", solver, SOLVERS)
-    config.solver = int(chosen)
-    config.friction_law = int(_choice("friction_law", friction_law, FRICTION_LAWS))
-    aim = number(tolerance)
-    if not 0.0 <= aim <= FLOAT32_MAX:
-        raise ValueError(
-            f"tolerance must be finite and >= 0 m/s, got {formatted(tolerance)}; pass 0 to use all iterations"
-        )
-    config.tolerance = aim / AIM
-    config.max_iterations = ITERATIONS[chosen]
-    if max_iterations is not None:
-        remedy = "leave it out or pass one"
-        config.max_iterations = whole_number(
-            "solve_cone_problems", "max_iterations", max_iterations, 1, MOST_ITERATIONS, remedy
-        )
-    fall_back = checked_flag("solve_cone_problems", "fallback", fallback)
-    batch_fallback = 1 if fall_back and chosen == ConeSolver.APGD else 0
+    chosen = SOLVERS[solver]
+    config.solver, config.friction_law = int(chosen), int(FRICTION_LAWS[friction_law])
+    config.tolerance = tolerance / AIM
+    config.max_iterations = max_iterations or ITERATIONS[chosen]
+    batch_fallback = 1 if fallback and chosen == ConeSolver.APGD else 0
     where = resolve_device(_home(jacobian if r is None else r) if device is None else device)
-    outputs = _launch(given, int(bilateral_count), int(limit_count), config, batch_fallback, where)
+    outputs = _launch(given, bilateral_count, limit_count, config, batch_fallback, where)
     return _wrapped(outputs, given)
 
 
@@ -199,11 +189,6 @@ class _Given:
     def check(self, bilateral: int, limits: int) -> None:
         """Refuses problems that the solvers cannot solve."""
         rows = self.r.shape[1]
-        for name, value in (("bilateral_count", bilateral), ("limit_count", limits)):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
-                raise ValueError(
-                    f"{name} must be an integer >= 0, got {formatted(value)}; pass the number of such rows"
-                )
         contacts = self.mu.shape[1]
         if bilateral + limits + 3 * contacts != rows:
             raise ValueError(
@@ -305,14 +290,6 @@ def _mass(value: Any, count: int, velocities: int, single: bool) -> Array:
         array = array[:, :, None] * np.eye(velocities)
     _expect("inverse_mass", array, (count, velocities, velocities), single)
     return array
-
-
-def _choice(name: str, value: Any, choices: dict[str, Any]) -> Any:
-    """The enum member of a name."""
-    if isinstance(value, str) and value in choices:
-        return choices[value]
-    hint = suggestion(value, choices, "choose one of them")
-    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {formatted(value)}; {hint}")
 
 
 def _floats(array: Array, device: wp.Device) -> wp.array:

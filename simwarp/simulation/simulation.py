@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NoReturn
+from typing import Annotated, Any, ClassVar, NoReturn
 
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
+from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
@@ -27,12 +28,13 @@ from simwarp.kernels.dynamics.world import (
     measure_worlds,
 )
 from simwarp.model.active_entries import idle_changes
-from simwarp.model.checks import checked_flag, whole_number
+from simwarp.model.checks import whole_number
 from simwarp.model.identity import run_parts
 from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.model.parameters import PARAMETERS, non_finite_parameters
+from simwarp.model.rules import RULES, Flag, instance_of
 from simwarp.simulation.attachments import (
     ForceElement,
     Sensor,
@@ -47,15 +49,7 @@ from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
-from simwarp.simulation.simulation_arguments import (
-    checked_dt,
-    checked_model,
-    checked_read_every,
-    checked_reports,
-    checked_solver,
-    checked_steps,
-    checked_substeps,
-)
+from simwarp.simulation.simulation_arguments import SUBSTEP_LIMIT, checked_dt, checked_read_every, checked_steps
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions, needs_all_solvers, step_config
 from simwarp.simulation.stage_recording import record_collision, record_step
@@ -114,27 +108,27 @@ class Simulation(Readable, Readings, FixedAttributes):
     )  # fmt: skip
 
     @report_compiling()
+    @RULES.arguments("Simulation")
     def __init__(
         self,
-        model: Model,
+        model: Annotated[Model, instance_of(Model, "pass what finalize returned")],
         dt: float,
         *,
-        substeps: int = 1,
-        solver: SolverOptions | None = None,
-        joint_reactions: bool = False,
-        joint_accelerations: bool = False,
+        substeps: Annotated[int, Ge(1), Le(SUBSTEP_LIMIT), Meaning("1, the default")] = 1,
+        solver: Annotated[SolverOptions, instance_of(SolverOptions, "write SolverOptions(...)")] | None = None,
+        joint_reactions: Flag = False,
+        joint_accelerations: Flag = False,
         elements: Sequence[ForceElement] = (),
         sensors: Sequence[Sensor] = (),
         read_every: int = 1,
-        check_start: bool = True,
+        check_start: Flag = True,
         threads: int | None = None,
     ) -> None:
-        self.model = checked_model(model)
-        self.substeps = checked_substeps(substeps)
-        self.dt = checked_dt(dt, self.substeps)
-        self.solver = checked_solver(solver)
-        self.read_every = checked_read_every(read_every, self.substeps)
-        reports = checked_reports(joint_reactions, joint_accelerations)
+        self.model, self.substeps = model, substeps
+        self.dt = checked_dt(dt, substeps)
+        self.solver = solver or SolverOptions()
+        self.read_every = checked_read_every(read_every, substeps)
+        reports = {"reactions": joint_reactions, "accelerations": joint_accelerations}
         self.elements = checked_elements(elements)
         self.sensors = checked_sensors(sensors)
         with attached((*self.elements, *self.sensors)):
@@ -168,7 +162,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             )  # fmt: skip
             self._warn_of_unshared()
             self._state_check = StateCheck(model, self.state, self.contacts, self._config, self._colliding)
-            if checked_flag("Simulation", "check_start", check_start):
+            if check_start:
                 self._state_check.warn(stacklevel=4)
             self._publishing = [
                 command for part in self.elements for command in recorded(part.record_outputs, self, self._all_worlds)

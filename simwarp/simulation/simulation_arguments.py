@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
-from simwarp.model.checks import checked_flag, whole_number
-from simwarp.model.model import Model
-from simwarp.simulation.solver_options import SolverOptions
+from simwarp.model.checks import whole_number
 
 SHORTEST_STEP: Final = 1.0e-9
 """Of a sub-step [s]: kernels divide by it in float32."""
@@ -15,31 +13,6 @@ LONGEST_STEP: Final = 1.0e6
 SUBSTEP_LIMIT: Final = 1_000_000
 COUNT_LIMIT: Final = 2**31 - 1
 """Of sub-steps: clocks of sensors count them in 32 bits."""
-
-
-def checked_model(model: Any) -> Model:
-    """The model, or a ModelError."""
-    if not isinstance(model, Model):
-        raise ModelError(f"Simulation: model must be a Model, got {formatted(model)}; pass what finalize returned")
-    return model
-
-
-def checked_solver(solver: Any) -> SolverOptions:
-    """The options of the solver; None: the defaults.
-
-    Raises:
-        ModelError: they are something else.
-    """
-    if solver is None:
-        return SolverOptions()
-    if not isinstance(solver, SolverOptions):
-        raise ModelError(f"Simulation: solver must be SolverOptions, got {formatted(solver)}; write SolverOptions(...)")
-    return solver
-
-
-def checked_substeps(substeps: Any) -> int:
-    """Sub-steps of a step, or a ModelError."""
-    return whole_number("Simulation", "substeps", substeps, 1, SUBSTEP_LIMIT, "1 is the default")
 
 
 def checked_dt(dt: Any, substeps: int) -> float:
@@ -64,11 +37,3 @@ def checked_read_every(read_every: Any, substeps: int) -> int:
 def checked_steps(steps: Any, substeps: int) -> int:
     """Steps to run at once, or a ModelError."""
     return whole_number("step", "steps", steps, 0, COUNT_LIMIT // substeps, "give the number of steps")
-
-
-def checked_reports(joint_reactions: Any, joint_accelerations: Any) -> dict[str, bool]:
-    """The reports that are made only where they are asked for, or a ModelError."""
-    return {
-        "reactions": checked_flag("Simulation", "joint_reactions", joint_reactions),
-        "accelerations": checked_flag("Simulation", "joint_accelerations", joint_accelerations),
-    }

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from simwarp.core.readable import ReadableFields
-from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, formatted, number
+from simwarp.core.constraints import Ge, Le, Lt, Meaning, NotNegative
+from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw
 from simwarp.kernels.core.tables import StepConfig
-from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 from simwarp.model.model import Model
+from simwarp.model.rules import Configuration, Flag, word_of
 
 SOLVERS: Final = tuple(solver.name.lower() for solver in ConeSolver)
 FRICTION_LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)
@@ -29,7 +29,7 @@ MOST_DENSE_ROWS: Final = 32_768
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SolverOptions(ReadableFields):
+class SolverOptions(Configuration):
     """Numbers of the solver (docs/theory.md). Every field is checked when the options are written.
 
     Attributes:
@@ -61,56 +61,22 @@ class SolverOptions(ReadableFields):
         ModelError: a value lies outside its domain.
     """
 
-    max_depenetration_velocity: float = 0.6
-    max_depenetration_rate: float = 3.0
-    position_projection: int | None = None
-    refinement: int | None = None
-    pivot_tolerance: float = 1.0e-4
-    max_iterations: int = 1000
-    tolerance: float = 1.0e-5
-    row_tolerance: float = 5.0e-6
-    gyroscopic: bool = True
-    solver: str = "apgd"
-    fallback: bool | None = None
-    friction_law: str = "exact"
-    contact_model: str = "rigid"
-    restitution_threshold: float = 0.15
-    contact_margin: float = 1.0e-3
-    dense_rows: int = 128
-
-    def __post_init__(self) -> None:
-        thing = "SolverOptions"
-        units = {
-            "max_depenetration_velocity": "m/s", "max_depenetration_rate": "rad/s", "tolerance": "m/s",
-            "row_tolerance": "m/s", "restitution_threshold": "m/s", "contact_margin": "m",
-        }  # fmt: skip
-        checked: dict[str, Any] = {
-            field: not_negative(thing, field, getattr(self, field), unit, f"the default is {_default(field)}")
-            for field, unit in units.items()
-        }
-        if not 0.0 <= number(self.pivot_tolerance) < 1.0:
-            raise ModelError(
-                f"{thing}: pivot_tolerance must be >= 0 and < 1, got {formatted(self.pivot_tolerance)}; try 1e-4"
-            )
-        checked["pivot_tolerance"] = number(self.pivot_tolerance)
-        for field, least, most in (
-            ("position_projection", 0, MOST_PASSES), ("refinement", 0, MOST_PASSES),
-            ("max_iterations", 1, MOST_ITERATIONS), ("dense_rows", 0, MOST_DENSE_ROWS),
-        ):  # fmt: skip
-            if getattr(self, field) is not None or _default(field) is not None:
-                remedy = f"the default is {_default(field)}"
-                checked[field] = whole_number(thing, field, getattr(self, field), least, most, remedy)
-        for field in ("gyroscopic", "fallback"):
-            if getattr(self, field) is not None or _default(field) is not None:
-                checked[field] = checked_flag(thing, field, getattr(self, field))
-        for field, known in (("solver", SOLVERS), ("friction_law", FRICTION_LAWS), ("contact_model", CONTACT_MODELS)):
-            checked[field] = checked_choice(thing, field, getattr(self, field), known)
-        for field, value in checked.items():  # numbers of NumPy become Python's
-            object.__setattr__(self, field, value)
-
-
-def _default(field: str) -> Any:
-    return SolverOptions.__dataclass_fields__[field].default
+    max_depenetration_velocity: Annotated[NotNegative, Meaning("m/s, 0.6 by default")] = 0.6
+    max_depenetration_rate: Annotated[NotNegative, Meaning("rad/s, 3 by default")] = 3.0
+    position_projection: Annotated[int, Ge(0), Le(MOST_PASSES), Meaning("passes, or None")] | None = None
+    refinement: Annotated[int, Ge(0), Le(MOST_PASSES), Meaning("passes, or None")] | None = None
+    pivot_tolerance: Annotated[float, Ge(0.0), Lt(1.0), Meaning("a share, 1e-4 by default")] = 1.0e-4
+    max_iterations: Annotated[int, Ge(1), Le(MOST_ITERATIONS), Meaning("1000, the default")] = 1000
+    tolerance: Annotated[NotNegative, Meaning("m/s, 1e-5 by default")] = 1.0e-5
+    row_tolerance: Annotated[NotNegative, Meaning("m/s, 5e-6 by default")] = 5.0e-6
+    gyroscopic: Flag = True
+    solver: Annotated[str, word_of(*SOLVERS)] = "apgd"
+    fallback: Flag | None = None
+    friction_law: Annotated[str, word_of(*FRICTION_LAWS)] = "exact"
+    contact_model: Annotated[str, word_of(*CONTACT_MODELS)] = "rigid"
+    restitution_threshold: Annotated[NotNegative, Meaning("m/s, 0.15 by default")] = 0.15
+    contact_margin: Annotated[NotNegative, Meaning("m, 1e-3 by default")] = 1.0e-3
+    dense_rows: Annotated[int, Ge(0), Le(MOST_DENSE_ROWS), Meaning("rows, 128 by default")] = 128
 
 
 def needs_all_solvers(model: Model, options: SolverOptions) -> bool:

@@ -15,6 +15,7 @@ from simwarp.simulation.step_sizes import scratch_slots_of
 from simwarp.soil.bulldozing_kernels import FlowScratch, FlowTables, push_soil_aside
 from simwarp.soil.soil_shapes import SoilShape, greatest_reach
 
+USUAL_ANGLE: Final = math.radians(55.0)
 STEP_LIMIT: Final = 100
 """Of erosion, and nodes that take part around a patch."""
 Steps: TypeAlias = Annotated[int, Ge(1), Le(STEP_LIMIT), Meaning("5 to 10, as usual")]
@@ -35,7 +36,7 @@ class Bulldozing(Configuration):
         ModelError: a value breaks its rule.
     """
 
-    angle: Annotated[Positive, Angle(math.radians(80.0)), Meaning("radians")] = math.radians(55.0)
+    angle: Annotated[Positive, Angle(math.radians(80.0)), Meaning("radians")] = USUAL_ANGLE
     flow: Annotated[float, Gt(0.0), Le(1.0), Meaning("a share; without any, leave bulldozing out")] = 1.0
     iterations: Steps = 5
     propagation: Steps = 6

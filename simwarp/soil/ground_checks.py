@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Parsed, RuleError
 from simwarp.core.types import ModelError, formatted, numbers
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
 from simwarp.model.checks import whole_number
@@ -38,12 +39,18 @@ def checked_pages(pages: Any, spacing: float, least: int) -> int:
     return whole_number("soil", "pages", pages, least, MOST_PAGES, remedy)
 
 
-def check_ground(ground: Any) -> None:
-    """Refuses a ground of another type, and a plane that leans by more than 45 degrees."""
+def _tables(ground: Any) -> Any:
     if getattr(ground, "_cls", None) is not TerrainTables:
-        raise ModelError(
-            f"soil: ground must be of simwarp.vehicle.tires.ground, got {formatted(ground)}; make it by that"
-        )
+        raise RuleError("of simwarp.vehicle.tires.ground", "make it by that")
+    return ground
+
+
+GROUND: Final = Parsed(_tables)
+"""A ground that `simwarp.vehicle.tires.ground` made."""
+
+
+def check_ground(ground: Any) -> None:
+    """Refuses a plane that leans by more than 45 degrees."""
     if ground.kind != PLANE:
         return
     upright = float(ground.rot.numpy()[:, 2, 2].min())

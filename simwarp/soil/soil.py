@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import warp as wp
@@ -13,14 +13,14 @@ from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.arrays import with_zeros, writable, writable_from
 from simwarp.core.readable import Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, formatted, number, numbers
-from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, Flag, instance_of, word_of
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.deformed_surface_kernels import SoilCover, find_heights
-from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
+from simwarp.soil.ground_checks import GROUND, MOST_PAGES, check_ground, check_map, checked_map, checked_pages
 from simwarp.soil.imprint_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
@@ -55,6 +55,9 @@ class ShearMemory(enum.Enum):
     """How far it was sheared, and a direction that follows the slip: still at rest, holds on slopes."""
     SCALAR = "scalar"
     """How far alone, as in Chrono: the force is against the slip of the moment."""
+
+
+SHEAR_MEMORIES: Final = tuple(memory.value for memory in ShearMemory)
 
 
 class Soil(ForceElement):
@@ -94,12 +97,14 @@ class Soil(ForceElement):
 
     implicit = True
 
+    @RULES.arguments("soil")
     def __init__(
         self, model: Model, shapes: Sequence[SoilShape] = (),
         soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
-        ground: TerrainTables | None = None, spacing: float = USUAL_SPACING, pages: int = 2048,
-        shear_memory: ShearMemory | str = ShearMemory.DIRECTION, weighted: bool = True, per_world: bool = False,
-        bulldozing: Bulldozing | None = None,
+        ground: Annotated[TerrainTables, GROUND] | None = None, spacing: float = USUAL_SPACING, pages: int = 2048,
+        shear_memory: Annotated[ShearMemory | str, word_of(*SHEAR_MEMORIES)] = ShearMemory.DIRECTION,
+        weighted: Flag = True, per_world: Flag = False,
+        bulldozing: Annotated[Bulldozing, instance_of(Bulldozing, "Bulldozing() is usual")] | None = None,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
         wheels: Sequence[SoilShape] = (),
     ) -> None:  # fmt: skip
@@ -109,17 +114,14 @@ class Soil(ForceElement):
         self.spacing = _checked_spacing(spacing, self.shapes)
         self.pages = checked_pages(pages, self.spacing, pages_at_a_time(self.shapes, self.spacing))
         worlds, device = model.world_count, model.device
-        rows = np.tile(
-            np.array([each.values() for each in self.soils]),
-            (worlds if checked_flag("soil", "per_world", per_world) else 1, 1, 1),
-        )
+        rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
         assert rows.shape[2] == PARAMETERS
         tables: Any = SoilTables()
         self._tables = tables
         tables.spacing = self.spacing
-        tables.weighted = int(checked_flag("soil", "weighted", weighted))
-        tables.scalar_shear = int(_checked_memory(shear_memory) is ShearMemory.SCALAR)
+        tables.weighted = int(weighted)
+        tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)
         tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
         tables.rest_speed = REST_SPEED
         tables.parameter = self.parameter
@@ -132,7 +134,7 @@ class Soil(ForceElement):
         tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._shapes = shape_tables(model, self.shapes)
         self._carriers = carriers_of(model, self.shapes)
-        self.bulldozing = _checked_bulldozing(bulldozing)
+        self.bulldozing = bulldozing
         self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
         tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
         self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
@@ -397,22 +399,6 @@ def _adds(soil: Soil, simulation: StepContext) -> list[int]:
                 "put the soil last"
             )
     return found
-
-
-def _checked_memory(memory: Any) -> ShearMemory:
-    try:
-        return ShearMemory(memory)
-    except ValueError:
-        names = " or ".join(each.value for each in ShearMemory)
-        raise ModelError(f"soil: shear_memory must be {names}, got {formatted(memory)}; scalar is Chrono's") from None
-
-
-def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
-    if bulldozing is None or isinstance(bulldozing, Bulldozing):
-        return bulldozing
-    raise ModelError(
-        f"soil: bulldozing must be a Bulldozing or None, got {formatted(bulldozing)}; Bulldozing() is usual"
-    )
 
 
 def _checked_points(points: Any, model: Model) -> wp.array:

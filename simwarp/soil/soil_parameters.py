@@ -16,6 +16,9 @@ from simwarp.soil import soil_tables_kernels as soil_tables
 DEEP: Final = 0.5
 """Sinkage down to which unloading must be stiffer than loading [m]."""
 
+USUAL_ANGLE: Final = math.radians(30.0)
+"""Of friction [rad]."""
+
 PAGE_SIDE: Final = int(soil_tables.SIDE)
 """Nodes along a side of a page."""
 
@@ -55,7 +58,7 @@ class SoilSpec(Configuration):
     k_c: Passive = 0.0
     exponent: Annotated[float, Ge(0.2), Le(2.0), Meaning("1 for a linear soil")] = 1.1
     cohesion: Passive = 0.0
-    friction_angle: Annotated[NotNegative, Angle(math.radians(60.0)), Meaning("radians")] = math.radians(30.0)
+    friction_angle: Annotated[NotNegative, Angle(math.radians(60.0)), Meaning("radians")] = USUAL_ANGLE
     shear_length: Annotated[Positive, Meaning("metres; a preset shows the order of magnitude")] = 0.01
     elastic: Annotated[Positive, Meaning("Pa/m; a preset shows the order of magnitude")] = 2.0e8
     damping: Passive = 3.0e4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,8 +12,8 @@ import warp as wp
 
 from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, formatted, pose
-from simwarp.model.checks import whole_number
+from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, pose
+from simwarp.model.checks import checked_instances, whole_number
 from simwarp.model.model import Model
 from simwarp.model.rules import Lengths, Passive, Vector3, held_fields, instance_of
 from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, SIDE, WHEEL
@@ -128,13 +128,9 @@ def checked_shapes(shapes: Any) -> tuple[SoilShape, ...]:
     Raises:
         ModelError: it is no list, or something else is among them.
     """
-    if not isinstance(shapes, Iterable) or isinstance(shapes, str):
-        raise ModelError(f"soil: shapes must be a list, got {formatted(shapes)}; write shapes=[...]")
-    listed = tuple(shapes)
+    names = f"of {', '.join(kind.__name__ for kind in _ROWS)}"
+    listed = checked_instances("soil", "shapes", shapes, tuple(_ROWS), names, "wrap it in one of these")
     for shape in listed:
-        if type(shape) not in _ROWS:
-            names = ", ".join(kind.__name__ for kind in _ROWS)
-            raise ModelError(f"soil: shapes must be of {names}, got {formatted(shape)}; wrap it in one of these")
         held_fields(type(shape).__name__, type(shape), vars(shape))
     return listed
 

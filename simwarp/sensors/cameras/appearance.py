@@ -5,18 +5,33 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
+from simwarp.core.constraints import Ge, Le, Meaning, Parsed, Positive, RuleError
+from simwarp.core.types import ModelError, Vec3, formatted
 from simwarp.geometry.visual_mesh import Image, VisualMesh, linear_from_srgb
-from simwarp.model.checks import positive_number
+from simwarp.model.rules import held_fields
 from simwarp.sensors.cameras.appearance_kernels import AppearanceArrays, TextureKind
 
-Extent: TypeAlias = float | Sequence[float]
+Metres: TypeAlias = Annotated[Positive, Meaning("the metres that one repeat covers")]
+LightShare: TypeAlias = Annotated[float, Ge(0.0), Le(1.0), Meaning("0 for none to 1 for all light, as linear albedos")]
+Albedo: TypeAlias = tuple[LightShare, LightShare, LightShare]
+
+
+def _image(source: Any) -> Image:
+    """(height, width, 3) uint8."""
+    if isinstance(source, (str, Path)):
+        from simwarp.geometry.mesh_files import read_image  # imports trimesh, which takes a while
+
+        return read_image(source)
+    image = np.asarray(source)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise RuleError("(height, width, 3) uint8 or a path", "scale values to 0..255", f"{image.dtype}{image.shape}")
+    return image
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,8 +44,8 @@ class ImageTexture:
             fields and boxes. None: the picture goes by the texture coordinates of the mesh.
     """
 
-    image: npt.NDArray[np.uint8] | str | Path
-    metres: Extent | None = None
+    image: Annotated[npt.NDArray[np.uint8] | str | Path, Parsed(_image)]
+    metres: Metres | tuple[Metres, Metres] | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,8 +57,8 @@ class CheckerTexture:
         metres: side of a square [m].
     """
 
-    colors: tuple[Vec3, Vec3] = ((0.32, 0.34, 0.36), (0.46, 0.48, 0.5))
-    metres: float = 1.0
+    colors: tuple[Albedo, Albedo] = ((0.32, 0.34, 0.36), (0.46, 0.48, 0.5))
+    metres: Metres = 1.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,8 +70,8 @@ class NoiseTexture:
         metres: side of the largest patches [m].
     """
 
-    colors: tuple[Vec3, Vec3] = ((0.1, 0.16, 0.05), (0.3, 0.34, 0.16))
-    metres: float = 1.0
+    colors: tuple[Albedo, Albedo] = ((0.1, 0.16, 0.05), (0.3, 0.34, 0.16))
+    metres: Metres = 1.0
 
 
 Texture: TypeAlias = ImageTexture | CheckerTexture | NoiseTexture
@@ -177,44 +192,9 @@ def _texture_tables(made: AppearanceArrays, textures: list[_Entry], device: Any)
 
 
 def _entry(texture: Texture) -> _Entry:
-    white = (1.0, 1.0, 1.0)
+    held = held_fields(type(texture).__name__, type(texture), vars(texture))
+    extent = held["metres"] if isinstance(held["metres"], tuple) else (held["metres"] or 0.0,) * 2
     if isinstance(texture, ImageTexture):
-        extent = (0.0, 0.0) if texture.metres is None else _extent(texture.metres)
-        return _Entry(TextureKind.IMAGE, _image(texture.image), extent, (white, white))
-    name = type(texture).__name__
-    if len(texture.colors) != 2:
-        raise ModelError(
-            f"{name}: colors must be two colours, got {formatted(texture.colors)}; pass ((r, g, b), (r, g, b))"
-        )
-    for color in texture.colors:
-        values = finite_vector(name, "colors", color, 3)
-        if values.min() < 0.0 or values.max() > 1.0:
-            raise ModelError(f"{name}: colors must be between 0 and 1, got {formatted(color)}; they are linear albedos")
-    side = positive_number(name, "metres", texture.metres, "m", "give the side of a square or patch")
+        return _Entry(TextureKind.IMAGE, held["image"], extent, ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))
     kind = TextureKind.CHECKER if isinstance(texture, CheckerTexture) else TextureKind.NOISE
-    return _Entry(kind, None, (side, side), texture.colors)
-
-
-def _extent(metres: Extent) -> tuple[float, float]:
-    values = (metres, metres) if isinstance(metres, (int, float)) else tuple(metres)
-    if len(values) != 2:
-        raise ModelError(
-            f"ImageTexture: metres must be one or two lengths, got {formatted(metres)}; pass (along x, along y)"
-        )
-    x, y = (positive_number("ImageTexture", "metres", value, "m", "pass what one repeat covers") for value in values)
-    return x, y
-
-
-def _image(source: Any) -> Image:
-    """(height, width, 3) uint8."""
-    if isinstance(source, (str, Path)):
-        from simwarp.geometry.mesh_files import read_image  # imports trimesh, which takes a while
-
-        return read_image(source)
-    image = np.asarray(source)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-        raise ModelError(
-            f"ImageTexture: image must be (height, width, 3) uint8 or a path, got {image.dtype}{image.shape}; "
-            "scale values to 0..255"
-        )
-    return image
+    return _Entry(kind, None, extent, held["colors"])

@@ -14,6 +14,7 @@ from simwarp.core.arrays import with_zeros
 from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, formatted, pose
+from simwarp.model.checks import checked_names
 from simwarp.sensors.cameras.image_kernels import Camera as CameraNumbers
 from simwarp.sensors.cameras.image_kernels import Outputs, Views, aim_views, render
 from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
@@ -23,7 +24,7 @@ from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
-from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
@@ -125,7 +126,7 @@ class Camera(FrameSensor):
     ) -> None:  # fmt: skip
         config = checked_config(name, config, CameraConfig)
         model = scene_model(f"camera '{name}'", scene)
-        wanted = wanted_arrays(f"camera '{name}'", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
+        wanted = checked_names(f"camera '{name}'", "per_world", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
         self.scene, self.config = scene, config
         self.numbers = camera_numbers(config)
         self._lit = any(output in LIGHT_OUTPUTS for output in config.outputs)

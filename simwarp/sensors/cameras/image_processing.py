@@ -11,9 +11,10 @@ import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Fraction, Meaning, NotNegative, Positive
-from simwarp.core.types import ModelError, formatted
+from simwarp.model.checks import checked_names
+from simwarp.model.rules import RULES, instance_of
 from simwarp.sensors.cameras.image_processing_kernels import RESPONSE_STEPS, ImagingArrays
-from simwarp.sensors.interface import Configuration, wanted_arrays
+from simwarp.sensors.interface import Configuration
 
 PER_WORLD: Final = ("exposure", "vignetting", "noise_mean", "noise_sigma", "noise_slope", "noise_intercept")
 """Arrays of `ImageProcessing` that may differ by world."""
@@ -69,12 +70,12 @@ class ImageProcessing:
     noise_slope: WritableArray
     noise_intercept: WritableArray
 
-    def __init__(self, imaging: Imaging, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
-        if not isinstance(imaging, Imaging):
-            raise ModelError(
-                f"camera: imaging must be an Imaging, got {formatted(imaging)}; write Imaging(exposure=...)"
-            )
-        wanted = wanted_arrays("camera", per_world, PER_WORLD)
+    @RULES.arguments("camera")
+    def __init__(
+        self, imaging: Annotated[Imaging, instance_of(Imaging, "write Imaging(exposure=...)")], world_count: int,
+        device: Any, per_world: Iterable[str] = (),
+    ) -> None:  # fmt: skip
+        wanted = checked_names("camera", "per_world", per_world, PER_WORLD)
         place = np.arange(RESPONSE_STEPS + 1) / RESPONSE_STEPS
         self.arrays = ImagingArrays()
         self.arrays.response = wp.array((place**2) ** (1.0 / imaging.gamma), dtype=wp.float32, device=device)

@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.core.readable import Readable, ReadableFields
+from simwarp.core.constraints import Count, Direction, Meaning, Parsed, RuleError
+from simwarp.core.readable import Readable
 from simwarp.core.rotation import unit_vector
-from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
-from simwarp.model.checks import finite_number
+from simwarp.core.types import FLOAT32_MAX, ModelError, Vec3, numbers
+from simwarp.model.checks import checked_names
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, Configuration, Passive, Vector3, instance_of
 from simwarp.sensors.cameras.shade_kernels import LightArrays
-from simwarp.sensors.interface import wanted_arrays
 
-Color = float | Vec3
+
+def _light(value: Any) -> Any:
+    values = numbers(value)
+    if values.shape not in ((), (3,)) or not ((values >= 0.0) & (values <= FLOAT32_MAX)).all():
+        raise RuleError(">= 0, one number or red, green and blue", "1 is white")
+    return value
+
+
+Color: TypeAlias = Annotated[float | Vec3, Parsed(_light)]
 
 PER_WORLD: Final = (
     "sun_direction", "sun_color", "lamp_position", "lamp_color", "ambient_above", "ambient_below", "sky_zenith",
@@ -29,7 +38,7 @@ PER_WORLD: Final = (
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Sun:
+class Sun(Configuration):
     """Parallel light.
 
     Attributes:
@@ -37,12 +46,12 @@ class Sun:
         color: radiance that a white surface facing it reflects; one number is a grey.
     """
 
-    direction: Vec3 = (0.4, -0.3, 1.0)
+    direction: Direction = (0.4, -0.3, 1.0)
     color: Color = (0.92, 0.88, 0.8)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Lamp:
+class Lamp(Configuration):
     """A point that shines in all directions alike; its light falls with the square of the distance.
 
     Attributes:
@@ -50,12 +59,12 @@ class Lamp:
         color: radiance that a white surface facing it reflects at a distance of 1 m.
     """
 
-    position: Vec3
+    position: Vector3
     color: Color = 1.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Lighting(ReadableFields):
+class Lighting(Configuration):
     """All lights of a camera's pictures. Colours are linear, 1 is white; one number is a grey.
 
     Attributes:
@@ -75,21 +84,17 @@ class Lighting(ReadableFields):
         ModelError: a value breaks its rule.
     """
 
-    suns: Sequence[Sun] = (Sun(),)
-    lamps: Sequence[Lamp] = ()
+    suns: Annotated[Sequence[Sun], Meaning("a list of Sun, as suns=[Sun(...)]")] = (Sun(),)
+    lamps: Annotated[Sequence[Lamp], Meaning("a list of Lamp, as lamps=[Lamp(...)]")] = ()
     shadows: bool = True
-    shadow_reach: float = 1.0e4
+    shadow_reach: Annotated[float, Meaning("metres")] = 1.0e4
     ambient: Color = (0.3, 0.34, 0.4)
     ambient_below: Color = (0.14, 0.13, 0.12)
     sky: Color = (0.16, 0.33, 0.67)
     horizon: Color = (0.62, 0.74, 0.87)
     below: Color | None = None
-    fog_density: float = 0.0
+    fog_density: Passive = 0.0
     fog: Color | None = None
-
-    def __post_init__(self) -> None:
-        finite_number("Lighting", "shadow_reach", self.shadow_reach, "pass metres")
-        _values(self)
 
 
 class Lights(Readable):
@@ -125,15 +130,12 @@ class Lights(Readable):
     fog_density: WritableArray
     fog_color: WritableArray
 
-    def __init__(self, lighting: Lighting, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
-        if not isinstance(lighting, Lighting):
-            raise ModelError(f"lights: lighting must be a Lighting, got {formatted(lighting)}; write Lighting(...)")
-        whole = isinstance(world_count, (int, np.integer)) and not isinstance(world_count, bool)
-        if not whole or world_count < 1:
-            raise ModelError(
-                f"lights: world_count must be an integer >= 1, got {formatted(world_count)}; pass model.world_count"
-            )
-        wanted = wanted_arrays("lights", per_world, PER_WORLD)
+    @RULES.arguments("lights")
+    def __init__(
+        self, lighting: Annotated[Lighting, instance_of(Lighting, "write Lighting(...)")],
+        world_count: Annotated[Count, Meaning("model.world_count")], device: Any, per_world: Iterable[str] = (),
+    ) -> None:  # fmt: skip
+        wanted = checked_names("lights", "per_world", per_world, PER_WORLD)
         self.arrays = LightArrays()
         self.arrays.shadows = int(lighting.shadows)
         self.arrays.shadow_reach = float(lighting.shadow_reach)
@@ -167,46 +169,25 @@ class Lights(Readable):
 
 def _values(lighting: Lighting) -> dict[str, tuple[npt.NDArray[Any], Any]]:
     """One world's values, and their types."""
-    density = finite_number("Lighting", "fog_density", lighting.fog_density, "use 0 for none")
-    if density < 0.0:
-        raise ModelError(f"Lighting: fog_density must be >= 0 1/m, got {density:g}; use 0 for none")
-    for field, kind in (("suns", Sun), ("lamps", Lamp)):
-        given = getattr(lighting, field)
-        if not isinstance(given, (list, tuple)) or not all(isinstance(each, kind) for each in given):
-            raise ModelError(
-                f"Lighting: {field} must be a list of {kind.__name__}, got {formatted(given)}; "
-                f"write {field}=[{kind.__name__}(...)]"
-            )
     fog = lighting.horizon if lighting.fog is None else lighting.fog
     below = lighting.horizon if lighting.below is None else lighting.below
     directions = [unit_vector("Sun", "direction", sun.direction) for sun in lighting.suns]
-    places = [finite_vector("Lamp", "position", lamp.position, 3) for lamp in lighting.lamps]
+    places = [lamp.position for lamp in lighting.lamps]
     return {
         "sun_direction": (np.array(directions, np.float32).reshape(-1, 3), wp.vec3),
-        "sun_color": (_colors("Sun", [sun.color for sun in lighting.suns]), wp.vec3),
+        "sun_color": (_colors(*(sun.color for sun in lighting.suns)), wp.vec3),
         "lamp_position": (np.array(places, np.float64).reshape(-1, 3), wp.vec3d),
-        "lamp_color": (_colors("Lamp", [lamp.color for lamp in lighting.lamps]), wp.vec3),
-        "ambient_above": (checked_color("Lighting", "ambient", lighting.ambient), wp.vec3),
-        "ambient_below": (checked_color("Lighting", "ambient_below", lighting.ambient_below), wp.vec3),
-        "sky_zenith": (checked_color("Lighting", "sky", lighting.sky), wp.vec3),
-        "sky_horizon": (checked_color("Lighting", "horizon", lighting.horizon), wp.vec3),
-        "sky_below": (checked_color("Lighting", "below", below), wp.vec3),
-        "fog_color": (checked_color("Lighting", "fog", fog), wp.vec3),
-        "fog_density": (np.array(density, np.float32), wp.float32),
+        "lamp_color": (_colors(*(lamp.color for lamp in lighting.lamps)), wp.vec3),
+        "ambient_above": (_colors(lighting.ambient)[0], wp.vec3),
+        "ambient_below": (_colors(lighting.ambient_below)[0], wp.vec3),
+        "sky_zenith": (_colors(lighting.sky)[0], wp.vec3),
+        "sky_horizon": (_colors(lighting.horizon)[0], wp.vec3),
+        "sky_below": (_colors(below)[0], wp.vec3),
+        "fog_color": (_colors(fog)[0], wp.vec3),
+        "fog_density": (np.array(lighting.fog_density, np.float32), wp.float32),
     }
 
 
-def _colors(thing: str, colors: list[Color]) -> npt.NDArray[np.float32]:
-    return np.array([checked_color(thing, "color", color) for color in colors], np.float32).reshape(-1, 3)
-
-
-def checked_color(thing: str, field: str, color: Color) -> npt.NDArray[np.float32]:
-    """Three numbers from zero up; one number is a grey.
-
-    Raises:
-        ModelError: it is neither, or below zero.
-    """
-    values = finite_vector(thing, field, (color,) * 3 if isinstance(color, (int, float)) else color, 3)
-    if values.min() < 0.0:
-        raise ModelError(f"{thing}: {field} must be >= 0, got {formatted(color)}; 1 is white")
-    return values.astype(np.float32)
+def _colors(*colors: Color) -> npt.NDArray[np.float32]:
+    """(colours, 3); one number is a grey."""
+    return np.array([np.broadcast_to(color, 3) for color in colors], np.float32).reshape(-1, 3)

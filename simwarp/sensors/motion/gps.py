@@ -13,6 +13,7 @@ import warp as wp
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, instance_of
 from simwarp.sensors.clock import Field
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.geodesy_kernels import GeoFrame
@@ -81,14 +82,15 @@ class GpsConfig(Configuration):
             )
 
 
-def geo_frame(origin: GeoOrigin, spherical: bool = False) -> GeoFrame:
+@RULES.arguments("geo_frame")
+def geo_frame(
+    origin: Annotated[GeoOrigin, instance_of(GeoOrigin, "write GeoOrigin(latitude=..., ...)")], spherical: bool = False
+) -> GeoFrame:
     """The origin as kernels read it.
 
     Raises:
         ModelError: it is none.
     """
-    if not isinstance(origin, GeoOrigin):
-        raise ModelError(f"origin must be a GeoOrigin, got {formatted(origin)}; write GeoOrigin(latitude=..., ...)")
     frame = GeoFrame()
     frame.spherical = int(spherical)
     latitude, longitude = math.radians(origin.latitude), math.radians(origin.longitude)

@@ -13,11 +13,13 @@ import numpy.typing as npt
 from simwarp.core.constraints import Ge, Le, Meaning, MinLen, Read
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, numbers
+from simwarp.model.rules import RULES
 from simwarp.sensors.interface import Configuration
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Angles: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
 
+BeamNumber: TypeAlias = Annotated[int, Ge(1), Meaning("the number of beams")]
 FULL_TURN = 2.0 * math.pi
 MAX_RADIUS = 5
 """Rings of rays within one beam: (2 · 5 - 1)² = 81 rays."""
@@ -92,9 +94,10 @@ def check_beam_count(thing: str, columns: int, rows: int) -> None:
         )
 
 
+@RULES.arguments("beam_grid")
 def beam_grid(
-    columns: int,
-    rows: int,
+    columns: BeamNumber,
+    rows: BeamNumber,
     *,
     azimuth: tuple[float, float] = (math.pi, -math.pi),
     elevation: tuple[float, float] = (0.2, -0.2),
@@ -111,11 +114,6 @@ def beam_grid(
     Raises:
         ModelError: a count is no positive integer, there are too many beams, or the azimuths span more than a turn.
     """
-    for name, count in (("columns", columns), ("rows", rows)):
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-            raise ModelError(
-                f"beam_grid: {name} must be an integer >= 1, got {formatted(count)}; pass the number of beams"
-            )
     check_beam_count("beam_grid", columns, rows)
     ends = _angles("azimuth", azimuth)
     heights = _angles("elevation", elevation)

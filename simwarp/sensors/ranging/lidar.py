@@ -12,9 +12,10 @@ import warp as wp
 
 from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
 from simwarp.core.types import ModelError, formatted
+from simwarp.model.checks import checked_names
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
-from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.ranging.beams import Beam, Beams
 from simwarp.sensors.ranging.lidar_kernels import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.sensors.ranging.returns_kernels import ReturnMode
@@ -139,7 +140,7 @@ class Lidar(FrameSensor):
         model = scene_model(thing, scene)
         config = checked_config(name, config, LidarConfig, default=False)
         self.config, self.scene = config, scene
-        wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount"))
+        wanted = checked_names(thing, "per_world", per_world, (*vars(config.noise), "mount"))
         self.returns = 2 if config.mode == "dual" else 1
         rows, columns = config.beams.shape
         widths = {"points": 4 * self.returns, "ranges": 2 * self.returns}

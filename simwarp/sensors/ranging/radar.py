@@ -12,9 +12,10 @@ import warp as wp
 from simwarp.core.arrays import with_zeros, writable_from
 from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
+from simwarp.model.checks import checked_names
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
-from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.clusters_kernels import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.sensors.ranging.radar_kernels import CHANNELS, RadarNoiseArrays, scan_radar
@@ -149,7 +150,7 @@ class Radar(FrameSensor):
         model = scene_model(thing, scene)
         config = checked_config(name, config, RadarConfig, default=False)
         self.config, self.scene = config, scene
-        wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount", "backscatter"))
+        wanted = checked_names(thing, "per_world", per_world, (*vars(config.noise), "mount", "backscatter"))
         rows, columns = config.rays.shape
         fields = {"returns": Field((rows, columns, CHANNELS), wp.float32)}
         if config.clusters is not None:

@@ -13,6 +13,7 @@ from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Fraction, MinLen, NotNegative
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, instance_of
 from simwarp.sensors.clock import FrameBuffer
 from simwarp.sensors.motion.mount_motion_kernels import MountArrays
 from simwarp.sensors.ranging.beams import BeamTable
@@ -31,10 +32,9 @@ def check_reach(thing: str, near: float, far: float) -> None:
         raise ModelError(f"{thing}: near must be below far = {formatted(far)} m, got {formatted(near)}; use 0 for none")
 
 
-def scene_model(sensor: str, scene: Any) -> Model:
+@RULES.arguments("{sensor}")
+def scene_model(sensor: str, scene: Annotated[Scene, instance_of(Scene, "write visuals.finalize(model)")]) -> Model:
     """The model of what should be a Scene, or a ModelError."""
-    if not isinstance(scene, Scene):
-        raise ModelError(f"{sensor}: scene must be a Scene, got {formatted(scene)}; write visuals.finalize(model)")
     return scene.model
 
 

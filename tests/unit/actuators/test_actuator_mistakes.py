@@ -17,7 +17,7 @@ from tests.unit.actuators.cart_and_wheel import SLIDE, bodies
 ON: dict[str, Any] = {"name": "a", "terms": ((SLIDE, 1.0),)}
 SERVO: dict[str, Any] = {**ON, "law": Law.SERVO}
 MISTAKES: dict[str, tuple[Any, str]] = {
-    "no list": (7, "specs must be a list of ActuatorSpec, got 7"),
+    "no list": (7, "specs must be a list, got 7; write specs="),
     "no spec": ([7], "specs must be a list of ActuatorSpec, got 7 among them"),
     "no name": ([{**ON, "name": ""}], "name must be a non-empty string"),
     "one name twice": ([ON, ON], "the name is taken by another actuator"),

@@ -178,7 +178,7 @@ def test_beams(chrono):
         (VLP, {"Update_Rate": 0}, "Properties: Schedule: rate must be positive, got 0.0"),
         (VLP, {"Lag": -0.1}, "Properties: Schedule: lag must be zero or positive, got -0.1"),
         (VLP, {"Width": 9.5}, "Properties.Width: must be a whole number, got 9.5"),
-        (VLP, {"Height": 0}, "Properties: beam_grid: rows must be an integer >= 1, got 0"),
+        (VLP, {"Height": 0}, "Properties: beam_grid: rows must be at least 1, got 0"),
         (VLP, {"Collection_Time": 0.01},
          "Properties.Collection Time: stands beside 'Collection Window', which means the same; give one"),
         (VLP, {"Return_Mode": "STRONG"},

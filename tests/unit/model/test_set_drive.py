@@ -30,7 +30,7 @@ def test_a_drive_set_later_is_that_given_at_once():
     ("arguments", "options", "message"),
     [
         ((5, None), {}, "set_drive: joint must be in 0..1, got 5"),
-        ((0, None), {"dof": 1}, "joint 'hinge' has 1 coordinates, got index 1"),
+        ((0, None), {"dof": 1}, "joint 'hinge', which has 1 coordinates, must be below that, got 1"),
         ((0, "servo"), {}, "joint 'hinge': drive must be None or a PositionDrive"),
         ((0, sw.PositionDrive(stiffness=-1.0)), {}, "drive.stiffness must be zero or positive"),
     ],

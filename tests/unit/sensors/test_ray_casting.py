@@ -375,7 +375,7 @@ def test_trees_hold_every_triangle_once_within_their_bounds(count):
         (lambda v: v.add_box(3, half=(1.0, 1.0, 1.0)), ("body must be WORLD or in 0..0", "3")),
         (lambda v: v.add_box(0, half=(1.0, -1.0, 1.0)), ("every size", "-1.0")),
         (lambda v: v.add_mesh(0, "nowhere.obj"), ("nowhere.obj", "check the path")),
-        (lambda v: v.add_sphere(0, radius=1.0, color=(2.0, 0.0, 0.0)), ("color must be between 0 and 1", "2.0")),
+        (lambda v: v.add_sphere(0, radius=1.0, color=(2.0, 0.0, 0.0)), ("color[0] must be in [0, 1]", "2.0")),
         (lambda v: v.add_sphere(0, radius=1.0, colour=(1.0, 0.0, 0.0)), ("unknown option 'colour'", "color")),
         (lambda v: v.hide(2), ("there must be a shape 2",)),
         (lambda v: [v.add_sphere(0, radius=1.0, name="a") for _ in range(2)], ("'a'", "unique")),

@@ -258,7 +258,7 @@ def test_lights_have_to_fit_the_worlds():
         assert found.startswith(f"lights: 'sun_direction' must have 1 row or one for each of 4 worlds, got {worlds}; ")
     for worlds, wanted in ((1, ()), (4, ("sun_direction",))):
         Camera(target, HUB, small, lights=Lights(Lighting(), worlds, "cpu", per_world=wanted))
-    assert "fog_density must be >= 0" in message(lambda: Lighting(fog_density=-1.0))
+    assert "fog_density must be zero or positive" in message(lambda: Lighting(fog_density=-1.0))
     assert "suns must be a list of Sun" in message(lambda: Lighting(suns=cast(Any, Sun())))
 
 
@@ -269,7 +269,9 @@ def test_the_remedy_is_that_of_the_mistake(tmp_path):
     target = scene()
     picture = cast(Any, np.zeros((64, 64, 3), np.uint8))
     found = message(lambda: built()[1].add_sphere(0, radius=0.1, texture=picture))
-    assert found.endswith("got an array of shape (64, 64, 3); write texture=visuals.texture(ImageTexture(image=...))")
+    assert found.endswith(
+        "got an array of shape (64, 64, 3); give one of visuals: write texture=visuals.texture(ImageTexture(image=...))"
+    )
     behind = message(lambda: Camera(target, HUB, CameraConfig(far=-5.0)))
     assert behind.endswith("far must be positive, got -5.0; give the largest distance that is seen [m]")
     assert message(lambda: Camera(target, HUB, CameraConfig(imaging=Imaging(gamma=0)))).startswith(
@@ -282,7 +284,7 @@ def test_the_remedy_is_that_of_the_mistake(tmp_path):
 def test_numbers_that_do_not_fit_are_told_where_they_are_given():
     visuals = built()[1]
     found = message(lambda: visuals.add_sphere(0, radius=0.1, label=2**40))
-    assert found.endswith(f"label must fit into 32 bits, got {2**40}; take a smaller one")
+    assert found.endswith(f"label must be at most 2147483647, got {2**40}; give an integer of 32 bits")
     target = scene()
     for body in (99, 10**8):
         assert f"got {body}" in message(lambda body=body: target.visuals.finalize(target.model, origin_body=body))

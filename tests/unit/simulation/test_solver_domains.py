@@ -91,7 +91,7 @@ def test_options_must_be_options():
     model = scenes.stack(count=1).finalize(1, "cpu")
     strange: list[Any] = [{}, "apgd", sw.SolverOptions]
     for wrong in strange:
-        with pytest.raises(sw.ModelError, match="solver must be SolverOptions, got"):
+        with pytest.raises(sw.ModelError, match="solver must be a SolverOptions, got"):
             sw.Simulation(model, 1e-3, solver=wrong)
 
 

@@ -361,6 +361,6 @@ def test_mistakes_are_told_in_a_line(values, message):
 
 
 def test_only_a_bulldozing_is_taken_and_printed():
-    with pytest.raises(ModelError, match="soil: bulldozing must be a Bulldozing or None, got True; Bulldozing\\(\\)"):
+    with pytest.raises(ModelError, match="soil: bulldozing must be a Bulldozing, got True; Bulldozing\\(\\)"):
         rolling(bulldozing=True)
     assert "100 % every 10 ms, heaps up to 55 deg" in repr(rolling(bulldozing=Bulldozing())[1])

@@ -91,7 +91,7 @@ LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
         ({"soil_map": [[0, 1]]}, "soil_map must hold indices below 1, got 1; name more soils"),
         ({"soil_map": [0, 1]}, "soil_map must be (rows, columns) or (1, rows, columns), got (2,)"),
         ({"soil": "sand"}, "preset must be soft, mid, hard, clay, snow, got 'sand'; or give a SoilSpec"),
-        ({"shear_memory": "vector"}, "shear_memory must be direction or scalar, got 'vector'"),
+        ({"shear_memory": "vector"}, "shear_memory must be one of direction, scalar, got 'vector'"),
         ({"spacing": 1e-6}, "spacing must be so wide that at most 1048576 pages may lie below the shapes, got 1e-06"),
         ({"spacing": "0.05"}, "spacing must be positive and at most half the narrowest shape's width, 0.127 m, got"),
         ({"spacing": None}, "0.127 m, got None; 0.05 suits cars"),
@@ -123,13 +123,19 @@ def test_options_of_a_soil(options, message):
     [
         (SoilSphere(body=0, radius=0.1), "shapes must be a list, got SoilSphere"),
         ("b", "shapes must be a list, got 'b'; write shapes=[...]"),
-        (["b"], "shapes must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, got 'b'; wrap it in one"),
+        (
+            ["b"],
+            "shapes must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, got 'b' among them; wrap it",
+        ),
         ([], "shapes must be at least one, got none; name those that sink in"),
         (
             [SoilSphere(body=NONSENSE["body"], radius=0.1)],
             "SoilSphere: body must be an integer, the body's index, or its name, got None",
         ),
-        ([SoilSphere(body=NONSENSE["share"], radius=0.1)], "SoilSphere: body must be an integer, the body's index, or its name, got 0.5"),
+        (
+            [SoilSphere(body=NONSENSE["share"], radius=0.1)],
+            "SoilSphere: body must be an integer, the body's index, or its name, got 0.5",
+        ),
         ([SoilSphere(body=sw.WORLD, radius=0.1)], "body must be an integer >= 0, got -1; name it, or give its index"),
         ([SoilSphere(body=0, radius=0.1, offset=(0.0, 1.0))], "SoilSphere: offset must be 3 finite numbers"),
         ([SoilBox(body=0, half=NONSENSE["half"])], "SoilBox: half must be 3 finite numbers"),

@@ -299,9 +299,9 @@ def test_errors_of_what_users_give():
     wrong: list[tuple[Any, str]] = [
         (ImageTexture(image=PICTURE.astype(float)), r"must be \(height, width, 3\) uint8 or a path"),
         (ImageTexture(image="absent.png"), "must be a readable image"),
-        (ImageTexture(image=PICTURE, metres=0.0), "metres must be finite and > 0"),
-        (CheckerTexture(colors=((1, 1, 1), (2, 0, 0))), "colors must be between 0 and 1"),
-        (CheckerTexture(metres=-1.0), "metres must be finite and > 0"),
+        (ImageTexture(image=PICTURE, metres=0.0), "metres must be positive, got"),
+        (CheckerTexture(colors=((1, 1, 1), (2, 0, 0))), r"colors\[1\]\[0\] must be in \[0, 1\], got 2"),
+        (CheckerTexture(metres=-1.0), "metres must be positive, got"),
         ("wood", "must be an ImageTexture, CheckerTexture or NoiseTexture"),
     ]
     for texture, message in wrong:

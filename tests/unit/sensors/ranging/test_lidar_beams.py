@@ -99,8 +99,8 @@ def test_tables_of_real_lidars():
         (lambda: BeamTable(azimuth=(math.nan,), elevation=(0.0,)), "azimuth must be finite"),
         (lambda: BeamTable(azimuth="front", elevation=(0.0,)), "azimuth must be a table of angles"),
         (lambda: BeamTable(azimuth=np.zeros((3, 4)), elevation=np.zeros(2)), r"shapes \(3, 4\) and \(2,\)"),
-        (lambda: beam_grid(0, 3), "columns must be an integer >= 1, got 0"),
-        (lambda: beam_grid(4, 2.5), "rows must be an integer >= 1, got 2.5"),
+        (lambda: beam_grid(0, 3), "columns must be at least 1, got 0"),
+        (lambda: beam_grid(4, 2.5), "rows must be a whole number, got 2.5"),
         (lambda: beam_grid(4, 1, azimuth=(0.0, 360.0)), "at most 2 pi rad, got 360; angles are in radians"),
         (
             lambda: Beam(divergence=-0.1),

@@ -193,7 +193,7 @@ ONE = BeamTable(azimuth=(0.0,), elevation=(0.0,))
         (lambda: config(far=0.0), r"far must be positive, got 0\.0; give the largest range \[m\]"),
         (lambda: lidar_of(LidarNoise(range=(0.1, 0.2)), worlds=3), "range must be one number or one for each of 3 "),
         (lambda: on("missing"), "sensor 'lidar': .*missing"),
-        (lambda: on("carrier", per_world=("far",)), "lidar 'lidar': per_world names an unknown array 'far'; known"),
+        (lambda: on("carrier", per_world=("far",)), "lidar 'lidar': per_world names an unknown parameter 'far'; "),
         (lambda: on(7), "sensor 'lidar': body must be WORLD .* got 7"),
         (lambda: lidar_of(LidarNoise(), outputs="points")[0].ranges, "'ranges' is not among its outputs"),
     ],
