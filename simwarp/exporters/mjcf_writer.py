@@ -10,12 +10,13 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 from xml.etree import ElementTree
 
 import numpy as np
 
 from simwarp.actuators import Actuators
+from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.files import check_output, write_file
 from simwarp.core.readable import ReadableFields
 from simwarp.core.rotation import quat_from_matrix
@@ -24,8 +25,9 @@ from simwarp.exporters.mjcf_geoms import ShapeWriter
 from simwarp.exporters.mjcf_joints import FileJoint, JointWriter, text_of
 from simwarp.exporters.mjcf_motors import write_motors
 from simwarp.exporters.mjcf_tree import Node, nodes_of, row_of
-from simwarp.model.checks import checked_name, positive_number, whole_number
+from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
+from simwarp.model.rules import RULES, Name, instance_of
 
 FRICTION_IMPEDANCE: Final = 100.0
 """`impratio`: feet hardly creep under friction. Published models of legged robots have it."""
@@ -48,9 +50,11 @@ class Mjcf(ReadableFields):
     notes: tuple[str, ...]
 
 
+@RULES.arguments("mjcf_of")
 def mjcf_of(
-    model: Model, *, actuators: Actuators | None = None, world: int = 0, timestep: float = 0.002,
-    softness: float = SOFTNESS, name: str = "simwarp",
+    model: Annotated[Model, instance_of(Model, "pass what finalize returned")], *, actuators: Actuators | None = None,
+    world: int = 0, timestep: Annotated[Positive, Meaning("seconds, 0.002 is usual")] = 0.002,
+    softness: Annotated[Positive, Meaning("seconds, 0.02 is MuJoCo's own")] = SOFTNESS, name: Name = "simwarp",
 ) -> Mjcf:  # fmt: skip
     """A model as MJCF.
 
@@ -66,20 +70,16 @@ def mjcf_of(
     Raises:
         ModelError: the model has a part that MJCF has not, or the writer; says which.
     """
-    if not isinstance(model, Model):
-        raise ModelError(f"mjcf_of: model must be a Model, got {formatted(model)}; pass what finalize returned")
     if actuators is not None and (not isinstance(actuators, Actuators) or actuators.model is not model):
         raise ModelError(
             f"mjcf_of: actuators must be Actuators of the same model, got {formatted(actuators)}; make them"
         )
     world = whole_number("mjcf_of", "world", world, 0, model.world_count - 1, "count from 0")
-    step = positive_number("mjcf_of", "timestep", timestep, "s", "0.002 is usual")
-    soft = text_of([positive_number("mjcf_of", "softness", softness, "s", f"{SOFTNESS:g} is MuJoCo's own"), 1.0])
-    checked_name("MJCF model", name)
+    soft = text_of([softness, 1.0])
     root = ElementTree.Element("mujoco", model=name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     ElementTree.SubElement(
-        root, "option", timestep=text_of(step), gravity=text_of(row_of(model, "gravity", world)),
+        root, "option", timestep=text_of(timestep), gravity=text_of(row_of(model, "gravity", world)),
         integrator="implicitfast", cone="elliptic", impratio=text_of(FRICTION_IMPEDANCE),
     )  # fmt: skip
     defaults = ElementTree.SubElement(root, "default")

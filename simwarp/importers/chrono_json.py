@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Final, TypeVar, cast
 
+from simwarp.core.constraints import Meaning
 from simwarp.core.schema import Place
 from simwarp.core.types import formatted
 from simwarp.core.wording import nearest
+from simwarp.vehicle.spec.parts import SPECS
 from simwarp.vehicle.spec.vehicle_files import parse_json, read_text
 from simwarp.vehicle.spec.vehicle_spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
 
 S = TypeVar("S", bound=Spec)
+
+OBJECTS: Final = Annotated[list[Any], Meaning("a list of objects")]
+PAIRS: Final = Annotated[list[tuple[float, float]], Meaning("a list of [x, y] pairs")]
 
 # What only pictures, reports and the driver's view use. A radius or width that matters is read before this list counts.
 VISUAL = frozenset(
@@ -76,27 +81,26 @@ class Node:
 
     def each(self, key: str) -> Iterator[Node]:
         """The objects of a list."""
-        items = self.get(key, "a list of objects")
-        if not isinstance(items, list):
-            raise self.place.at(key).error(f"must be a list of objects, got {formatted(items)}")
-        for index, item in enumerate(items):
+        for index, item in enumerate(self._held(key, OBJECTS, "a list of objects")):
             node = Node(item, self.place.at(key).at(index))
             self.children.append(node)
             yield node
 
     def text(self, key: str) -> str:
         """A text."""
-        value = self.get(key, "a text")
-        if not isinstance(value, str):
-            raise self.place.at(key).error(f"must be a text, got {formatted(value)}")
-        return value
+        return cast(str, self._held(key, str, "a text"))
+
+    def choice(self, key: str, known: Collection[str]) -> str:
+        """One of some texts."""
+        text = self.text(key)
+        if text not in known:
+            rule = f"must be one of {', '.join(known)}, got {formatted(text)}"
+            raise self.place.at(key).error(f"{rule}{nearest(text, known)}")
+        return text
 
     def flag(self, key: str, default: bool = False) -> bool:
         """True or false."""
-        value = self.value[key] if key in self else default
-        if not isinstance(value, bool):
-            raise self.place.at(key).error(f"must be true or false, got {formatted(value)}")
-        return value
+        return cast(bool, self._held(key, bool, "true or false")) if key in self else default
 
     def number(self, key: str, unit: str = "", default: float | None = None) -> float:
         """A finite number."""
@@ -108,10 +112,7 @@ class Node:
 
     def whole(self, key: str) -> int:
         """A whole number."""
-        value = self.get(key, "a whole number")
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self.place.at(key).error(f"must be a whole number, got {formatted(value)}")
-        return value
+        return cast(int, self._held(key, int, "a whole number"))
 
     def angle(self, key: str) -> float:
         """An angle in degrees, in radians; 0 where none is given."""
@@ -140,14 +141,12 @@ class Node:
 
     def pairs(self, key: str, scale: float = 1.0) -> Points:
         """(x, y) pairs; `scale` converts the unit of x."""
-        value = self.get(key, "a list of [x, y] pairs")
-        place = self.place.at(key)
-        if not isinstance(value, list) or not all(isinstance(v, list) and len(v) == 2 for v in value):
-            raise place.error(f"must be a list of [x, y] pairs, got {formatted(value)}")
-        return tuple(
-            (scale * finite(x, "a number", place.at(index)), finite(y, "a number", place.at(index)))
-            for index, (x, y) in enumerate(value)
-        )
+        return tuple((scale * x, y) for x, y in self._held(key, PAIRS, "a list of [x, y] pairs"))
+
+    def _held(self, key: str, hint: Any, wanted: str) -> Any:
+        """The value of a key that must be there, as a type hint wants it."""
+        value, keys = self.get(key, wanted), (*self.place.keys, key)
+        return SPECS.load(hint, value, lambda fault: self.place.line(fault._replace(keys=(*keys, *fault.keys))))
 
     def part(self, com: Vec3 | None = None) -> RigidPart:
         """Mass, centre of mass and inertia of this object; `com` where the file gives none."""

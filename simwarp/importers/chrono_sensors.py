@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from simwarp.core.types import ModelError, formatted
-from simwarp.core.wording import nearest
 from simwarp.importers.chrono_json import Node
+from simwarp.importers.chrono_vehicle import expect
 from simwarp.sensors.cameras.camera import CameraConfig
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import FishEye, Lens, Pinhole
@@ -68,8 +68,7 @@ def load_chrono_sensor(path: str | Path) -> Any:
         raise ModelError(f"Chrono sensor: must be the path of a JSON file, got {formatted(path)}; pass a str or a Path")
     try:
         node = Node.of_file(Path(path))
-        _expect(node, "Type", ("Sensor",))
-        template = _expect(node, "Template", tuple(TEMPLATES))
+        template = expect(node, "Sensor", TEMPLATES)
         properties = node.child("Properties")
         filters = _filters(node, FILTERS.get(template, ()))
         config = TEMPLATES[template](properties, filters)
@@ -81,7 +80,7 @@ def load_chrono_sensor(path: str | Path) -> Any:
 
 def _camera(node: Node, filters: Mapping[str, Node]) -> CameraConfig:
     """Camera. The picture is kept beside its grey version."""
-    lens = _expect(node, "Lens Model", tuple(LENSES)) if "Lens Model" in node else "PINHOLE"
+    lens = node.choice("Lens Model", LENSES) if "Lens Model" in node else "PINHOLE"
     imaging: dict[str, Any] = {}
     for name, keys in NOISE_OF_PICTURES.items():
         if name in filters:
@@ -103,7 +102,7 @@ def _lidar(node: Node, filters: Mapping[str, Node]) -> LidarConfig:
     both = node.number("Divergence Angle", "rad", DIVERGENCE)
     divergence = tuple(node.number(f"{side} Divergence Angle", "rad", both) for side in ("Horizontal", "Vertical"))
     radius = node.whole("Sample Radius") if "Sample Radius" in node else 1
-    mode = MODES[_expect(node, "Return Mode", tuple(MODES))] if "Return Mode" in node else "strongest"
+    mode = MODES[node.choice("Return Mode", MODES)] if "Return Mode" in node else "strongest"
     noise = {}
     if "ChFilterLidarNoiseXYZI" in filters:
         found = filters["ChFilterLidarNoiseXYZI"]
@@ -185,7 +184,7 @@ def _filters(node: Node, known: tuple[str, ...]) -> dict[str, Node]:
     """The filters that change numbers, by name."""
     found: dict[str, Node] = {}
     for entry in node.each("Filters") if "Filters" in node else ():
-        name = _expect(entry, "Filter", (*known, *PASSED_OVER))
+        name = entry.choice("Filter", (*known, *PASSED_OVER))
         entry.skip(*PASSED_OVER.get(name, ()))
         if name in found:
             raise entry.place.at("Filter").error(f"{name} stands here twice; give it once")
@@ -237,7 +236,7 @@ def _noise(node: Node, unit: float = 1.0) -> tuple[Noise, ...]:
         return ()
     model = node.child("GPS Noise Model" if old else "Noise Model")
     kinds = ("ChGPSNoiseNone", "ChGPSNoiseNormal") if old else ("ChNoiseNone", "ChNoiseNormal", "ChNoiseNormalDrift")
-    kind = _expect(model, "Noise Model" if old else "Noise Type", kinds)
+    kind = model.choice("Noise Model" if old else "Noise Type", kinds)
     if kind.endswith("None"):
         return ()
     mean, std = (tuple(unit * v for v in model.numbers(key, 3)) for key in ("Mean", "Standard Deviation"))
@@ -250,16 +249,6 @@ def _noise(node: Node, unit: float = 1.0) -> tuple[Noise, ...]:
     if not tau > 0.0:
         raise model.place.at("Tau Drift").error(f"must be > 0 s, got {formatted(tau)}")
     return (normal, _made(model, BiasWalk, rate=bias / math.sqrt(tau))) if bias else (normal,)
-
-
-def _expect(node: Node, key: str, known: tuple[str, ...]) -> str:
-    """One of some texts."""
-    text = node.text(key)
-    if text not in known:
-        raise node.place.at(key).error(
-            f"must be one of {', '.join(known)}, got {formatted(text)}{nearest(text, known)}"
-        )
-    return text
 
 
 def _made(node: Node, cls: Callable[..., Any], **fields: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,7 @@ def measured(node: Node, radius: float, *, simple: bool) -> dict[str, Any]:
     return found
 
 
-def rill(node: Node, template: str) -> Tire:
+def rill(template: str, node: Node, root: Path) -> Tire:
     """TMeasyTire and TMsimpleTire."""
     design = node.child("Design")
     radius = design.number("Unloaded Radius [m]", "m")
@@ -102,16 +103,6 @@ def rill(node: Node, template: str) -> Tire:
         width=design.number("Width [m]", "m"),
         parameters=parameters,
     )
-
-
-def tmeasy(node: Node, root: Path) -> Tire:
-    """TMeasyTire."""
-    return rill(node, "tmeasy")
-
-
-def tmsimple(node: Node, root: Path) -> Tire:
-    """TMsimpleTire."""
-    return rill(node, "tmsimple")
 
 
 def vertical(node: Node) -> dict[str, Any]:
@@ -214,8 +205,8 @@ def rigid(node: Node, root: Path) -> Tire:
 
 
 TIRES: dict[str, Callable[[Node, Path], Tire]] = {
-    "TMeasyTire": tmeasy,
-    "TMsimpleTire": tmsimple,
+    "TMeasyTire": functools.partial(rill, "tmeasy"),
+    "TMsimpleTire": functools.partial(rill, "tmsimple"),
     "FialaTire": fiala,
     "Pac89Tire": pacejka89,
     "Pac02Tire": pacejka2002,

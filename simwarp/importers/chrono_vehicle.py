@@ -18,14 +18,14 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from simwarp.core.types import formatted
-from simwarp.core.wording import nearest, shortened
+from simwarp.core.wording import shortened
 from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
 from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
@@ -131,16 +131,10 @@ class Files:
         return part
 
 
-def expect(node: Node, kind: str, templates: Mapping[str, Any] | Sequence[str]) -> str:
+def expect(node: Node, kind: str, templates: Collection[str]) -> str:
     """The template of an object, which must be of a kind and one of those known."""
-    found = node.text("Type")
-    if found != kind:
-        raise node.place.at("Type").error(f"must be {kind!r}, got {formatted(found)}")
-    template = node.text("Template")
-    if template not in templates:
-        near = nearest(template, templates)
-        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {formatted(template)}{near}")
-    return template
+    node.choice("Type", (kind,))
+    return node.choice("Template", templates)
 
 
 def read_axles(node: Node, files: Files, tire: str | Path | Sequence[str | Path] | None) -> tuple[Axle, ...]:

@@ -21,12 +21,11 @@ import numpy.typing as npt
 from simwarp.actuators import Activation, ActuatorSpec, Law, SitePull, Target
 from simwarp.core.constraints import MaxLen
 from simwarp.core.schema import Place
-from simwarp.core.types import WORLD, ModelError, Pose, formatted
+from simwarp.core.types import WORLD, Pose, formatted
 from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
 from simwarp.importers.imported import CameraPlace, Imported, Keyframe, NamedFrame, SourceSensor
 from simwarp.importers.report import Fate, ImportReport, ReportLine
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.checks import checked_member
 from simwarp.model.model_files import model_text, read_model, write_model
 from simwarp.model.model_format import (
     MODELS,
@@ -41,6 +40,7 @@ from simwarp.model.model_format import (
     plain,
     sides,
 )
+from simwarp.model.rules import name_in, word_of
 
 Array = npt.NDArray[np.float64]
 Indices: TypeAlias = Mapping[str, int]
@@ -103,13 +103,13 @@ class ActuatorEntry:
     terms: tuple[tuple[int, float], ...] = ()
     site: PullEntry | None = None
     length_offset: float = 0.0
-    law: str = "effort"
-    target: str = "position"
+    law: Annotated[str, name_in(Law)] = "effort"
+    target: Annotated[str, name_in(Target)] = "position"
     gain: Numbers3 = (1.0, 0.0, 0.0)
     bias: Numbers3 = ZERO
     ctrl_range: tuple[Side, Side] | None = None
     force_range: tuple[Side, Side] | None = None
-    activation: str = "none"
+    activation: Annotated[str, name_in(Activation)] = "none"
     early: bool = False
     time_constant: float = 0.0
     activation_range: tuple[Side, Side] | None = None
@@ -127,7 +127,7 @@ class CoordinateEntry:
     """A `JointCoordinates`."""
 
     name: str
-    kind: str
+    kind: Annotated[str, name_in(CoordinateKind)]
     position: int
     rate: int
     dof: int
@@ -139,7 +139,7 @@ class CoordinateEntry:
 class LineEntry:
     """A `ReportLine`."""
 
-    fate: str
+    fate: Annotated[str, word_of(*Fate)]
     element: str
     name: str = ""
     reason: str = ""
@@ -320,14 +320,6 @@ class _Reader:
         if found != wanted:
             raise self.place.at(*keys).error(f"must have {wanted} numbers, got {found}; save the robot anew")
 
-    def _member(self, kind: Any, value: str, *keys: str | int) -> Any:
-        """A member of a closed set by its name."""
-        try:
-            return checked_member("", "", value, kind)
-        except ModelError:
-            known = ", ".join(member.name.lower() for member in kind)
-            raise self.place.at(*keys).error(f"must be one of {known}, got {formatted(value)}") from None
-
     def _pose(self, entry: PlaceEntry, *keys: str | int) -> Pose:
         """A pose as it is: to normalise its quaternion again would change the last bits."""
         rotation = np.array(entry.rotation, np.float64)
@@ -356,7 +348,7 @@ class _Reader:
         keys = ("actuators", index)
         values = {field.name: getattr(entry, field.name) for field in dataclasses.fields(entry)}
         values |= {name: limit_of(values[name]) for name in RANGES}
-        values |= {name: self._member(kind, values[name], *keys, name) for name, kind in SETS.items()}
+        values |= {name: kind[values[name].upper()] for name, kind in SETS.items()}
         if entry.site is not None:
             pull = {"body": entry.site.frame.body, "pose": self._pose(entry.site.frame, *keys, "site", "frame")}
             if (other := entry.site.reference) is not None:
@@ -369,7 +361,7 @@ class _Reader:
         self._want(len(entry.initial), entry.position_count, "initial")
         joints = []
         for index, part in enumerate(entry.joints):
-            kind = self._member(CoordinateKind, part.kind, "joints", index, "kind")
+            kind = CoordinateKind[part.kind.upper()]
             for field, count, total in (
                 ("position", kind.positions, entry.position_count),
                 ("rate", kind.rates, entry.rate_count),
@@ -385,9 +377,7 @@ class _Reader:
 
     def _report(self) -> ImportReport:
         report = ImportReport(self.entry.source, {})
-        for index, line in enumerate(self.entry.report):
-            if line.fate not in list(Fate):
-                place = self.place.at("report", index, "fate")
-                raise place.error(f"must be one of {', '.join(Fate)}, got {formatted(line.fate)}")
-            report.lines.append(ReportLine(Fate(line.fate), line.element, line.name, line.reason))
+        report.lines += [
+            ReportLine(Fate(line.fate), line.element, line.name, line.reason) for line in self.entry.report
+        ]
         return report

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.array_devices import refuse_elsewhere
+from simwarp.core.constraints import Ge, Le, Meaning, Positive
 from simwarp.core.readable import Readable
 from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, formatted
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kinematics.inverse_kinematics_kernels import Found, Search, SearchArrays, search_coordinates
 from simwarp.kinematics.jacobian import body_index, checked_tree, tree_scratch
-from simwarp.model.checks import positive_number, whole_number
+from simwarp.model.rules import RULES
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.world_launches import WorldLaunch
 
@@ -53,10 +54,14 @@ class InverseKinematics(Readable):
             a joint that moves has coordinates that are no integrals of its rates (spherical and free joints).
     """
 
+    @RULES.arguments("InverseKinematics")
     def __init__(
         self, simulation: Simulation, body: str | int, point: Vec3 = (0.0, 0.0, 0.0), *,
-        joints: Sequence[str] | None = None, iterations: int = 100, tolerance: float = 1.0e-6, damping: float = 1.0e-3,
-        longest_step: float = 0.3,
+        joints: Sequence[str] | None = None,
+        iterations: Annotated[int, Ge(1), Le(10_000), Meaning("100, the default")] = 100,
+        tolerance: Annotated[Positive, Meaning("metres, 1e-6 by default")] = 1.0e-6,
+        damping: Annotated[Positive, Meaning("m/rad, 1e-3 by default")] = 1.0e-3,
+        longest_step: Annotated[Positive, Meaning("rad or m, 0.3 by default")] = 0.3,
     ) -> None:  # fmt: skip
         thing = type(self).__name__
         checked_tree(thing, simulation)
@@ -65,10 +70,8 @@ class InverseKinematics(Readable):
         self.point = finite_vector(thing, "point", point, 3)
         search: Any = Search()
         search.body, search.point = self.body, wp.vec3d(*self.point)
-        search.iterations = whole_number(thing, "iterations", iterations, 1, 10_000, "100 is the default")
-        search.tolerance = positive_number(thing, "tolerance", tolerance, "m", "1e-6 is the default")
-        search.damping = positive_number(thing, "damping", damping, "m/rad", "1e-3 is the default")
-        search.longest = positive_number(thing, "longest_step", longest_step, "rad or m", "0.3 is the default")
+        search.iterations, search.tolerance = iterations, tolerance
+        search.damping, search.longest = damping, longest_step
         model, device = simulation.model, simulation.model.device
         worlds, dofs = model.world_count, model.dof_count
         search.movable = wp.array(self._movable(thing, joints), dtype=int, device=device)

@@ -58,16 +58,6 @@ def positive_number(thing: str, field: str, value: Any, unit: str, remedy: str) 
     raise ModelError(f"{thing}: {field} must be {rule}, got {formatted(value)}; {remedy}")
 
 
-def not_negative(thing: str, field: str, value: Any, unit: str = "", remedy: str = "use 0 for none") -> float:
-    """`value` as a float of zero or more that float32 holds, or a ModelError."""
-    given = number(value)
-    if not 0.0 <= given <= FLOAT32_MAX:
-        unit = unit and f" {unit}"
-        rule = f"finite and >= 0{unit}{_beyond(value)}"
-        raise ModelError(f"{thing}: {field} must be {rule}, got {formatted(value)}; {remedy}")
-    return given
-
-
 def _beyond(value: Any) -> str:
     """Addition to a rule where `value` is a number outside the range of float32; otherwise empty."""
     given = number(value)

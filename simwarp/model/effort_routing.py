@@ -18,6 +18,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -126,19 +127,15 @@ def has_bounded_drive(dof: Dof) -> bool:
     return isinstance(dof.drive, PositionDrive) and any(map(math.isfinite, effort_bounds(dof.drive)))
 
 
+MODES: Final = {
+    type(None): DriveMode.NONE, PositionDrive: DriveMode.POSITION, VelocityMotor: DriveMode.VELOCITY,
+    PrescribedPosition: DriveMode.PRESCRIBED_POSITION, PrescribedSpeed: DriveMode.PRESCRIBED_SPEED,
+}  # fmt: skip
+
+
 def drive_mode(dof: Dof) -> DriveMode:
     """The DriveMode of a degree of freedom's drive."""
-    match dof.drive:
-        case None:
-            return DriveMode.NONE
-        case PositionDrive():
-            return DriveMode.POSITION
-        case VelocityMotor():
-            return DriveMode.VELOCITY
-        case PrescribedPosition():
-            return DriveMode.PRESCRIBED_POSITION
-        case PrescribedSpeed():
-            return DriveMode.PRESCRIBED_SPEED
+    return MODES[type(dof.drive)]
 
 
 def is_prescribed(dof: Dof) -> bool:

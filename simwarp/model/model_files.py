@@ -22,7 +22,7 @@ from simwarp.core.schema import Fault, Place
 from simwarp.core.types import WORLD, JointType, ModelError, Pose, ShapeType, formatted
 from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
-from simwarp.model.builder import ModelBuilder
+from simwarp.model.builder import MAX_COUPLING_TERMS, ModelBuilder
 from simwarp.model.checks import (
     check_floats,
     checked_dofs,
@@ -33,7 +33,6 @@ from simwarp.model.checks import (
     positive_number,
     whole_number,
 )
-from simwarp.model.couplings import MAX_COUPLING_TERMS
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model_format import (
     FORMAT,

@@ -355,37 +355,25 @@ def _effort_entry(limit: EffortLimit) -> Any:
 
 def _effort_of(entry: float | tuple[Side, Side] | None) -> EffortLimit:
     if isinstance(entry, tuple):
-        lower, upper = entry
-        return -math.inf if lower is None else lower, math.inf if upper is None else upper
+        return limit_of(entry) or math.inf
     return math.inf if entry is None else entry
 
 
-def _drive_entry(drive: Drive) -> DriveEntry:
-    match drive:
-        case PositionDrive():
-            limit = _effort_entry(drive.effort_limit)
-            return PositionDriveEntry(
-                stiffness=float(drive.stiffness), damping=float(drive.damping), effort_limit=limit
-            )
-        case VelocityMotor():
-            return VelocityMotorEntry(effort_limit=_effort_entry(drive.effort_limit))
-        case PrescribedPosition():
-            return PrescribedPositionEntry(table=_table_entry(drive.table))
-        case PrescribedSpeed():
-            return PrescribedSpeedEntry(table=_table_entry(drive.table))
+DRIVE_ENTRIES: Final[dict[type, Any]] = {
+    PositionDrive: PositionDriveEntry, VelocityMotor: VelocityMotorEntry, PrescribedPosition: PrescribedPositionEntry,
+    PrescribedSpeed: PrescribedSpeedEntry,
+}  # fmt: skip
 
 
-def _drive_of(entry: DriveEntry) -> Drive:
-    match entry:
-        case PositionDriveEntry():
-            limit = _effort_of(entry.effort_limit)
-            return PositionDrive(stiffness=entry.stiffness, damping=entry.damping, effort_limit=limit)
-        case VelocityMotorEntry():
-            return VelocityMotor(effort_limit=_effort_of(entry.effort_limit))
-        case PrescribedPositionEntry():
-            return PrescribedPosition(table=entry.table)
-        case PrescribedSpeedEntry():
-            return PrescribedSpeed(table=entry.table)
+def _drive_entry(drive: Drive) -> Any:
+    made: dict[str, Any] = {"effort_limit": _effort_entry, "table": _table_entry}
+    return DRIVE_ENTRIES[type(drive)](**{name: made.get(name, float)(value) for name, value in vars(drive).items()})
+
+
+def _drive_of(entry: DriveEntry) -> Any:
+    kind = next(kind for kind, own in DRIVE_ENTRIES.items() if isinstance(entry, own))
+    values = {name: value for name, value in vars(entry).items() if name != "kind"}
+    return kind(**{name: _effort_of(value) if name == "effort_limit" else value for name, value in values.items()})
 
 
 def material_entry(material: Material) -> Material:

@@ -209,6 +209,11 @@ def word_of(*known: str) -> Parsed:
     return Parsed(read)
 
 
+def name_in(kind: type[enum.Enum]) -> Parsed:
+    """A field that holds the name of a member of a closed set, in small letters."""
+    return word_of(*(member.name.lower() for member in kind))
+
+
 def _points(fewest: int, value: Any) -> Array:
     points = numbers(value)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < fewest or not np.isfinite(points).all():

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Unpack
+from typing import Annotated, Any, Final, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.rotation import rotate
 from simwarp.core.types import (
     WORLD,
@@ -37,14 +38,14 @@ from simwarp.kernels.collision.narrow import has_formula
 from simwarp.kernels.collision.surfaces import is_triangle_surface
 from simwarp.model.checks import (
     checked_flag,
+    checked_member,
     checked_name,
-    checked_pose,
     index_within,
     positive_number,
     whole_number,
 )
 from simwarp.model.keyword_options import ShapeOptions, SurfaceOptions
-from simwarp.model.rules import ALL_GROUPS, held_fields
+from simwarp.model.rules import ALL_GROUPS, RULES, Name, PoseField, held_fields
 from simwarp.model.specifications import ShapeSpec, Specification
 
 Array = npt.NDArray[np.float64]
@@ -198,6 +199,23 @@ class ShapeList:
             for index, part in enumerate(parts)
         ]  # fmt: skip
 
+    def add_shape_primitive(
+        self, body: int, kind: ShapeType | str, size: Vec3 | Sequence[float], **options: Unpack[ShapeOptions]
+    ) -> int:
+        """A shape without an asset, by its kind: a plane, sphere, capsule, cylinder, box, ellipsoid or cone.
+
+        Args:
+            body: or WORLD.
+            kind: of the shape.
+            size: three lengths as `ShapeType` tells [m]; those that the kind has not do not count.
+            options: see `ShapeOptions`.
+
+        Raises:
+            ModelError: the kind needs an asset, or a value is not usable.
+        """
+        known = checked_member("shape", "kind", kind, ShapeType)
+        return self._add_shape(known, body, primitive_size(known, size), options)
+
     def add_hull_asset(self, points: npt.ArrayLike) -> int:
         """A hull of points (N, 3) [m] that no shape shows as built: index for `Model.shape_asset` of HULL shapes.
 
@@ -246,9 +264,12 @@ class ShapeList:
         self.meshes.append(mesh)
         return len(self.meshes) - 1
 
+    @RULES.arguments("solid '{name}'")
     def add_solid(
-        self, name: str, kind: ShapeType | str, size: Vec3 | float | None = None, *, mass: float | None = None,
-        density: float | None = None, points: npt.ArrayLike | None = None, pose: Pose | None = None,
+        self, name: Name, kind: ShapeType | str, size: Vec3 | float | None = None, *,
+        mass: Annotated[Positive, Meaning("kilograms, or give density instead")] | None = None,
+        density: Annotated[Positive, Meaning("kg/m³, or give mass instead")] | None = None,
+        points: npt.ArrayLike | None = None, pose: PoseField = None,
         velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), **options: Unpack[SurfaceOptions],
     ) -> int:  # fmt: skip
         """A homogeneous body and its shape in one; returns the body's index.
@@ -269,7 +290,7 @@ class ShapeList:
         Raises:
             ModelError: both or none of `mass` and `density` are given, or another value is not usable.
         """
-        thing = checked_name("solid", name)
+        thing = f"solid '{name}'"
         shape_type = checked_kind(thing, kind)
         asset = self._hull_asset(points) if shape_type == ShapeType.HULL and points is not None else -1
         if size is None:
@@ -285,11 +306,8 @@ class ShapeList:
                 f"{thing}: give mass or density, got mass={formatted(mass)}, density={formatted(density)}; drop one"
             )
         solid = shape_mass(shape_type, extent.tolist(), 1.0, self.hulls[asset] if asset >= 0 else None)
-        if density is None:
-            weight = positive_number(thing, "mass", mass, "kg", "give density instead")
-        else:
-            weight = positive_number(thing, "density", density, "kg/m³", "give mass instead") * solid.mass
-        frame = checked_pose(thing, pose)
+        weight = mass or (density or 0.0) * solid.mass
+        frame = pose or make_pose()
         offset = {"name": name, "pose": make_pose(-solid.centre)}
         shape = self._shape_spec(shape_type, self.body_total, extent, {**offset, **options}, asset)
         body = self.add_body(
@@ -430,6 +448,22 @@ def checked_kind(thing: str, kind: ShapeType | str) -> ShapeType:
     raise ModelError(
         f"{thing}: kind must be one of {names}, got {formatted(kind)}; other shapes go on a body with add_shape_..."
     )
+
+
+def primitive_size(kind: ShapeType, size: Vec3 | Sequence[float]) -> Vec3:
+    """The size of a shape without an asset, as `ShapeType` tells, from three lengths of which some do not count.
+
+    Raises:
+        ModelError: the kind needs an asset.
+    """
+    a, b, c = finite_vector("shape", "size", size, 3).tolist()
+    sizes = {
+        ShapeType.PLANE: (0.0, 0.0, 0.0), ShapeType.SPHERE: (a, a, a), **dict.fromkeys(TURNED, (a, b, a)),
+        **dict.fromkeys((ShapeType.BOX, ShapeType.ELLIPSOID), (a, b, c)),
+    }  # fmt: skip
+    if kind not in sizes:
+        raise ModelError(f"shape: kind must be that of a primitive, got {kind.name}; use add_shape_... of its own")
+    return sizes[kind]
 
 
 def checked_size(thing: str, kind: ShapeType, size: Vec3 | Sequence[float]) -> Array:

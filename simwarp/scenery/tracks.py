@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Count, Meaning
 from simwarp.core.types import ModelError
-from simwarp.model.checks import positive_number
-from simwarp.model.rules import POLYGON, RULES, Metres
+from simwarp.model.rules import POLYGON, RULES, Metres, word_of
 from simwarp.scenery.solids import stream
 from simwarp.vehicle.driving.paths import Path
 
@@ -65,14 +64,15 @@ class Track:
         across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
         return np.asarray(self.points + 0.5 * side * (self.width if width is None else width) * across)
 
-    def starts(self, where: Literal["turn", "straight", "anywhere"] = "anywhere") -> npt.NDArray[np.int64]:
+    @RULES.arguments("track")
+    def starts(
+        self, where: Annotated[str, word_of("turn", "straight", "anywhere")] = "anywhere"
+    ) -> npt.NDArray[np.int64]:
         """(k,) indices of the points at which a vehicle may start: those in turns, on straights, or all.
 
         Raises:
             ModelError: `where` is none of "turn", "straight" and "anywhere".
         """
-        if where not in ("turn", "straight", "anywhere"):
-            raise ModelError(f"track: where must be turn, straight or anywhere, got {where!r}; choose one")
         bent = self.curvature[:-1] != 0.0
         chosen = {"turn": bent, "straight": ~bent, "anywhere": np.ones_like(bent)}[where]
         return np.flatnonzero(chosen)
@@ -84,7 +84,8 @@ class Track:
         values = [np.interp(inside, self.arc, column) for column in (*self.points.T, self.heading)]
         return np.stack(values, axis=-1)
 
-    def marks(self, every: float, side: float, width: float | None = None) -> Array:
+    @RULES.arguments("track")
+    def marks(self, every: Metres, side: float, width: float | None = None) -> Array:
         """(m, 3) x, y [m] and heading [rad] of marks on a border.
 
         Args:
@@ -95,8 +96,7 @@ class Track:
         Raises:
             ModelError: `every` is not positive.
         """
-        step = positive_number("track", "every", every, "m", "pass metres")
-        places = self.at(np.arange(0.0, self.length - 1e-9, self.length / math.ceil(self.length / step)))
+        places = self.at(np.arange(0.0, self.length - 1e-9, self.length / math.ceil(self.length / every)))
         away = 0.5 * side * (self.width if width is None else width)
         places[:, 0] -= away * np.sin(places[:, 2])
         places[:, 1] += away * np.cos(places[:, 2])

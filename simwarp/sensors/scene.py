@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, TypedDict, Unpack
 
@@ -24,7 +24,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_names, checked_pose, index_within
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, held_fields, instance_of
-from simwarp.model.shapes import checked_size, loaded_mesh
+from simwarp.model.shapes import checked_size, loaded_mesh, primitive_size
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.ray_hit_kernels import RayTarget
@@ -256,6 +256,15 @@ class Visuals(Readable):
     ) -> int:  # fmt: skip
         """A cone about z: its base of a `radius` [m] at -half_length, its tip at half_length [m]; returns its index."""
         return self._add(ShapeType.CONE, body, (radius, half_length, radius), name, pose, appearance)
+
+    def add_primitive(
+        self, body: int, kind: ShapeType, size: Sequence[float], *, name: str | None = None, pose: Pose | None = None,
+        **appearance: Unpack[AppearanceOptions],
+    ) -> int:  # fmt: skip
+        """A box, sphere, ellipsoid, cylinder, capsule or cone by its kind, of three lengths as `ShapeType` tells [m];
+        returns the instance.
+        """
+        return self._add(kind, body, primitive_size(kind, size), name, pose, appearance)
 
     def add_plane(
         self, *, name: str | None = None, pose: Pose | None = None, **appearance: Unpack[AppearanceOptions]

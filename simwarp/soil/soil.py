@@ -140,6 +140,13 @@ class Soil(ForceElement):
         self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
         each = (worlds, len(self.shapes))
         self._reports = with_zeros(SoilReports(), each, device)
+        self.load: wp.array = self._reports.load
+        self.sinkage: wp.array = self._reports.sinkage
+        self.slip_ratio: wp.array = self._reports.slip_ratio
+        self.touched: wp.array = self._reports.touched
+        self.force_w: wp.array = self._reports.force_w
+        self.torque_w: wp.array = self._reports.torque_w
+        self.recycled: wp.array = self._nodes.recycled
         self.rest_force_b = writable(each, wp.vec3, device, label="soil.rest_force_b")
         self.rest_torque_b = writable(each, wp.vec3, device, label="soil.rest_torque_b")
         self._all_worlds = wp.full(worlds, True, dtype=wp.bool, device=device)
@@ -163,41 +170,6 @@ class Soil(ForceElement):
     def wheels(self) -> tuple[SoilWheel, ...]:
         """Those of its shapes that are wheels."""
         return tuple(shape for shape in self.shapes if isinstance(shape, SoilWheel))
-
-    @property
-    def load(self) -> wp.array:
-        """(W, shapes) vertical force on each shape [N]."""
-        return self._reports.load
-
-    @property
-    def sinkage(self) -> wp.array:
-        """(W, shapes) depth of the soil below each shape's centre [m]."""
-        return self._reports.sinkage
-
-    @property
-    def slip_ratio(self) -> wp.array:
-        """(W, shapes) of wheels, positive when driving; 0 for others."""
-        return self._reports.slip_ratio
-
-    @property
-    def touched(self) -> wp.array:
-        """(W, shapes) nodes with pressure."""
-        return self._reports.touched
-
-    @property
-    def force_w(self) -> wp.array:
-        """(W, shapes) vec3 on each shape at its centre, world axes [N]."""
-        return self._reports.force_w
-
-    @property
-    def torque_w(self) -> wp.array:
-        """(W, shapes) vec3 about each shape's centre, world axes [N·m]."""
-        return self._reports.torque_w
-
-    @property
-    def recycled(self) -> wp.array:
-        """(W,) pages that were recycled since the last reset."""
-        return self._nodes.recycled
 
     @property
     def cover(self) -> Any:

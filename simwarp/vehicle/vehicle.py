@@ -95,6 +95,15 @@ class Vehicles(ForceElement):
         self._motion: Any = _motion(shape, model)
         self._powertrain = powertrain_tables(first, model)
         self._powertrain_state: Any = powertrain_state(self.parts, model)
+        self.position: wp.array = self._motion.position
+        self.angles: wp.array = self._motion.angles
+        self.velocity_b: wp.array = self._motion.velocity_b
+        self.omega_b: wp.array = self._motion.omega_b
+        self.acceleration_b: wp.array = self._motion.acceleration_b
+        self.gear: wp.array = self._powertrain_state.gear
+        self.engine_speed: wp.array = self._powertrain_state.engine_speed
+        self.engine_torque: wp.array = self._powertrain_state.engine_torque
+        self.drive_torque: wp.array = self._powertrain_state.drive_torque
         self.tires = _tires(self.parts, model, ground, randomised)
         self._each = tuple(_member(self, number) for number in range(len(self.parts)))
 
@@ -118,53 +127,6 @@ class Vehicles(ForceElement):
 
     def __iter__(self) -> Iterator[Vehicle]:
         return iter(self._each)
-
-    # ---- outputs ---------------------------------------------------------------------------------------------------
-
-    @property
-    def position(self) -> wp.array:
-        """(W, V) vec3d of the points, world [m]."""
-        return self._motion.position
-
-    @property
-    def angles(self) -> wp.array:
-        """(W, V) vec3: roll, pitch (positive nose down), yaw [rad]."""
-        return self._motion.angles
-
-    @property
-    def velocity_b(self) -> wp.array:
-        """(W, V) vec3 of the points in axes of their chassis [m/s]."""
-        return self._motion.velocity_b
-
-    @property
-    def omega_b(self) -> wp.array:
-        """(W, V) vec3 of the chassis in their axes [rad/s]; the third entry is the yaw rate."""
-        return self._motion.omega_b
-
-    @property
-    def acceleration_b(self) -> wp.array:
-        """(W, V) vec3 of the points over the last step, in axes of their chassis, without gravity [m/s²]."""
-        return self._motion.acceleration_b
-
-    @property
-    def gear(self) -> wp.array:
-        """(W, V) int32: -1 reverse, 0 neutral, forward gears from 1. Writable: a manual gearbox takes it as it is."""
-        return self._powertrain_state.gear
-
-    @property
-    def engine_speed(self) -> wp.array:
-        """(W, V) float32, speeds of the engines' shafts [rad/s]."""
-        return self._powertrain_state.engine_speed
-
-    @property
-    def engine_torque(self) -> wp.array:
-        """(W, V) float32, torques of the engines alone [N·m]."""
-        return self._powertrain_state.engine_torque
-
-    @property
-    def drive_torque(self) -> wp.array:
-        """(W, V) float32, torques of the transmissions on the drive shafts [N·m]."""
-        return self._powertrain_state.drive_torque
 
     @property
     def input_rows(self) -> wp.array:

@@ -99,6 +99,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "add_shape_box": {"body": 0, "half": (0.5, 0.5, 0.5)},
     "add_shape_ellipsoid": {"body": 0, "half": (0.5, 0.5, 0.5)},
     "add_shape_cone": {"body": 0, "radius": 0.5, "half_length": 0.5},
+    "add_shape_primitive": {"body": 0, "kind": "cone", "size": (0.5, 0.5, 0.5)},
     "add_shape_hull": {"body": 0, "points": TETRAHEDRON, "scale": (1.0, 1.0, 1.0)},
     "add_shape_height_field": {"body": -1, "heights": [[0.0, 0.0], [0.0, 0.0]], "size": (4.0, 4.0)},
     "add_shape_mesh": {"body": -1, "vertices": TETRAHEDRON, "triangles": FACES},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from simwarp.core.types import ModelError, formatted
 from simwarp.geometry.assets import convex_hull
 from simwarp.geometry.visual_mesh import VisualMesh
+from simwarp.model.builder import ModelBuilder
 
 Array = npt.NDArray[np.float64]
 Triangles = npt.NDArray[np.int64]
@@ -125,3 +126,13 @@ def collision_hulls(
         hulls.append(corners)
         moved = max(moved, off)
     return hulls, moved
+
+
+def add_hulls(
+    builder: ModelBuilder, body: int, parts: Sequence[Array], *, name: str, **options: Any
+) -> tuple[int, ...]:
+    """The hulls of corners (N, 3) each [m], called `name` where it is one, else name_0, name_1 and so on."""
+    names = [name] if len(parts) == 1 else [f"{name}_{index}" for index in range(len(parts))]
+    return tuple(
+        builder.add_shape_hull(body, corners, name=own, **options) for corners, own in zip(parts, names, strict=True)
+    )

@@ -16,8 +16,8 @@ from simwarp.geometry.assets import MassProperties
 from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
 from simwarp.importers.imported import NamedFrame
 from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass, relative, total_mass
+from simwarp.importers.links.link_meshes import add_hulls
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.keyword_options import ShapeOptions
 
 Array = npt.NDArray[np.float64]
 
@@ -417,40 +417,16 @@ class _Assembly:
         for shape in link.shapes:
             name = self.prefix + shape.name
             place = composed(frame.pose, shape.pose)
-            options: ShapeOptions = {"name": name, "pose": place, "material": shape.material}
+            options = {"name": name, "pose": place, "material": shape.material}
             added = self._add_shape(shape, frame.body, options)
             self.result.shapes[name] = added
             own += added
         self.result.shapes_of[self.prefix + link.name] = tuple(own)
 
-    def _add_shape(self, shape: LinkShape, body: int, options: ShapeOptions) -> tuple[int, ...]:
-        builder, name = self.builder, options["name"]
-        a, b, _ = shape.size
-        match shape.kind:
-            case ShapeType.HULL:
-                single = len(shape.hulls) == 1
-                added = []
-                for index, corners in enumerate(shape.hulls):
-                    each = options.copy()
-                    each["name"] = name if single else f"{name}_{index}"
-                    added.append(builder.add_shape_hull(body, corners, **each))
-                return tuple(added)
-            case ShapeType.SPHERE:
-                return (builder.add_shape_sphere(body, radius=a, **options),)
-            case ShapeType.BOX:
-                return (builder.add_shape_box(body, half=shape.size, **options),)
-            case ShapeType.ELLIPSOID:
-                return (builder.add_shape_ellipsoid(body, half=shape.size, **options),)
-            case ShapeType.CYLINDER:
-                return (builder.add_shape_cylinder(body, radius=a, half_length=b, **options),)
-            case ShapeType.CAPSULE:
-                return (builder.add_shape_capsule(body, radius=a, half_length=b, **options),)
-            case ShapeType.CONE:
-                return (builder.add_shape_cone(body, radius=a, half_length=b, **options),)
-            case ShapeType.PLANE:
-                return (builder.add_shape_plane(body, **options),)
-            case _:
-                raise ModelError(f"shape '{name}': no reader makes a {shape.kind.name} of a link; use the builder")
+    def _add_shape(self, shape: LinkShape, body: int, options: Any) -> tuple[int, ...]:
+        if shape.kind is ShapeType.HULL:
+            return add_hulls(self.builder, body, shape.hulls, **options)
+        return (self.builder.add_shape_primitive(body, shape.kind, shape.size, **options),)
 
 
 def frame_on(frames: Mapping[str, NamedFrame], link: str, pose: Pose) -> NamedFrame:

@@ -69,21 +69,7 @@ def add_part(
     options: dict[str, Any] = {"name": name, "pose": frame.pose}
     if color is not None:
         options["color"] = color
-    a, b, _ = size
-    match kind:
-        case ShapeType.MESH if mesh is not None:
-            visuals.add_mesh(frame.body, mesh, **options)
-        case ShapeType.BOX:
-            visuals.add_box(frame.body, half=size, **options)
-        case ShapeType.SPHERE:
-            visuals.add_sphere(frame.body, radius=a, **options)
-        case ShapeType.ELLIPSOID:
-            visuals.add_ellipsoid(frame.body, half=size, **options)
-        case ShapeType.CYLINDER:
-            visuals.add_cylinder(frame.body, radius=a, half_length=b, **options)
-        case ShapeType.CAPSULE:
-            visuals.add_capsule(frame.body, radius=a, half_length=b, **options)
-        case ShapeType.CONE:
-            visuals.add_cone(frame.body, radius=a, half_length=b, **options)
-        case _:
-            raise ValueError(f"no part of kind {kind.name} is shown")
+    if mesh is not None:
+        visuals.add_mesh(frame.body, mesh, **options)
+    else:
+        visuals.add_primitive(frame.body, kind, size, **options)

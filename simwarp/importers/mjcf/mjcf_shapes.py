@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import FrictionRule, Material
-from simwarp.importers.links.link_meshes import collision_hulls
+from simwarp.core.types import FrictionRule, Material, ShapeType
+from simwarp.importers.links.link_meshes import add_hulls, collision_hulls
 from simwarp.importers.mjcf.mjcf_flags import is_off
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 from simwarp.model.model import meeting_pairs
@@ -101,25 +101,23 @@ def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[list[Array], flo
     label = source.label("geom", geom)
     source.report.hold(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", label)
     match kind:
-        case mujoco.mjtGeom.mjGEOM_PLANE:
-            return (builder.add_shape_plane(body, **options),)
-        case mujoco.mjtGeom.mjGEOM_SPHERE:
-            return (builder.add_shape_sphere(body, radius=size[0], **options),)
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            return (builder.add_shape_capsule(body, radius=size[0], half_length=size[1], **options),)
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            return (builder.add_shape_cylinder(body, radius=size[0], half_length=size[1], **options),)
-        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            return (builder.add_shape_ellipsoid(body, half=size, **options),)
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            return (builder.add_shape_box(body, half=size, **options),)
         case mujoco.mjtGeom.mjGEOM_HFIELD:
             return (_add_height_field(source, geom, body, options),)
         case mujoco.mjtGeom.mjGEOM_MESH:
             return _add_hulls(source, geom, body, options, hulls)
+        case _ if kind in (kinds := primitive_kinds()):
+            return (builder.add_shape_primitive(body, kinds[kind], size, **options),)
         case _:
             source.report.refuse(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", label)
             return ()
+
+
+def primitive_kinds() -> dict[Any, ShapeType]:
+    """Our kind of shape of geoms without an asset."""
+    import mujoco
+
+    names = ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+    return {getattr(mujoco.mjtGeom, f"mjGEOM_{name}"): ShapeType[name] for name in names}
 
 
 def _add_hulls(
@@ -137,12 +135,7 @@ def _add_hulls(
         what = f"its hull has {len(parts[0])} corners" if len(parts) == 1 else f"its {len(parts)} hulls have 64 at most"
         why = f"{what}, others lie up to {1e3 * off:.2g} mm outside it"
         source.report.approximate("geom mesh corners", label, why)
-    name = options.pop("name")
-    names = [name] if len(parts) == 1 else [f"{name}_{index}" for index in range(len(parts))]
-    return tuple(
-        source.builder.add_shape_hull(body, corners, name=own, **options)
-        for corners, own in zip(parts, names, strict=True)
-    )
+    return add_hulls(source.builder, body, parts, **options)
 
 
 def _add_height_field(source: Source, geom: int, body: int, options: dict[str, Any]) -> int:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from simwarp.core.types import ShapeType
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 from simwarp.importers.links.link_visuals import add_part
-from simwarp.importers.mjcf.mjcf_shapes import colliding_geoms
+from simwarp.importers.mjcf.mjcf_shapes import colliding_geoms, primitive_kinds
 from simwarp.importers.mjcf.mjcf_source import Source
 
 if TYPE_CHECKING:
@@ -42,24 +42,15 @@ def visuals_of_geoms(source: Source, compiled: Callable[[], tuple[Any, Any]]) ->
 def _show_geom(source: Source, visuals: Visuals, model: Any, data: Any, geom: int) -> None:
     import mujoco
 
-    kind = _kinds().get(mujoco.mjtGeom(model.geom_type[geom]))
-    if kind is None:
+    kinds = {**primitive_kinds(), mujoco.mjtGeom.mjGEOM_MESH: ShapeType.MESH}
+    kind = kinds.get(mujoco.mjtGeom(model.geom_type[geom]), ShapeType.PLANE)
+    if kind is ShapeType.PLANE:
         return
     frame = source.frame(int(model.geom_bodyid[geom]), source.pose_of_axes(data.geom_xpos[geom], data.geom_xmat[geom]))
     mesh = _mesh(model, int(model.geom_dataid[geom])) if kind is ShapeType.MESH else None
     a, b, c = (float(value) for value in model.geom_size[geom])
     name = f"{source.prefix}{model.geom(geom).name or f'geom{geom}'}"
     add_part(visuals, name, frame, kind, (a, b, c), mesh, _colour(model, geom)[:3])
-
-
-def _kinds() -> dict[Any, ShapeType]:
-    import mujoco
-
-    return {
-        mujoco.mjtGeom.mjGEOM_SPHERE: ShapeType.SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE: ShapeType.CAPSULE,
-        mujoco.mjtGeom.mjGEOM_ELLIPSOID: ShapeType.ELLIPSOID, mujoco.mjtGeom.mjGEOM_CYLINDER: ShapeType.CYLINDER,
-        mujoco.mjtGeom.mjGEOM_BOX: ShapeType.BOX, mujoco.mjtGeom.mjGEOM_MESH: ShapeType.MESH,
-    }  # fmt: skip
 
 
 def _mesh(model: Any, mesh: int) -> VisualMesh:

@@ -185,12 +185,9 @@ class BodyReader:
                 return ShapeType.BOX, (x, y, z), turn
             case "SphereShape":
                 return ShapeType.SPHERE, (float(shape.radius),) * 3, turn
-            case "CapsuleShape":
-                return ShapeType.CAPSULE, (float(shape.radius), float(shape.halfHeight), float(shape.radius)), turn
-            case "CylinderShape":
-                return ShapeType.CYLINDER, (float(shape.radius), float(shape.halfHeight), float(shape.radius)), turn
-            case "ConeShape":
-                return ShapeType.CONE, (float(shape.radius), float(shape.halfHeight), float(shape.radius)), turn
+            case "CapsuleShape" | "CylinderShape" | "ConeShape" as word:
+                kind = ShapeType[word.removesuffix("Shape").upper()]
+                return kind, (float(shape.radius), float(shape.halfHeight), float(shape.radius)), turn
             case "PlaneShape":
                 return ShapeType.PLANE, (0.0, 0.0, 0.0), turn
             case "Capsule1Shape" | "Cylinder1Shape" as word:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
+from simwarp.core.constraints import MinLen, NotNegative, Positive
 from simwarp.core.readable import plural
+from simwarp.model.rules import instance_of
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.vehicle.driving.paths import Path, path_tables
@@ -24,12 +26,13 @@ from simwarp.vehicle.path_tracking_kernels import (
     follow_path,
     restart_trackers,
 )
+from simwarp.vehicle.spec.parts import Spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PIDGains:
+class PIDGains(Spec):
     """Of a controller: output per error, per its integral [1/s more] and per its rate [s more]."""
 
     proportional: float
@@ -44,7 +47,7 @@ class PIDGains:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LookAhead:
+class LookAhead(Spec):
     """Steers by a PID on the distance of a point ahead of the vehicle from the path."""
 
     distance: float = 5.0
@@ -54,7 +57,7 @@ class LookAhead:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Stanley:
+class Stanley(Spec):
     """Steers the front axle: along the path's direction, and towards it by atan(gain · distance / speed)."""
 
     axle: float = 0.0
@@ -63,14 +66,14 @@ class Stanley:
     """Approach per distance [1/s]; the integral [1/s²]. The derivative must be 0."""
     dead_zone: float = 0.0
     """Distances that are not steered against [m]."""
-    soft_speed: float = 1.0
+    soft_speed: Positive = 1.0
     """Added to the speed, so that the wheels stay calm at standstill [m/s]."""
-    full_angle: float = 0.5
+    full_angle: Positive = 0.5
     """Of the road wheels at full input [rad]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PathTrackingSpec:
+class PathTrackingSpec(Spec):
     """Configuration of a path tracker: paths, target speed and controllers.
 
     Too slow: throttle; too fast while the throttle is open by more than `throttle_threshold`: throttle 1 less what the
@@ -80,31 +83,23 @@ class PathTrackingSpec:
         SpecError: there is no path, a number is negative or not finite, or the gains do not fit Stanley's law.
     """
 
-    paths: tuple[Path, ...]
+    paths: Annotated[tuple[Annotated[Path, instance_of(Path, "make one by circle or read_path")], ...], MinLen(1)]
     """One for all worlds, or several to choose from (`PathTracker.path`)."""
-    speed: float
+    speed: NotNegative
     """[m/s]."""
     steering: LookAhead | Stanley = LookAhead()
     speed_gains: PIDGains = PIDGains(proportional=0.4)
     """Pedal per speed error [s/m]."""
     throttle_threshold: float = 0.2
-    start: float = 0.0
+    start: NotNegative = 0.0
     """Until this time the vehicle stands on its brakes [s]."""
-    ramp: float = 0.0
+    ramp: NotNegative = 0.0
     """The speed to hold rises from zero for this long [s]."""
 
-    def __post_init__(self) -> None:
-        if not self.paths:
-            raise SpecError("paths: must be one or more, got none")
-        for name in ("speed", "start", "ramp"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise SpecError(f"{name}: must be a number that is not negative, got {value!r}")
-        if isinstance(self.steering, Stanley):
-            if self.steering.gains.derivative != 0.0:
-                raise SpecError(f"derivative: must be 0 for Stanley's law, got {self.steering.gains.derivative!r}")
-            if not (self.steering.full_angle > 0.0 and self.steering.soft_speed > 0.0):
-                raise SpecError("full_angle, soft_speed: must be above 0")
+    def check(self) -> None:
+        """Stanley's law has no rate."""
+        if isinstance(self.steering, Stanley) and self.steering.gains.derivative != 0.0:
+            raise SpecError(f"derivative: must be 0 for Stanley's law, got {self.steering.gains.derivative!r}")
 
 
 def wheelbase(spec: VehicleSpec) -> float:

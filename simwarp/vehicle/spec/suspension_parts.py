@@ -24,16 +24,26 @@ TIEROD = ("tierod_chassis", "tierod_upright")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DoubleWishbone(Spec):
-    """Two A-arms between chassis and upright, tie rod to the steering link or the chassis."""
+class SteeredCorner(Spec):
+    """Shared by suspensions of one wheel each, whose upright a tie rod holds or steers."""
 
-    template: Literal["double-wishbone"] = "double-wishbone"
-    inertia_axes: Literal["arm", "vehicle"] = "arm"
+    template: str
     camber: Lean = 0.0
     """[rad], as built."""
     toe: Lean = 0.0
     spindle: RigidPart
     upright: RigidPart
+    tierod_chassis: Point
+    tierod_upright: Point
+    axle_inertia: Positive
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DoubleWishbone(SteeredCorner):
+    """Two A-arms between chassis and upright, tie rod to the steering link or the chassis."""
+
+    template: Literal["double-wishbone"] = "double-wishbone"
+    inertia_axes: Literal["arm", "vehicle"] = "arm"
     upper_arm: RigidPart
     lower_arm: RigidPart
     upper_arm_front: Point
@@ -42,11 +52,8 @@ class DoubleWishbone(Spec):
     lower_arm_front: Point
     lower_arm_back: Point
     lower_arm_upright: Point
-    tierod_chassis: Point
-    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and lower arm."""
-    axle_inertia: Positive
     upper_arm_bushing: Bushing | None = None
     lower_arm_bushing: Bushing | None = None
 
@@ -58,25 +65,18 @@ class DoubleWishbone(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DoubleWishboneReduced(Spec):
+class DoubleWishboneReduced(SteeredCorner):
     """The same with massless arms: every arm is two rods."""
 
     template: Literal["double-wishbone-reduced"] = "double-wishbone-reduced"
-    camber: Lean = 0.0
-    toe: Lean = 0.0
-    spindle: RigidPart
-    upright: RigidPart
     upper_arm_front: Point
     upper_arm_back: Point
     upper_arm_upright: Point
     lower_arm_front: Point
     lower_arm_back: Point
     lower_arm_upright: Point
-    tierod_chassis: Point
-    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and upright."""
-    axle_inertia: Positive
 
     def check(self) -> None:
         """Arms are triangles, and nothing has no length."""
@@ -86,7 +86,7 @@ class DoubleWishboneReduced(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SingleWishbone(Spec):
+class SingleWishbone(SteeredCorner):
     """One arm that turns about a line of the chassis; the upright turns on it about the kingpin.
 
     Axes "arm" of the arm's inertia: y from the chassis to the upright, x level.
@@ -94,20 +94,13 @@ class SingleWishbone(Spec):
 
     template: Literal["single-wishbone"] = "single-wishbone"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: Lean = 0.0
-    toe: Lean = 0.0
-    spindle: RigidPart
-    upright: RigidPart
     arm: RigidPart
     arm_chassis: Point
     arm_axis: Direction = (1.0, 0.0, 0.0)
     arm_upright: Point
     kingpin_axis: Direction = (0.0, 0.0, 1.0)
-    tierod_chassis: Point
-    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and arm."""
-    axle_inertia: Positive
 
     def check(self) -> None:
         """Arm and tie rod have a length."""
@@ -115,15 +108,11 @@ class SingleWishbone(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MacPhersonStrut(Spec):
+class MacPhersonStrut(SteeredCorner):
     """A lower arm, and a strut that slides in the upright and is pinned to the chassis."""
 
     template: Literal["macpherson-strut"] = "macpherson-strut"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: Lean = 0.0
-    toe: Lean = 0.0
-    spindle: RigidPart
-    upright: RigidPart
     strut: RigidPart
     lower_arm: RigidPart
     lower_arm_front: Point
@@ -131,11 +120,8 @@ class MacPhersonStrut(Spec):
     lower_arm_upright: Point
     strut_chassis: Point
     strut_upright: Point
-    tierod_chassis: Point
-    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and upright."""
-    axle_inertia: Positive
 
     def check(self) -> None:
         """The arm is a triangle; strut and tie rod have a length."""
@@ -144,7 +130,7 @@ class MacPhersonStrut(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MultiLink(Spec):
+class MultiLink(SteeredCorner):
     """Upper arm, lateral link, trailing link and tie rod.
 
     Axes "arm" of the links' inertias: z from the upright to the chassis; y normal to the plane with the trailing link's
@@ -153,10 +139,6 @@ class MultiLink(Spec):
 
     template: Literal["multi-link"] = "multi-link"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: Lean = 0.0
-    toe: Lean = 0.0
-    spindle: RigidPart
-    upright: RigidPart
     upper_arm: RigidPart
     lateral: RigidPart
     trailing_link: RigidPart
@@ -167,11 +149,8 @@ class MultiLink(Spec):
     lateral_upright: Point
     trailing_link_chassis: Point
     trailing_link_upright: Point
-    tierod_chassis: Point
-    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and trailing link."""
-    axle_inertia: Positive
 
     def check(self) -> None:
         """The arm is a triangle; links have a length and, with inertias of their own axes, a plane."""

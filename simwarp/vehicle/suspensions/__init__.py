@@ -7,6 +7,8 @@ wheels and tires, the hinges with the brakes, and the turns that a driveline cou
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 
@@ -22,7 +24,6 @@ from simwarp.vehicle.spec.vehicle_spec import (
     RigidSuspension,
     SingleWishbone,
     SolidAxle,
-    SpecError,
     Suspension,
     TrailingArm,
 )
@@ -83,24 +84,18 @@ def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: in
     )
 
 
+LINKAGES: Final[dict[type, Callable[[Frame, Any, int, int], AttachmentBodies]]] = {
+    DoubleWishbone: double_wishbone, DoubleWishboneReduced: double_wishbone_reduced, SingleWishbone: single_wishbone,
+    MacPhersonStrut: macpherson_strut, MultiLink: multi_link, TrailingArm: trailing_arm,
+}  # fmt: skip
+"""What builds one side of a suspension: frame, description, chassis, body of the tie rod."""
+
+
 def _side(frame: Frame, suspension: Suspension, chassis: int, tierod_body: int) -> AttachmentBodies:
     """The linkage of one side of an axle whose sides move on their own."""
-    match suspension:
-        case DoubleWishbone():
-            return double_wishbone(frame, suspension, chassis, tierod_body)
-        case DoubleWishboneReduced():
-            return double_wishbone_reduced(frame, suspension, chassis, tierod_body)
-        case SingleWishbone():
-            return single_wishbone(frame, suspension, chassis, tierod_body)
-        case MacPhersonStrut():
-            return macpherson_strut(frame, suspension, chassis, tierod_body)
-        case MultiLink():
-            return multi_link(frame, suspension, chassis, tierod_body)
-        case TrailingArm():
-            return trailing_arm(frame, suspension, chassis)
-        case RigidSuspension():
-            return AttachmentBodies(chassis, chassis)
-    raise SpecError(f"suspension: template '{suspension.template}' is not known")
+    if isinstance(suspension, RigidSuspension):
+        return AttachmentBodies(chassis, chassis)
+    return LINKAGES[type(suspension)](frame, suspension, chassis, tierod_body)
 
 
 def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: AttachmentBodies) -> Side:

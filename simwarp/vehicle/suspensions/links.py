@@ -72,7 +72,7 @@ def multi_link(frame: Frame, spec: MultiLink, chassis: int, tierod_body: int) ->
     return AttachmentBodies(upright, behind)
 
 
-def trailing_arm(frame: Frame, spec: TrailingArm, chassis: int) -> AttachmentBodies:
+def trailing_arm(frame: Frame, spec: TrailingArm, chassis: int, tierod_body: int) -> AttachmentBodies:
     """An arm hinged on the chassis carries the spindle itself; nothing steers it."""
     arm = frame.add_body("arm", spec.arm)
     frame.builder.add_joint_revolute(

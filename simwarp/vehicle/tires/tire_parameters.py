@@ -111,38 +111,34 @@ class RatedParameters(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TmeasyParameters(Spec):
-    """Characteristic values of TMeasy; those that are given replace those of the pattern."""
+class TmsimpleParameters(Spec):
+    """Characteristic values of TMsimple; those that are given replace those of the pattern."""
 
     slope_x: PositivePair | None = None
     """Initial slope of the force over slip [N]."""
     max_x: PositivePair | None = None
-    """Largest force [N], and its slip."""
+    """Largest force [N]."""
     slide_x: PositivePair | None = None
-    """Force of full sliding [N], and the slip from which it slides."""
-    max_slip_x: PositivePair | None = None
-    slide_slip_x: PositivePair | None = None
+    """Force of full sliding [N]."""
     slope_y: PositivePair | None = None
     max_y: PositivePair | None = None
     slide_y: PositivePair | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TmeasyParameters(TmsimpleParameters):
+    """Characteristic values of TMeasy: those of TMsimple, and the slips to them."""
+
+    max_slip_x: PositivePair | None = None
+    """Slip of the largest force."""
+    slide_slip_x: PositivePair | None = None
+    """Slip from which the tire slides."""
     max_slip_y: PositivePair | None = None
     slide_slip_y: PositivePair | None = None
     trail: NotNegativePair | None = None
     """Pneumatic trail over the patch's length at no slip; the slips where it changes its sign and where it ends."""
     trail_zero_slip: PositivePair | None = None
     trail_end_slip: PositivePair | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TmsimpleParameters(Spec):
-    """Characteristic values of TMsimple; those that are given replace those of the pattern."""
-
-    slope_x: PositivePair | None = None
-    max_x: PositivePair | None = None
-    slide_x: PositivePair | None = None
-    slope_y: PositivePair | None = None
-    max_y: PositivePair | None = None
-    slide_y: PositivePair | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -467,7 +467,7 @@ def test_unknown_templates_list_those_known(chrono):
     assert chrono.error(engine="hmmwv/wheel/HMMWV_Wheel.json").startswith("HMMWV_DoubleWishboneFront.json")
     chrono.values[FRONT]["Template"] = "DoubleWishbone"
     assert chrono.error(engine="hmmwv/wheel/HMMWV_Wheel.json") == (
-        "HMMWV_Wheel.json: Type: must be 'Engine', got 'Wheel'"
+        "HMMWV_Wheel.json: Type: must be one of Engine, got 'Wheel'"
     )
 
 

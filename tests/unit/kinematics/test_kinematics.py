@@ -287,9 +287,9 @@ def test_a_search_begins_where_it_is_told():
     [
         ({"body": "elbow"}, "model has no body 'elbow'"),
         ({"body": 9}, r"InverseKinematics: body must be a name or in 0\.\.6, got 9; pass what add_body returned"),
-        ({"tolerance": 0.0}, r"InverseKinematics: tolerance must be finite and > 0 m, got 0\.0"),
-        ({"damping": -1.0}, r"damping must be finite and > 0 m/rad, got -1\.0"),
-        ({"iterations": 0}, "iterations must be an integer >= 1, got 0"),
+        ({"tolerance": 0.0}, r"InverseKinematics: tolerance must be positive, got 0\.0"),
+        ({"damping": -1.0}, r"damping must be positive, got -1\.0"),
+        ({"iterations": 0}, "iterations must be from 1 to 10000, got 0"),
         ({"point": (0.0, math.nan, 0.0)}, "point must be"),
         ({"joints": ["joint_7"]}, "model has no joint 'joint_7'"),
         ({"body": "link_2", "joints": ["joint_4"]}, "joints must carry body 'link_2', got 'joint_4'; leave it out"),

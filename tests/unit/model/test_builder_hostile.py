@@ -118,6 +118,7 @@ VALID: dict[str, dict[str, Any]] = {
     "add_shape_box": {"body": 0, "half": (0.1, 0.1, 0.1), **SHAPE},
     "add_shape_ellipsoid": {"body": 0, "half": (0.1, 0.1, 0.1)},
     "add_shape_cone": {"body": 0, "radius": 0.1, "half_length": 0.1},
+    "add_shape_primitive": {"body": 0, "kind": "cone", "size": (0.1, 0.1, 0.1)},
     "add_shape_hull": {"body": 0, "points": CORNERS, "scale": (1, 1, 1)},
     "add_shape_height_field": {"body": WORLD, "heights": np.zeros((3, 3)), "size": (1.0, 1.0), "scale": (1, 1, 1)},
     "add_shape_mesh": {"body": WORLD, "vertices": CORNERS, "triangles": TRIANGLES, "scale": (1, 1, 1), "convex": False,

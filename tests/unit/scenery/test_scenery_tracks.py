@@ -298,7 +298,7 @@ def test_scattered_things_are_apart_and_keep_clear():
         ),
         (
             lambda: rounded(SQUARE, 1.0, width=1.0).starts("bend"),  # type: ignore[arg-type]
-            "track: where must be turn, straight or anywhere,",
+            "track: where must be one of turn, straight, anywhere,",
         ),
         (lambda: indoor_track(blocks=0), "indoor_track: blocks must be at least 1, got 0; give whole blocks"),
         (lambda: indoor_track(min_radius=4.0), "indoor_track: half the width < min_radius <= half the pitch must"),
