@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
-from simwarp.core.constraints import Ge, Le, Meaning
+from simwarp.core.constraints import As, Ge, Le, Meaning
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
@@ -86,7 +86,7 @@ class PlainAppearanceOptions(TypedDict, total=False):
 class AppearanceOptions(PlainAppearanceOptions, total=False):
     """Fields of `Appearance`, with its defaults."""
 
-    color: tuple[Albedo, Albedo, Albedo]
+    color: Annotated[Vec3, As(tuple[Albedo, Albedo, Albedo])]
 
 
 @dataclasses.dataclass(frozen=True)

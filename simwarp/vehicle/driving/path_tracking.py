@@ -97,7 +97,11 @@ class PathTrackingSpec(Spec):
     """The speed to hold rises from zero for this long [s]."""
 
     def check(self) -> None:
-        """Stanley's law has no rate."""
+        """Checks that Stanley's law has no rate.
+
+        Raises:
+            SpecError: its gains have a derivative.
+        """
         if isinstance(self.steering, Stanley) and self.steering.gains.derivative != 0.0:
             raise SpecError(f"derivative: must be 0 for Stanley's law, got {self.steering.gains.derivative!r}")
 

@@ -16,7 +16,7 @@ from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.rigid_tires_kernels import limit_friction, measure_rigid_tires
 from simwarp.vehicle.tires.tire_parameters import RigidParameters
-from simwarp.vehicle.tires.wheel_reports import WheelReports
+from simwarp.vehicle.tires.wheel_reports import WheelReports, parameter_text
 
 TEMPLATE = "rigid"
 ACROSS = (0.7071067811865476, 0.0, 0.0, -0.7071067811865476)
@@ -29,10 +29,7 @@ def rigid_parameters(tire: Tire) -> tuple[float, float]:
     Raises:
         SpecError: another key, or a value that breaks a rule.
     """
-    try:
-        values: RigidParameters = SPECS.load(RigidParameters, tire.parameters)
-    except SpecError as error:
-        raise SpecError(f"parameters.{error}") from None
+    values: RigidParameters = SPECS.load(RigidParameters, tire.parameters, parameter_text)
     return values.friction, values.restitution
 
 

@@ -10,11 +10,11 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import StepContext
-from simwarp.vehicle.spec.parts import SPECS, SpecError
+from simwarp.vehicle.spec.parts import SPECS
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tire_parameters import SoilRigidParameters
-from simwarp.vehicle.tires.wheel_reports import WheelReports
+from simwarp.vehicle.tires.wheel_reports import WheelReports, parameter_text
 
 TEMPLATE = "soil-rigid"
 
@@ -25,10 +25,7 @@ def soil_rigid_parameters(tire: Tire) -> SoilRigidParameters:
     Raises:
         SpecError: another key, or a value that breaks a rule.
     """
-    try:
-        values: SoilRigidParameters = SPECS.load(SoilRigidParameters, tire.parameters)
-    except SpecError as error:
-        raise SpecError(f"parameters.{error}") from None
+    values: SoilRigidParameters = SPECS.load(SoilRigidParameters, tire.parameters, parameter_text)
     return values
 
 

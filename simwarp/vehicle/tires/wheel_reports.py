@@ -9,10 +9,16 @@ import warp as wp
 
 from simwarp.core.arrays import writable
 from simwarp.core.readable import Readable, plural
+from simwarp.core.schema import Fault, fault_text
 from simwarp.model.model import Model
 
 REPORTED: Final = ("load", "slip_ratio", "slip_angle", "camber", "deflection", "force_w", "torque_w")
 """What is told of every wheel."""
+
+
+def parameter_text(fault: Fault) -> str:
+    """A fault of a tire's parameters in one line."""
+    return f"parameters.{fault_text(fault)}"
 
 
 class WheelReports(Readable):
