@@ -23,12 +23,11 @@ from simwarp.model.model import Model
 from simwarp.model.model_files import load_model, save_model
 from simwarp.simulation.attachments import ForceElement, Sensor, StepContext
 from simwarp.simulation.cone_problems import ConeSolution, solve_cone_problems
-from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions
-from simwarp.simulation.state import Control, State
+from simwarp.simulation.state import Contacts, Control, State
 from simwarp.simulation.state_check import InitialStateWarning, Overlap, PassedLimit, StateFaults
 
 __all__ = [

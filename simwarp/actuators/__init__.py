@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull, Target
+from simwarp.actuators.actuator_spec import (
+    Activation,
+    ActuatorSpec,
+    Law,
+    SitePull,
+    Target,
+    dc_motor,
+    pd_actuator,
+    servo_actuator,
+    torque_actuator,
+)
 from simwarp.actuators.actuators import PER_WORLD, Actuators
-from simwarp.actuators.motors import dc_motor, pd_actuator, servo_actuator, torque_actuator
 
 __all__ = [
     "PER_WORLD",

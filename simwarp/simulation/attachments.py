@@ -19,9 +19,8 @@ from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import close_names
 from simwarp.model.checks import checked_instances
 from simwarp.model.model import Model
-from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
-from simwarp.simulation.state import Control, State
+from simwarp.simulation.state import Contacts, Control, State
 from simwarp.simulation.world_launches import WorldShares
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from simwarp.model.model import Model
 from simwarp.simulation.joint_errors import joints_apart
 
 if TYPE_CHECKING:
-    from simwarp.simulation.contacts import Contacts
-    from simwarp.simulation.state import State
+    from simwarp.simulation.state import Contacts, State
 
 SUSPICIOUS = 100.0
 """Times the solver's tolerance: a residual above is worth a line."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, NoReturn
+from typing import Annotated, Any, ClassVar, Final, NoReturn
 
 import warp as wp
 
@@ -13,7 +13,7 @@ from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.memory import check_layouts
 from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
-from simwarp.core.types import ModelError, formatted
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
@@ -44,16 +44,14 @@ from simwarp.simulation.attachments import (
     recorded,
     recorded_or_none,
 )
-from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
-from simwarp.simulation.simulation_arguments import SUBSTEP_LIMIT, checked_dt, checked_read_every, checked_steps
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions, needs_all_solvers, step_config
 from simwarp.simulation.stage_recording import record_collision, record_step
-from simwarp.simulation.state import Control, State, initial_arrays
+from simwarp.simulation.state import Contacts, Control, State, initial_arrays
 from simwarp.simulation.state_check import StateCheck, StateFaults
 from simwarp.simulation.step_program import StepProgram
 from simwarp.simulation.step_sizes import (
@@ -65,6 +63,38 @@ from simwarp.simulation.step_sizes import (
 )
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 from simwarp.simulation.world_masks import mask_of_worlds
+
+SHORTEST_STEP: Final = 1.0e-9
+"""Of a sub-step [s]: kernels divide by it in float32."""
+LONGEST_STEP: Final = 1.0e6
+SUBSTEP_LIMIT: Final = 1_000_000
+COUNT_LIMIT: Final = 2**31 - 1
+"""Of sub-steps: clocks of sensors count them in 32 bits."""
+
+
+def checked_dt(dt: Any, substeps: int) -> float:
+    """Time of a step [s], or a ModelError where float32 cannot divide by its sub-steps."""
+    given = number(dt)
+    if not 0.0 < given <= FLOAT32_MAX:
+        finite = "" if given <= 0.0 else " and finite"
+        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {formatted(dt)}; give the time of a step")
+    if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
+        raise ModelError(
+            f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "
+            "take a time that float32 resolves"
+        )
+    return given
+
+
+def checked_read_every(read_every: Any, substeps: int) -> int:
+    """Steps between two reads of the sensors' data, or a ModelError."""
+    return whole_number("Simulation", "read_every", read_every, 1, COUNT_LIMIT // substeps, "1 is the default")
+
+
+def checked_steps(steps: Any, substeps: int) -> int:
+    """Steps to run at once, or a ModelError."""
+    return whole_number("step", "steps", steps, 0, COUNT_LIMIT // substeps, "give the number of steps")
+
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 

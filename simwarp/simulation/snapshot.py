@@ -22,8 +22,7 @@ from simwarp.core.types import ModelError, formatted
 from simwarp.model.identity import Identity, run_parts
 from simwarp.model.layouts import snapshot_layouts
 from simwarp.model.model import Model
-from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.state import Control, State
+from simwarp.simulation.state import Contacts, Control, State
 
 FORMAT: Final = "simwarp snapshot 1"
 HEADER: Final = "header"

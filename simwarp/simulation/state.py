@@ -1,11 +1,18 @@
-"""State and Control: the arrays that change, world first, shared with whoever looks at them."""
+"""State, Control and Contacts: the arrays that change, world first, shared with whoever looks at them."""
 
 from __future__ import annotations
 
 import numpy as np
 import warp as wp
 
-from simwarp.kernels.core.fields import ControlArrays, ControlFields, StateArrays, StateFields
+from simwarp.kernels.core.fields import (
+    ContactArrays,
+    ContactFields,
+    ControlArrays,
+    ControlFields,
+    StateArrays,
+    StateFields,
+)
 from simwarp.model.model import Model
 
 
@@ -50,3 +57,19 @@ def initial_arrays(model: Model) -> State:
         if values.size:
             array.assign(np.repeat(values[None], model.world_count, axis=0))
     return state
+
+
+class Contacts(ContactFields):
+    """The contacts of the last sub-step, at the poses of its start. Slots from `contact_count` on hold old values.
+
+    Its arrays are declared in `ContactFields`.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.arrays = ContactArrays()
+        self.allocate(model.sizes(), model.device, "contacts", self.arrays)
+
+    def copy_from(self, other: Contacts) -> None:
+        """Copies every array of `other` into this one."""
+        for name in self.NAMES:
+            wp.copy(getattr(self, name), getattr(other, name))

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+import mujoco
 import numpy as np
 
 from simwarp.actuators import Activation, ActuatorSpec, Law, SitePull, Target
@@ -46,8 +47,6 @@ class Servo:
 
 def servos_of(source: Source) -> dict[tuple[str, int], Servo]:
     """Servos by the ("joint" or "tendon", index) that they move; of two on one, both stay plain forces."""
-    import mujoco
-
     model = source.model
     found: dict[tuple[str, int], list[Servo]] = {}
     for index in range(model.nactuator):
@@ -65,8 +64,6 @@ def servos_of(source: Source) -> dict[tuple[str, int], Servo]:
 
 
 def _servo(model: Any, index: int) -> Servo | None:
-    import mujoco
-
     gain, bias = model.actuator_gainprm[index][:3], model.actuator_biasprm[index][:3]
     affine = model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
     fixed = model.actuator_gaintype[index] == mujoco.mjtGain.mjGAIN_FIXED
@@ -114,8 +111,6 @@ def _only_joint(model: Any, index: int) -> int | None:
 
 
 def _joint_of(model: Any, index: int) -> int | None:
-    import mujoco
-
     kind = mujoco.mjtTrn(model.actuator_trntype[index])
     if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         return int(model.actuator_trnid[index][0])
@@ -124,8 +119,6 @@ def _joint_of(model: Any, index: int) -> int | None:
 
 def add_tendons(source: Source, servos: Mapping[tuple[str, int], Servo]) -> dict[str, int]:
     """Coordinates of the tendons that carry a law; returns our column of each by name."""
-    import mujoco
-
     model, report = source.model, source.report
     columns = {}
     for tendon in range(model.ntendon):
@@ -265,8 +258,6 @@ def _spec(source: Source, index: int, servo: Servo | None) -> ActuatorSpec | Non
 
 def _is_known(source: Source, index: int) -> bool:
     """True where the actuator's kind has a counterpart; otherwise it is refused."""
-    import mujoco
-
     model, report, label = source.model, source.report, source.label("actuator", index)
     kinds = {
         mujoco.mjtDyn(model.actuator_dyntype[index]).name.removeprefix("mjDYN_").lower(),
@@ -292,8 +283,6 @@ def _is_known(source: Source, index: int) -> bool:
 
 def _transmission(source: Source, index: int) -> dict[str, Any] | None:
     """Fields of the spec that say what the actuator pulls on."""
-    import mujoco
-
     model, report, label = source.model, source.report, source.label("actuator", index)
     kind, target = mujoco.mjtTrn(model.actuator_trntype[index]), int(model.actuator_trnid[index][0])
     gear = model.actuator_gear[index]
@@ -333,8 +322,6 @@ def _tendon_transmission(source: Source, tendon: int, pull: float, label: str) -
 
 def coordinate_terms_only(model: Any, tendon: int) -> bool:
     """True of fixed tendons."""
-    import mujoco
-
     first = int(model.tendon_adr[tendon])
     wraps = model.wrap_type[first : first + int(model.tendon_num[tendon])]
     return bool((wraps == mujoco.mjtWrap.mjWRAP_JOINT).all())
@@ -345,8 +332,6 @@ def _joint_pull(source: Source, index: int, joint: int) -> SitePull | None:
     "jointinparent", of the parent, which takes the reaction; the length of a ball is that along its rotation vector.
     None: there is no single frame for it.
     """
-    import mujoco
-
     model = source.model
     parent, child = source.ends[joint]
     gear = np.array(model.actuator_gear[index], np.float64)
@@ -389,8 +374,6 @@ def _site_pull(source: Source, index: int, gear: Any) -> SitePull:
 
 
 def _activation(model: Any, index: int) -> tuple[Activation, float]:
-    import mujoco
-
     kind = mujoco.mjtDyn(model.actuator_dyntype[index])
     found = {
         mujoco.mjtDyn.mjDYN_INTEGRATOR: Activation.INTEGRATOR,

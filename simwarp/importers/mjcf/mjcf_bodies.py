@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
@@ -100,8 +101,6 @@ def _frame_between(source: Source, body: int, joint: int) -> int:
 def _add_joint(
     source: Source, joint: int, parent: int, child: int, body: int, drives: Mapping[int, PositionDrive]
 ) -> JointCoordinates:
-    import mujoco
-
     model, builder, name = source.model, source.builder, source.name("joint", joint)
     kind = mujoco.mjtJoint(model.jnt_type[joint])
     position, rate = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
@@ -171,15 +170,11 @@ def _at_rest(laws: Iterable[Dof], rest: Iterable[float]) -> list[Dof]:
 
 def is_scalar(model: Any, joint: int) -> bool:
     """True of joints whose position is one number: hinges and slides."""
-    import mujoco
-
     return mujoco.mjtJoint(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _check_joint(source: Source, joint: int, kind: Any) -> None:
     """What joints may carry that has no counterpart."""
-    import mujoco
-
     model, report, label = source.model, source.report, source.label("joint", joint)
     dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + (6 if kind == mujoco.mjtJoint.mjJNT_FREE else 1))
     free = kind == mujoco.mjtJoint.mjJNT_FREE

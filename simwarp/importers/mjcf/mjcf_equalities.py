@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from simwarp.core.rotation import rotate
 from simwarp.core.types import JointType, Pose
-from simwarp.importers.mjcf.mjcf_flags import is_off
 from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_unsupported import is_off
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 RIGID = "rigid, without MuJoCo's softness"
@@ -15,8 +16,6 @@ RIGID = "rigid, without MuJoCo's softness"
 
 def add_equalities(source: Source) -> None:
     """Adds the equality constraints that are active as built."""
-    import mujoco
-
     model, report = source.model, source.report
     for index in range(0 if is_off(model, "equality") else model.neq):
         label, kind = source.label("equality", index), mujoco.mjtEq(model.eq_type[index])
@@ -45,8 +44,6 @@ def _add_loop(source: Source, index: int, element: str, is_weld: bool) -> None:
 
 def _ends(source: Source, index: int, is_weld: bool) -> list[tuple[int, Pose]]:
     """Both frames that the constraint brings together: our body, pose in our world as built."""
-    import mujoco
-
     model, data, values = source.model, source.data, source.model.eq_data[index]
     objects = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
     if model.eq_objtype[index] == mujoco.mjtObj.mjOBJ_SITE:

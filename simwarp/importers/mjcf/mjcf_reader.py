@@ -15,16 +15,8 @@ from simwarp.core.types import pose as make_pose
 from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_tree import unchanged_on_error
-from simwarp.importers.mjcf.mjcf_actuators import actuator_specs, add_tendons, joint_drives, servos_of
-from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
-from simwarp.importers.mjcf.mjcf_equalities import add_equalities
 from simwarp.importers.mjcf.mjcf_files import list_tags
-from simwarp.importers.mjcf.mjcf_flags import apply_flags, is_off
-from simwarp.importers.mjcf.mjcf_shapes import add_shapes, shapes_by_root
-from simwarp.importers.mjcf.mjcf_sites_cameras import cameras_of, keyframes_of, sensors_of, sites_of
 from simwarp.importers.mjcf.mjcf_source import Source
-from simwarp.importers.mjcf.mjcf_unsupported import REFUSABLE, check_model, check_tags, shortcut_actuators
-from simwarp.importers.mjcf.mjcf_visuals import visuals_of_geoms
 from simwarp.importers.report import ImportReport
 from simwarp.importers.self_collision import SelfCollision, checked_self_collision, set_self_collision
 from simwarp.importers.source_files import needed, source_file
@@ -63,6 +55,17 @@ def load_mjcf(
             f"{WHAT} needs mujoco {OLDEST_MUJOCO}.0 or later, got {mujoco.__version__}; "
             "run: pip install -U 'simwarp[import]'"
         )
+    # these import MuJoCo
+    from simwarp.importers.mjcf.mjcf_shapes import shapes_by_root, visuals_of_geoms
+    from simwarp.importers.mjcf.mjcf_unsupported import (
+        REFUSABLE,
+        apply_flags,
+        check_model,
+        check_tags,
+        is_off,
+        shortcut_actuators,
+    )
+
     report = ImportReport(file.name, REFUSABLE, allow)
     choice = checked_self_collision(file.name, self_collision)
     tags = list_tags(file, report)
@@ -78,7 +81,8 @@ def load_mjcf(
     report.check()
     with unchanged_on_error(target):
         if fresh:
-            target.gravity = rotate(source.placement.rotation, _gravity(model))
+            gravity = np.zeros(3) if is_off(model, "gravity") else np.asarray(model.opt.gravity, np.float64)
+            target.gravity = rotate(source.placement.rotation, gravity)
             target.pair_rule, target.friction_rule = PairRule.EITHER, FrictionRule.MAX
         imported = _build(source)
         set_self_collision(target, choice, shapes_by_root(source), report)
@@ -87,12 +91,15 @@ def load_mjcf(
     return imported
 
 
-def _gravity(model: Any) -> Any:
-    return np.zeros(3) if is_off(model, "gravity") else np.asarray(model.opt.gravity, np.float64)
-
-
 def _build(source: Source) -> Imported:
     """Adds everything to the builder."""
+    from simwarp.importers.mjcf.mjcf_actuators import actuator_specs, add_tendons, joint_drives, servos_of
+    from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
+    from simwarp.importers.mjcf.mjcf_equalities import add_equalities
+    from simwarp.importers.mjcf.mjcf_shapes import add_shapes
+    from simwarp.importers.mjcf.mjcf_sites_cameras import cameras_of, keyframes_of, sensors_of, sites_of
+    from simwarp.importers.mjcf.mjcf_unsupported import is_off
+
     powered = not is_off(source.model, "actuation")
     servos = servos_of(source) if powered else {}
     bodies, frames = add_bodies(source)

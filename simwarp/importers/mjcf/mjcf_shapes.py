@@ -1,19 +1,26 @@
-"""Geoms of MJCF: contact shapes with their friction, and exactly the pairs that MuJoCo lets meet."""
+"""Geoms of MJCF: contact shapes with their friction, exactly the pairs that MuJoCo lets meet, and what only shows."""
 
 from __future__ import annotations
 
 import itertools
-from typing import Any, Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import FrictionRule, Material, ShapeType
+from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 from simwarp.importers.links.link_meshes import add_hulls, collision_hulls
-from simwarp.importers.mjcf.mjcf_flags import is_off
+from simwarp.importers.links.link_visuals import add_part
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
+from simwarp.importers.mjcf.mjcf_unsupported import is_off
 from simwarp.model.model import meeting_pairs
 from simwarp.model.shapes import NOT_CONVEX
+
+if TYPE_CHECKING:
+    from simwarp.sensors.scene import Visuals
 
 Array = npt.NDArray[np.float64]
 
@@ -87,8 +94,6 @@ def _material(source: Source, geom: int) -> Material:
 
 def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[list[Array], float]]) -> tuple[int, ...]:
     """Shape slots of a geom; none where it is refused."""
-    import mujoco
-
     model, data, builder = source.model, source.data, source.builder
     body = source.bodies[model.geom_bodyid[geom]]
     frame = source.attached(body, source.pose_of_axes(data.geom_xpos[geom], data.geom_xmat[geom]))
@@ -114,8 +119,6 @@ def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[list[Array], flo
 
 def primitive_kinds() -> dict[Any, ShapeType]:
     """Our kind of shape of geoms without an asset."""
-    import mujoco
-
     names = ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
     return {getattr(mujoco.mjtGeom, f"mjGEOM_{name}"): ShapeType[name] for name in names}
 
@@ -257,3 +260,54 @@ def pair_friction(model: Any, geoms: tuple[int, ...], pair: int | None) -> Array
             dimensions = max(int(model.geom_condim[geom]) for geom in geoms)
             values = np.maximum(model.geom_friction[geoms[0]], model.geom_friction[geoms[1]])
     return np.asarray(values * (np.array([3, 4, 6]) <= dimensions), np.float64)
+
+
+UNCOLOURED: Final = (0.5, 0.5, 0.5, 1.0)
+"""Colour of a geom that has none of its own: that of its material counts then."""
+
+
+def visuals_of_geoms(source: Source, compiled: Callable[[], tuple[Any, Any]]) -> Callable[[Visuals], None]:
+    """What `Imported.add_visuals` calls: `compiled` gives the model with its visual meshes, and its data at `qpos0`."""
+
+    def show(visuals: Visuals) -> None:
+        model, data = compiled()
+        touching = colliding_geoms(model)
+        slots = dict(zip(np.nonzero(touching)[0].tolist(), sorted(source.shapes), strict=True))
+        for geom in range(model.ngeom):
+            colour = _colour(model, geom)
+            if touching[geom]:
+                for shape in source.shapes[slots[geom]] if _has_colour(model, geom) else ():
+                    visuals.show(shape, color=colour[:3])
+            elif colour[3] > 0.0:
+                _show_geom(source, visuals, model, data, geom)
+
+    return show
+
+
+def _show_geom(source: Source, visuals: Visuals, model: Any, data: Any, geom: int) -> None:
+    kinds = {**primitive_kinds(), mujoco.mjtGeom.mjGEOM_MESH: ShapeType.MESH}
+    kind = kinds.get(mujoco.mjtGeom(model.geom_type[geom]), ShapeType.PLANE)
+    if kind is ShapeType.PLANE:
+        return
+    frame = source.frame(int(model.geom_bodyid[geom]), source.pose_of_axes(data.geom_xpos[geom], data.geom_xmat[geom]))
+    own, mesh = int(model.geom_dataid[geom]), None
+    if kind is ShapeType.MESH:
+        mesh = VisualMesh(vertices=mesh_points(model, own), triangles=mesh_triangles(model, own))
+    a, b, c = (float(value) for value in model.geom_size[geom])
+    name = f"{source.prefix}{model.geom(geom).name or f'geom{geom}'}"
+    add_part(visuals, name, frame, kind, (a, b, c), mesh, _colour(model, geom)[:3])
+
+
+def _has_colour(model: Any, geom: int) -> bool:
+    """False where the file gives none: a shape then keeps the look that others may paint over."""
+    return int(model.geom_matid[geom]) >= 0 or not np.allclose(model.geom_rgba[geom], UNCOLOURED)
+
+
+def _colour(model: Any, geom: int) -> tuple[float, float, float, float]:
+    """Linear albedo and opacity of a geom."""
+    material = int(model.geom_matid[geom])
+    rgba: npt.NDArray[np.float64] = np.asarray(model.geom_rgba[geom], np.float64)
+    if material >= 0 and np.allclose(rgba, UNCOLOURED):
+        rgba = np.asarray(model.mat_rgba[material], np.float64)
+    red, green, blue = (float(value) for value in linear_from_srgb(rgba[:3]))
+    return red, green, blue, float(rgba[3])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import mujoco
 import numpy as np
 
 from simwarp.importers.coordinates import CoordinateMap
 from simwarp.importers.imported import CameraPlace, Keyframe, NamedFrame, SourceSensor
-from simwarp.importers.mjcf.mjcf_flags import is_off
 from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_unsupported import is_off
 
 SENSORS: Final = frozenset(
     {
@@ -35,8 +36,6 @@ def sites_of(source: Source) -> dict[str, NamedFrame]:
 
 def cameras_of(source: Source) -> dict[str, CameraPlace]:
     """Cameras by name; those that track something stand as built."""
-    import mujoco
-
     model, data = source.model, source.data
     found = {}
     for camera in range(model.ncam):
@@ -68,8 +67,6 @@ def keyframes_of(source: Source, coordinates: CoordinateMap) -> dict[str, Keyfra
 
 def sensors_of(source: Source, sites: dict[str, NamedFrame]) -> dict[str, SourceSensor]:
     """Places of sensors by name; kinds without a counterpart are left out and label."""
-    import mujoco
-
     model = source.model
     found = {}
     for sensor in range(model.nsensor):

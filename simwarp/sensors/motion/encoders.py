@@ -16,10 +16,10 @@ from simwarp.core.rotation import unit_vector
 from simwarp.core.types import JointType, ModelError, RowKind, formatted, numbers
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
+from simwarp.sensors.frame_sensor import VectorSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model, sensor_index
 from simwarp.sensors.motion.encoders_kernels import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers, PositiveNumbers
-from simwarp.sensors.vector_sensor import VectorSensor
 from simwarp.simulation.attachments import StepContext
 
 READINGS: Final = ("position", "counts", "speed")

@@ -12,10 +12,10 @@ from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import WORLD, ModelError, Quat, formatted, pose
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.frame_sensor import VectorSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config, sensor_index
 from simwarp.sensors.motion.force_sensor_kernels import sample_forces, sample_touch
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import VectorSensor
 from simwarp.simulation.attachments import StepContext
 
 

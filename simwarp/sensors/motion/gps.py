@@ -15,11 +15,11 @@ from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, instance_of
 from simwarp.sensors.clock import Field
+from simwarp.sensors.frame_sensor import VectorSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.geodesy_kernels import GeoFrame
 from simwarp.sensors.motion.gps_kernels import GpsRings, sample_gps
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import VectorSensor
 from simwarp.simulation.attachments import StepContext
 
 MAJOR = 6378137.0

@@ -11,10 +11,10 @@ import warp as wp
 from simwarp.core.arrays import with_zeros
 from simwarp.core.constraints import As, Different, MinLen, OneOrMany
 from simwarp.model.model import Model
+from simwarp.sensors.frame_sensor import VectorSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.imu_kernels import InertialArrays, sample_inertial
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import VectorSensor
 from simwarp.simulation.attachments import StepContext
 
 Output: TypeAlias = Literal["accelerometer", "gyroscope"]

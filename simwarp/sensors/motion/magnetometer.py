@@ -11,11 +11,11 @@ import warp as wp
 
 from simwarp.core.constraints import Ge, Le, Meaning, NotNegative
 from simwarp.model.model import Model
+from simwarp.sensors.frame_sensor import VectorSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
 from simwarp.sensors.motion.magnetometer_kernels import sample_magnetometer
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import VectorSensor
 from simwarp.simulation.attachments import StepContext
 
 

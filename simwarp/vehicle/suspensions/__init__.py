@@ -28,11 +28,16 @@ from simwarp.vehicle.spec.vehicle_spec import (
     TrailingArm,
 )
 from simwarp.vehicle.suspensions.antiroll_bar import add_antiroll_bar
-from simwarp.vehicle.suspensions.corner import Array, Frame
-from simwarp.vehicle.suspensions.linkage import AttachmentBodies
-from simwarp.vehicle.suspensions.links import macpherson_strut, multi_link, trailing_arm
+from simwarp.vehicle.suspensions.corner import Array, AttachmentBodies, Frame
+from simwarp.vehicle.suspensions.independent_suspensions import (
+    double_wishbone,
+    double_wishbone_reduced,
+    macpherson_strut,
+    multi_link,
+    single_wishbone,
+    trailing_arm,
+)
 from simwarp.vehicle.suspensions.rigid_axles import pinned_axle, solid_axle
-from simwarp.vehicle.suspensions.wishbones import double_wishbone, double_wishbone_reduced, single_wishbone
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE, add_rigid_tire
 
 __all__ = ["Side", "add_antiroll_bar", "add_axle"]

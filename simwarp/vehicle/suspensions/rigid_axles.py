@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 from simwarp.vehicle.spec.vehicle_spec import PinnedAxle, SolidAxle
-from simwarp.vehicle.suspensions.corner import Frame, plane_axes
-from simwarp.vehicle.suspensions.linkage import AttachmentBodies, add_ball, add_cross, add_lines, add_rod
+from simwarp.vehicle.suspensions.corner import (
+    AttachmentBodies,
+    Frame,
+    add_ball,
+    add_cross,
+    add_lines,
+    add_rod,
+    plane_axes,
+)
 
 
 def solid_axle(

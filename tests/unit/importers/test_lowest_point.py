@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.importers.lowest_point import lowest_point
+from simwarp.importers.imported import lowest_point
 
 COUNT = 200_000
 _turn = np.pi * (1.0 + 5.0**0.5) * np.arange(COUNT)

@@ -8,7 +8,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.importers import load_mjcf
-from simwarp.importers.mjcf.mjcf_flags import LAWS, OTHERS, SETTINGS
+from simwarp.importers.mjcf.mjcf_unsupported import LAWS, OTHERS, SETTINGS
 from simwarp.importers.report import ImportedWarning
 
 STEPS, DT = 100, 1e-3

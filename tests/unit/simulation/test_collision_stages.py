@@ -12,8 +12,8 @@ from simwarp import scenes
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.simulation import world_launches
-from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.stage_recording import record_collision
+from simwarp.simulation.state import Contacts
 from simwarp.simulation.step_sizes import collision_sizes, list_sizes
 from simwarp.simulation.world_launches import WorldShares
 

@@ -12,8 +12,7 @@ import simwarp as sw
 import simwarp.model.model
 from simwarp.core.types import Material
 from simwarp.scenes.contact import ant, stack
-from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.state import State
+from simwarp.simulation.state import Contacts, State
 
 Arrays = dict[str, np.ndarray]
 

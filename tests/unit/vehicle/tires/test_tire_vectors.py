@@ -7,6 +7,7 @@ import pytest
 
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
+from simwarp.vehicle.tires.parameter_vector import BEARABLE_MASS
 from simwarp.vehicle.tires.parameter_vector_kernels import (
     Common,
     Fiala,
@@ -18,7 +19,6 @@ from simwarp.vehicle.tires.parameter_vector_kernels import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.tires.tire_patterns import BEARABLE_MASS
 from simwarp.vehicle.tires.tires import tire_vector
 from tests.unit.vehicle.tires.tire_bench import DATA, TEMPLATES, properties, row_of
 
