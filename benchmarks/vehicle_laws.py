@@ -19,8 +19,10 @@ sys.path.insert(0, str(ROOT))
 from simwarp.vehicle.driving.drivers import ScriptSpec  # noqa: E402
 from simwarp.vehicle.spec.mirroring import mirrored  # noqa: E402
 from simwarp.vehicle.spec.variants import with_options  # noqa: E402
-from tests.physics import test_vehicle_laws as laws  # noqa: E402
-from tests.physics import test_vehicle_mirror as mirror  # noqa: E402
+from tests.physics import (
+    test_vehicle_laws as laws,
+    test_vehicle_mirror as mirror,
+)
 from tests.physics.sample_vehicles import shipped  # noqa: E402
 from tests.physics.vehicle_energy import Ledger, body_momenta, sample  # noqa: E402
 

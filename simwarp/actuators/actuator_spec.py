@@ -12,8 +12,7 @@ import numpy as np
 
 from simwarp.core.constraints import Infinite, Meaning, NotNegative, Parsed, Positive, RuleError
 from simwarp.core.readable import ReadableFields
-from simwarp.core.types import FLOAT32_MAX, Pose, number, numbers
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import FLOAT32_MAX, Pose, number, numbers, pose as make_pose
 from simwarp.model.rules import RULES, Name, Passive, Range, Signed, one_of, vector
 
 

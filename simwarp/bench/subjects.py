@@ -140,8 +140,7 @@ def _vehicle(name: str, chosen: Choices) -> Subject:
 
 
 def _sensor(name: str) -> Subject:
-    from simwarp.bench import rays
-    from simwarp.bench import sensor_rows as sensors
+    from simwarp.bench import rays, sensor_rows as sensors
 
     if name != "rays":
         return Subject("sensor", (functools.partial(sensors.measure_sensor, name),))

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from simwarp.core.readable import Names, Readable, ReadableFields, Row
 from simwarp.core.rotation import quat_conjugate, quat_multiply, rotate
-from simwarp.core.types import WORLD, Drive, ModelError, Pose, ShapeType, formatted
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import WORLD, Drive, ModelError, Pose, ShapeType, formatted, pose as make_pose
 from simwarp.core.wording import suggestion
 from simwarp.importers.coordinates import CoordinateMap
 from simwarp.importers.report import Fate, ImportReport

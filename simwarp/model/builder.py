@@ -30,8 +30,6 @@ from simwarp.core.types import (
     checked_rotation,
     finite_vector,
     formatted,
-)
-from simwarp.core.types import (
     pose as make_pose,
 )
 from simwarp.model.active_entries import refuse_idle_writes

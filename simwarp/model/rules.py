@@ -29,8 +29,6 @@ from simwarp.core.types import (
     Vec3,
     number,
     numbers,
-)
-from simwarp.core.types import (
     pose as make_pose,
 )
 from simwarp.core.wording import suggestion

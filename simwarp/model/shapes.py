@@ -23,8 +23,8 @@ from simwarp.core.types import (
     finite_vector,
     formatted,
     numbers,
+    pose as make_pose,
 )
-from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import (
     HeightField,
     Hull,

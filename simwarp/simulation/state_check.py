@@ -20,6 +20,7 @@ from simwarp.kernels.dynamics.recovery import LEAST_SHARE
 from simwarp.kernels.dynamics.world import make_scratch, measure_worlds
 from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
+from simwarp.model.rules import INFINITE
 from simwarp.simulation.solver_options import SolverOptions, step_config
 from simwarp.simulation.stage_recording import record_collision
 from simwarp.simulation.state import Contacts, State, initial_arrays

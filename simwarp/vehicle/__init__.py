@@ -29,8 +29,7 @@ from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
-from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire
-from simwarp.vehicle.tires.parameter_vector_kernels import Tmeasy as TmeasyTire
+from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 

@@ -26,8 +26,7 @@ from simwarp.vehicle.inputs_kernels import (
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.rigid_tires import RigidTires
-from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID
-from simwarp.vehicle.tires.soil_tires import SoilTires
+from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
 from simwarp.vehicle.tires.tires_kernels import apply_tires
 

@@ -10,8 +10,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.bench import health, measure, motion, task_rows
-from simwarp.bench import vehicle_rows as vehicles
+from simwarp.bench import health, measure, motion, task_rows, vehicle_rows as vehicles
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene, bench_scenes
 from simwarp.tasks import task_class

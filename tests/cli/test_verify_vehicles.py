@@ -11,8 +11,7 @@ from simwarp import verify
 from simwarp.cli import main
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError
-from simwarp.verify import known, vehicle_cases
-from simwarp.verify import vehicle_runs as vehicles
+from simwarp.verify import known, vehicle_cases, vehicle_runs as vehicles
 from simwarp.verify.check_result import below
 from simwarp.verify.vehicle_cases import COLUMNS, LOADS, SHIPPED, Case, case_of, cases_in, read_folder, read_shipped
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from tests.emulated_cuda.device import device
 from tests.emulated_cuda.faults import ERRORS, caller
-from tests.emulated_cuda.streams import LEGACY, Capture, CaptureMode
-from tests.emulated_cuda.streams import Event as DeviceEvent
+from tests.emulated_cuda.streams import LEGACY, Capture, CaptureMode, Event as DeviceEvent
 from tests.emulated_cuda.torch_dispatch import capturing, refuse, wait
 from tests.emulated_cuda.torch_tensor import CUDA
 

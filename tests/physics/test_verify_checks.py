@@ -7,8 +7,7 @@ import inspect
 
 import pytest
 
-from simwarp.verify import SCENES
-from simwarp.verify import mechanism_checks as mechanisms
+from simwarp.verify import SCENES, mechanism_checks as mechanisms
 from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.known import Verdict, verdict
 

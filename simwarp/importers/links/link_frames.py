@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, quat_conjugate, quat_from_matrix, quat_multiply, rotate
-from simwarp.core.types import Pose
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Pose, pose as make_pose
 from simwarp.geometry.assets import MassProperties
 
 Array = npt.NDArray[np.float64]

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import WORLD, Dof, JointType, Material, ModelError, Pose, ShapeType
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import WORLD, Dof, JointType, Material, ModelError, Pose, ShapeType, pose as make_pose
 from simwarp.geometry.assets import MassProperties
 from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
 from simwarp.importers.imported import NamedFrame

@@ -6,8 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from simwarp.core.types import Pose, ShapeType
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Pose, ShapeType, pose as make_pose
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.importers.imported import NamedFrame
 from simwarp.importers.links.link_tree import frame_on

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from simwarp.core.rotation import matrix_of, rotate
-from simwarp.core.types import WORLD, Dof, ModelError, PositionDrive
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import WORLD, Dof, ModelError, PositionDrive, pose as make_pose
 from simwarp.importers.coordinates import CoordinateKind, JointCoordinates
 from simwarp.importers.imported import NamedFrame
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source

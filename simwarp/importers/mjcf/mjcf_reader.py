@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import FrictionRule, ModelError, PairRule, Pose
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import FrictionRule, ModelError, PairRule, Pose, pose as make_pose
 from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_tree import unchanged_on_error

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import quat_conjugate, quat_from_matrix, quat_multiply, rotate
-from simwarp.core.types import WORLD, Pose
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import WORLD, Pose, pose as make_pose
 from simwarp.importers.imported import NamedFrame
 from simwarp.importers.report import ImportReport
 from simwarp.model.builder import ModelBuilder

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, quat_from_matrix
-from simwarp.core.types import FLOAT32_MAX, ModelError, Pose, formatted
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import FLOAT32_MAX, ModelError, Pose, formatted, pose as make_pose
 from simwarp.core.wording import nearest
 from simwarp.importers.links.link_frames import scalar_first
 from simwarp.importers.report import ImportReport

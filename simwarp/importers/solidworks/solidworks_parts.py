@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import frame_from_axis
-from simwarp.core.types import Material, ModelError, Pose, ShapeType
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Material, ModelError, Pose, ShapeType, pose as make_pose
 from simwarp.geometry.assets import MassProperties
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass, relative

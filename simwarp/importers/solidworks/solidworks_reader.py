@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import frame_from_axis, matrix_of, rotate
-from simwarp.core.types import JointType, ModelError, Pose, formatted
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import JointType, ModelError, Pose, formatted, pose as make_pose
 from simwarp.core.wording import nearest
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_frames import composed, point_of

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import Dof, JointType, ModelError, Pose
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Dof, JointType, ModelError, Pose, pose as make_pose
 from simwarp.core.wording import nearest
 from simwarp.importers.links.link_frames import composed, point_of, pose_from_matrix
 from simwarp.importers.links.link_tree import Link, LinkJoint

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, Pose, ShapeType, formatted
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import ModelError, Pose, ShapeType, formatted, pose as make_pose
 from simwarp.geometry.assets import MassProperties
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 from simwarp.importers.links.link_frames import NO_MASS, moved_mass, pose_from_matrix

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, quat_multiply
-from simwarp.core.types import Material, ModelError, Pose, ShapeType
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Material, ModelError, Pose, ShapeType, pose as make_pose
 from simwarp.geometry.assets import MassProperties, convex_hull, hull_mass, shape_mass
 from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls

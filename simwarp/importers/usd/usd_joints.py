@@ -12,8 +12,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import Dof, JointType, ModelError, Pose, PositionDrive
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Dof, JointType, ModelError, Pose, PositionDrive, pose as make_pose
 from simwarp.importers.links.link_frames import composed, point_of, relative
 from simwarp.importers.links.link_tree import Link, LinkJoint, free_name
 from simwarp.importers.report import ImportReport

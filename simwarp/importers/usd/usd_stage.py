@@ -14,8 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, Pose
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import ModelError, Pose, pose as make_pose
 from simwarp.core.wording import shortened
 from simwarp.importers.report import ImportReport
 from simwarp.importers.source_files import FileFolders, needed

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import Pose, ShapeType
-from simwarp.core.types import pose as make_pose
+from simwarp.core.types import Pose, ShapeType, pose as make_pose
 from simwarp.geometry.primitive_meshes import primitive_mesh
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.importers.links.link_frames import inverse

@@ -15,13 +15,10 @@ from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, Not
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, formatted, pose
 from simwarp.model.checks import checked_names
-from simwarp.sensors.cameras.image_kernels import Camera as CameraNumbers
-from simwarp.sensors.cameras.image_kernels import Outputs, Views, aim_views, render
-from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
-from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
+from simwarp.sensors.cameras.image_kernels import Camera as CameraNumbers, Outputs, Views, aim_views, render
+from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS, ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import LensField, Pinhole
-from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
-from simwarp.sensors.cameras.lights import Lighting, Lights
+from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS, Lighting, Lights
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config

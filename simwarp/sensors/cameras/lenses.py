@@ -17,8 +17,7 @@ import warp as wp
 
 from simwarp.core.constraints import Gt, Lt, Meaning, Read, Tagged
 from simwarp.core.types import ModelError
-from simwarp.sensors.cameras.lenses_kernels import Lens as LensNumbers
-from simwarp.sensors.cameras.lenses_kernels import LensKind
+from simwarp.sensors.cameras.lenses_kernels import Lens as LensNumbers, LensKind
 from simwarp.sensors.interface import Configuration
 from simwarp.sensors.ranging.beams import ROUNDED
 

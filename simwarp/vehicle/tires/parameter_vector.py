@@ -30,10 +30,8 @@ from simwarp.vehicle.tires.parameter_vector_kernels import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
-from simwarp.vehicle.tires.rigid_tires import rigid_parameters
-from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID
-from simwarp.vehicle.tires.soil_tires import soil_rigid_parameters
+from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID, rigid_parameters
+from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, soil_rigid_parameters
 from simwarp.vehicle.tires.tire_files import PropertyFileError, TirValues
 from simwarp.vehicle.tires.tire_parameters import (
     CommonParameters,

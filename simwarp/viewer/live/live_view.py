@@ -12,8 +12,7 @@ from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.simulation import Simulation
-from simwarp.viewer.live.driving.browser_driving import PATH as DRIVE
-from simwarp.viewer.live.driving.browser_driving import DriveSocket
+from simwarp.viewer.live.driving.browser_driving import PATH as DRIVE, DriveSocket
 from simwarp.viewer.live.page import Page
 from simwarp.viewer.live.subject import Subject, subject_of
 from simwarp.viewer.live.web_server import WebServer, open_server

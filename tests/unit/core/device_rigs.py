@@ -19,8 +19,7 @@ from simwarp.kinematics import InverseKinematics
 from simwarp.tasks import TaskEnv, TaskVectorEnv, make
 from simwarp.train.algorithm.vec_env import TaskVecEnv
 from simwarp.train.networks.augmentation import augment
-from simwarp.vehicle.tires.tires import Mount as TireMount
-from simwarp.vehicle.tires.tires import tire_vector
+from simwarp.vehicle.tires.tires import Mount as TireMount, tire_vector
 
 WORLDS: Final = 3
 SOME: Final = np.array([True, False, True])

@@ -13,8 +13,7 @@ from simwarp.core.types import ModelError
 from simwarp.importers.chrono_json import without_comments
 from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.sensors.presets import load_config
-from simwarp.sensors.shipped import DATA as SENSORS
-from simwarp.sensors.shipped import sensor_names
+from simwarp.sensors.shipped import DATA as SENSORS, sensor_names
 from simwarp.vehicle.driving.drivers import read_script
 from simwarp.vehicle.driving.paths import circle, read_path
 from simwarp.vehicle.results.channels import Run

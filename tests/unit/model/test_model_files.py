@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import simwarp as sw
 from simwarp import scenes

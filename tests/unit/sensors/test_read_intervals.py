@@ -21,8 +21,7 @@ from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.world_launches import WorldShares
 from tests.reference.sensors.sensor_clock import frames, read
 from tests.unit.sensors.sensor_probe import Probe, ball
-from tests.unit.sensors.test_sensor_clock import READS
-from tests.unit.sensors.test_sensor_clock import SCHEDULES as CLOCKS
+from tests.unit.sensors.test_sensor_clock import READS, SCHEDULES as CLOCKS
 from tests.unit.sensors.test_sensor_mistakes import EXAMPLES, ON_JOINTS
 
 WORLDS = 4

@@ -14,8 +14,7 @@ import simwarp as sw
 import simwarp.sensors
 from simwarp import WORLD, Simulation
 from simwarp.core.types import ModelError
-from simwarp.sensors import Mount, Schedule
-from simwarp.sensors import noise as noises
+from simwarp.sensors import Mount, Schedule, noise as noises
 from simwarp.sensors.cameras import lenses
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.cameras.camera import OUTPUTS, Camera, CameraConfig

@@ -11,8 +11,7 @@ import simwarp as sw
 from simwarp import scenes
 from simwarp.core.types import WORLD, JointType, ModelError, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
-from tests.reference.mechanisms import TREE_TYPES, random_mechanism
-from tests.reference.mechanisms import _add_element as add_element
+from tests.reference.mechanisms import TREE_TYPES, _add_element as add_element, random_mechanism
 from tests.reference.step import ReferenceStep
 
 FINE = 2e-6

@@ -25,13 +25,9 @@ from tests.reference.mechanisms import (
     LOOP_TYPES,
     NAMED,
     TREE_TYPES,
-    random_mechanism,
-)
-from tests.reference.mechanisms import (
     _add_element as add_element,
-)
-from tests.reference.mechanisms import (
     _set_consistent_velocities as set_consistent_velocities,
+    random_mechanism,
 )
 from tests.reference.step_laws import bounds_of
 from tests.unit.kernels.dynamics.side_by_side import EPS, Controls, Pair, assert_same_steps, random_controls

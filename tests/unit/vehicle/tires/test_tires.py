@@ -14,8 +14,8 @@ from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, Lugre
 from simwarp.vehicle.tires.tires import Mount, Tires, ground
 from tests.reference.terrain import field_triangles, surface_height
-from tests.reference.tires import Coefficients as Pac02Coefficients
 from tests.reference.tires import (
+    Coefficients as Pac02Coefficients,
     contact_of,
     lugre_friction,
     pac02_pure,

@@ -22,8 +22,7 @@ from simwarp.train.evaluation.play import record
 from simwarp.train.networks.policies import random_policy, zero_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.training import train
-from simwarp.viewer.live import LiveView
-from simwarp.viewer.live import recording as recording_module
+from simwarp.viewer.live import LiveView, recording as recording_module
 from simwarp.viewer.live.recording import RATE, Recorder, recording_name
 from simwarp.viewer.live.recording_panel import RecordingPanel
 from tests.reference.recordings import messages, poses
