@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT))
 from simwarp.vehicle.driving.drivers import ScriptSpec  # noqa: E402
 from simwarp.vehicle.spec.mirroring import mirrored  # noqa: E402
 from simwarp.vehicle.spec.variants import with_options  # noqa: E402
-from tests.physics import (
+from tests.physics import (  # noqa: E402
     test_vehicle_laws as laws,
     test_vehicle_mirror as mirror,
 )
