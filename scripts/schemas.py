@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from simwarp.sensors.interface import SENSORS
+from simwarp.model.rules import RULES
 from simwarp.sensors.presets import FOR_PEOPLE, KINDS
 from simwarp.vehicle.spec.parts import SPECS
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
@@ -53,7 +53,7 @@ def sensor_schema() -> dict[str, Any]:
     """That of a sensor: one of all sorts by the key "sensor"."""
     classes: dict[str, Any] = {}
     for kind in KINDS.values():
-        classes |= SENSORS.json_schema(kind.config)["$defs"]
+        classes |= RULES.json_schema(kind.config)["$defs"]
     sorts = [{"$ref": f"#/$defs/{kind.config.__name__}"} for kind in KINDS.values()]
     for schema in classes.values():
         _tidy(schema)
