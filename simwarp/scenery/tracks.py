@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from simwarp.scenery.solids import stream
 from simwarp.vehicle.driving.paths import Path
 
 Array = npt.NDArray[np.float64]
+Where: TypeAlias = Literal["turn", "straight", "anywhere"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class Track:
 
     @RULES.arguments("track")
     def starts(
-        self, where: Annotated[str, word_of("turn", "straight", "anywhere")] = "anywhere"
+        self, where: Annotated[Where, word_of("turn", "straight", "anywhere")] = "anywhere"
     ) -> npt.NDArray[np.int64]:
         """(k,) indices of the points at which a vehicle may start: those in turns, on straights, or all.
 
