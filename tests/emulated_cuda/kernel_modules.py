@@ -27,8 +27,8 @@ LONG = 3000
 TRANSLATOR = ("ptx_function.py", "ptx_module.py", "ptx_instructions.py", "ptx_arithmetic.py", "device_runtime.h")
 """Files of which the translation is made."""
 FLAGS = (
-    "-w", "-march=native", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv", "-fno-math-errno", "-frounding-math",
-    "-U_FORTIFY_SOURCE", f"-I{native_library.HERE}", "-shared", "-fPIC",
+    "-w", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv", "-fno-math-errno", "-frounding-math",
+    "-U_FORTIFY_SOURCE", "-shared", "-fPIC",
 )  # fmt: skip
 CHECK_FLAGS = {Check.OFF: (), Check.MEMORY: ("-DEMU_CHECK",), Check.RACE: ("-DEMU_CHECK", "-DEMU_RACE")}
 
@@ -80,8 +80,9 @@ class KernelModules:
         optimisation = settings.optimisation or ("-O0" if ptx.count("\n") > LONG else "-O1")
         # Without optimisation the runtime looks at what is checked
         check = Check.MEMORY if optimisation == "-O0" else settings.check
+        flags = [optimisation, *FLAGS, *native_library.target_flags(), *CHECK_FLAGS[check]]
         tool = [(native_library.HERE / name).read_bytes() for name in TRANSLATOR]
-        path = settings.cache / f"{native_library.digest(ptx, *tool, optimisation, check)}.so"
+        path = settings.cache / f"{native_library.digest(ptx, *tool, *flags)}.so"
         if not path.exists():
             begin = time.perf_counter()
             module = PtxModule(ptx)
@@ -93,8 +94,7 @@ class KernelModules:
             part = source.with_suffix(".json.part")
             part.write_text(json.dumps(facts), encoding="utf-8")
             part.rename(path.with_suffix(".json"))
-            command = ["gcc", optimisation, *FLAGS, *CHECK_FLAGS[check], str(source), "-lm"]
-            native_library.compile_library(command, path)
+            native_library.compile_library(["gcc", *flags, f"-I{native_library.HERE}", str(source), "-lm"], path)
             source.unlink()
             self.device.compile_seconds += time.perf_counter() - begin
         return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import subprocess
@@ -11,6 +12,13 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 RUNTIME = ("device_memory.c", "device_threads.c", "device_threads.h", "device_runtime.h")
 """Files of the runtime of device code."""
+
+
+@functools.cache
+def target_flags() -> tuple[str, ...]:
+    """Options of gcc for this machine: fused products where it has them. A cache may move to another machine."""
+    flags = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\nflags")[2].partition("\n")[0].split()
+    return ("-mfma",) if "fma" in flags else ()
 
 
 def digest(*parts: bytes | str) -> str:
@@ -40,9 +48,9 @@ def compile_library(command: Sequence[str], path: Path) -> None:
 def runtime_library(cache: Path) -> Path:
     """The runtime of device code, built where the cache does not have it."""
     sources = [(HERE / name).read_bytes() for name in RUNTIME]
-    path = cache / f"runtime_{digest(*sources)}.so"
+    path = cache / f"runtime_{digest(*sources, *target_flags())}.so"
     if not path.exists():
-        flags = ["-O2", "-w", "-march=native", "-U_FORTIFY_SOURCE", "-shared", "-fPIC", f"-I{HERE}"]
+        flags = ["-O2", "-w", *target_flags(), "-U_FORTIFY_SOURCE", "-shared", "-fPIC", f"-I{HERE}"]
         files = [str(HERE / name) for name in RUNTIME if name.endswith(".c")]
         compile_library(["gcc", *flags, "-DEMU_CHECK", "-DEMU_RACE", *files, "-lm"], path)
     return path

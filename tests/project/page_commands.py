@@ -188,9 +188,17 @@ def parse_simwarp(words: list[str]) -> None:
 
 
 def _parse_python(words: list[str]) -> None:
-    """Parse the words after `python`: a script of the checkout, a module of it, or pytest."""
+    """Parse the words after `python`: a script of the checkout, a module of it, pytest, or a program on an emulator."""
     if words[:2] == ["-m", "pytest"]:
         _parse_pytest(words[2:])
+        return
+    if words[:2] == ["-m", "simwarp"]:
+        parse_simwarp(words[2:])
+        return
+    if words[0].endswith("tests/emulated_cuda") or words[:2] == ["-m", "tests.emulated_cuda"]:
+        program = words[2:] if words[0] == "-m" else words[1:]
+        if not program[0].isupper():
+            _parse_python(program)
         return
     if words[0] == "-m":
         file, target, words = ROOT / f"{words[1].replace('.', '/')}.py", words[1], words[2:]
@@ -213,8 +221,8 @@ def _parse_python(words: list[str]) -> None:
 
 
 def _parse_pytest(words: list[str]) -> None:
-    for word in words:
-        if not word.startswith("-"):
+    for before, word in zip(["", *words], words, strict=False):
+        if not word.startswith("-") and before not in ("-m", "-k", "-p"):
             assert (ROOT / word).exists(), word
 
 

@@ -27,13 +27,19 @@ AFTER: dict[str, Callable[[ModuleType], None]] = {"warp._src.context": _warp_is_
 """What is to be done when a module has been imported."""
 
 
+PACKAGE = "tests.emulated_cuda"
+CHECKOUT = Path(__file__).resolve().parents[3]
+
+
 class Finder(importlib.abc.MetaPathFinder):
-    """Finds the modules after which there is something to do."""
+    """Finds this checkout's emulated device, and the modules after which there is something to do."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         """The ordinary module, with more to do."""
+        if name == PACKAGE:
+            return importlib.machinery.PathFinder.find_spec(name, [str(CHECKOUT / "tests")])
         after = AFTER.get(name)
         spec = importlib.machinery.PathFinder.find_spec(name, path) if after else None
         if spec is None or after is None or spec.loader is None:
@@ -53,5 +59,5 @@ class Finder(importlib.abc.MetaPathFinder):
 
 
 if os.environ.get("EMULATED_CUDA") == "1":
-    sys.path.append(str(Path(__file__).resolve().parents[3]))  # the checkout
+    sys.path.append(str(CHECKOUT))
     sys.meta_path.insert(0, Finder())
