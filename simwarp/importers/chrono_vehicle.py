@@ -30,6 +30,7 @@ from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STE
 from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
+from simwarp.vehicle.spec.parts import inertia_matrix
 from simwarp.vehicle.spec.vehicle_spec import (
     AntirollBar,
     Axle,
@@ -240,12 +241,6 @@ def chassis(node: Node) -> Chassis:
     return node.make(Chassis, components=tuple(components))
 
 
-def matrix(part: RigidPart) -> np.ndarray:
-    """Inertia about the centre of mass."""
-    (xx, yy, zz), (xy, xz, yz) = part.inertia, part.products
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
 def of_matrix(node: Node, mass: float, com: np.ndarray, inertia: np.ndarray) -> RigidPart:
     """A part from its matrix of inertia."""
     x, y, z = (float(v) for v in com)
@@ -272,7 +267,7 @@ def turned_part(node: Node) -> RigidPart:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    return of_matrix(node, part.mass, np.array(part.com), turn @ matrix(part) @ turn.T)
+    return of_matrix(node, part.mass, np.array(part.com), turn @ inertia_matrix(part) @ turn.T)
 
 
 def hollow(node: Node, parts: Sequence[RigidPart], voids: Sequence[RigidPart]) -> RigidPart:
@@ -285,5 +280,5 @@ def hollow(node: Node, parts: Sequence[RigidPart], voids: Sequence[RigidPart]) -
     inertia = np.zeros((3, 3))
     for sign, part in signed:
         arm = np.array(part.com) - com
-        inertia += sign * (matrix(part) + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+        inertia += sign * (inertia_matrix(part) + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
     return of_matrix(node, mass, com, inertia)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from simwarp.core.types import JointType
 from simwarp.kernels.dynamics.dense_rows import padded
 from simwarp.model.specifications import Specification
-from simwarp.model.topology import Tables, dof_joints
+from simwarp.model.topology import Tables, dof_joints, root_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,19 +84,12 @@ def group_rows(paths: list[list[int]], tables: Tables) -> RowGroups:
     row_count = len(paths) - tables.silent_count
     roots = _moving_roots(tables)
     merged = list(range(len(tables.links)))
-
-    def find(root: int) -> int:
-        while merged[root] != root:
-            merged[root] = merged[merged[root]]
-            root = merged[root]
-        return root
-
     touched = [sorted({roots[tables.tree_dof_link[dof]] for dof in path}) for path in paths]
     for trees in touched:
         for other in trees[1:]:
-            merged[find(other)] = find(trees[0])
+            merged[root_of(merged, other)] = root_of(merged, trees[0])
     number: dict[int, int] = {}
-    found = [number.setdefault(find(trees[0]), len(number)) if trees else -1 for trees in touched]
+    found = [number.setdefault(root_of(merged, trees[0]), len(number)) if trees else -1 for trees in touched]
     response_group = _with_motionless(found)
     count = max(len(number), 1) if paths else 0
     order = sorted(range(row_count), key=lambda row: response_group[row])  # keeps the order within a group
@@ -104,7 +97,7 @@ def group_rows(paths: list[list[int]], tables: Tables) -> RowGroups:
     for position, row in enumerate(order):
         place[row] = position
     sizes = [response_group[:row_count].count(group) for group in range(count)]
-    link_group = [number.get(find(root), -1) if root >= 0 else -1 for root in roots]
+    link_group = [number.get(root_of(merged, root), -1) if root >= 0 else -1 for root in roots]
     columns = [0] * count
     link_column = [0] * len(roots)
     for link, group in enumerate(link_group):
@@ -113,7 +106,7 @@ def group_rows(paths: list[list[int]], tables: Tables) -> RowGroups:
             link_column[link] = first - columns[group]
             columns[group] += end - first
     unit: dict[int, int] = {}
-    link_unit = [unit.setdefault(find(root), len(unit)) if root >= 0 else -1 for root in roots]
+    link_unit = [unit.setdefault(root_of(merged, root), len(unit)) if root >= 0 else -1 for root in roots]
     factor_start = _sums([size * padded(size) for size in sizes])
     return RowGroups(place, _sums(sizes), factor_start, columns, link_group, link_column, link_unit)
 

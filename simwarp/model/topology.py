@@ -244,6 +244,14 @@ def _dof_starts(builder: Specification) -> list[int]:
     return starts
 
 
+def root_of(parents: list[int], node: int) -> int:
+    """The root of a node in a forest of disjoint sets, a parent for each node; the way there is halved (Tarjan)."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
 def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[int]) -> set[int]:
     """Joints of a maximum spanning forest (Kruskal); ties keep the order in which joints were added."""
 
@@ -258,12 +266,6 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
 
-    def root(node: int) -> int:
-        while group[node] != node:
-            group[node] = group[group[node]]
-            node = group[node]
-        return node
-
     eligible = [
         j
         for j, spec in enumerate(builder.joints)
@@ -271,7 +273,7 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
     ]
     tree: set[int] = set()
     for joint in sorted(eligible, key=weight, reverse=True):
-        a, b = root(builder.joints[joint].parent), root(builder.joints[joint].child)
+        a, b = root_of(group, builder.joints[joint].parent), root_of(group, builder.joints[joint].child)
         if a != b:
             group[a] = b
             tree.add(joint)

@@ -17,6 +17,7 @@ from simwarp.importers.imported import NamedFrame
 from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass, relative, total_mass
 from simwarp.importers.links.link_meshes import add_hulls
 from simwarp.model.builder import ModelBuilder
+from simwarp.model.topology import root_of
 
 Array = npt.NDArray[np.float64]
 
@@ -166,22 +167,16 @@ def welded_groups(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[We
     """
     index = {link.name: number for number, link in enumerate(links)}
     leader = list(range(len(links)))
-
-    def lead(number: int) -> int:
-        while leader[number] != number:
-            number = leader[number]
-        return number
-
     welds = [joint for joint in joints if joint.kind == JointType.FIXED]
     for joint in welds:
         if joint.parent is not None:
-            a, b = sorted((lead(index[joint.parent]), lead(index[joint.child])))
+            a, b = sorted((root_of(leader, index[joint.parent]), root_of(leader, index[joint.child])))
             leader[b] = a
-    grounded = {lead(index[joint.child]) for joint in welds if joint.parent is None}
+    grounded = {root_of(leader, index[joint.child]) for joint in welds if joint.parent is None}
     hanging = {joint.child for joint in welds if joint.parent is not None}
     members: dict[int, list[Link]] = {}
     for number, link in enumerate(links):
-        members.setdefault(lead(number), []).append(link)
+        members.setdefault(root_of(leader, number), []).append(link)
     groups = []
     for number, group in members.items():
         head = next((link for link in group if link.name not in hanging), group[0])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
@@ -222,24 +224,22 @@ def rated_vector(tire: Tire, common: CommonParameters, values: dict[str, Any], s
     return vector
 
 
-def fill_tmeasy(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmeasyParameters) -> Vector:
-    """Vector of a TMeasy tire."""
-    values = rated_values(tire, rated, curve, TMEASY_PATTERNS)
-    vector = rated_vector(tire, common, values, TMEASY_SIZE)
-    vector[Tmeasy.NOMINAL_LOAD] = values["nominal_load"]
-    for entry in list(Tmeasy)[1:]:
+def fill_rated(
+    patterns: Patterns, size: int, entries: type[enum.IntEnum], tire: Tire, common: CommonParameters,
+    rated: RatedParameters, curve: TmsimpleParameters,
+) -> Vector:  # fmt: skip
+    """Vector of a TMeasy or TMsimple tire; the first of its own entries is the nominal load."""
+    values = rated_values(tire, rated, curve, patterns)
+    vector = rated_vector(tire, common, values, size)
+    load, *others = entries
+    vector[load] = values["nominal_load"]
+    for entry in others:
         vector[entry : entry + 2] = values[entry.name.lower()]
     return vector
 
 
-def fill_tmsimple(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmsimpleParameters) -> Vector:
-    """Vector of a TMsimple tire."""
-    values = rated_values(tire, rated, curve, TMSIMPLE_PATTERNS)
-    vector = rated_vector(tire, common, values, TMSIMPLE_SIZE)
-    vector[Tmsimple.NOMINAL_LOAD] = values["nominal_load"]
-    for entry in list(Tmsimple)[1:]:
-        vector[entry : entry + 2] = values[entry.name.lower()]
-    return vector
+FILL_TMEASY = functools.partial(fill_rated, TMEASY_PATTERNS, TMEASY_SIZE, Tmeasy)
+FILL_TMSIMPLE = functools.partial(fill_rated, TMSIMPLE_PATTERNS, TMSIMPLE_SIZE, Tmsimple)
 
 
 # ---- the others ------------------------------------------------------------------------------------------------------
@@ -313,8 +313,16 @@ class Model(NamedTuple):
 
 
 MODELS: dict[str, Model] = {
-    "tmeasy": Model(TireModel.TMEASY, (RatedParameters, TmeasyParameters), fill_tmeasy),
-    "tmsimple": Model(TireModel.TMSIMPLE, (RatedParameters, TmsimpleParameters), fill_tmsimple),
+    "tmeasy": Model(
+        TireModel.TMEASY,
+        (RatedParameters, TmeasyParameters),
+        FILL_TMEASY,
+    ),
+    "tmsimple": Model(
+        TireModel.TMSIMPLE,
+        (RatedParameters, TmsimpleParameters),
+        FILL_TMSIMPLE,
+    ),
     "fiala": Model(TireModel.FIALA, (VerticalParameters, FialaParameters), fill_fiala),
     "pacejka89": Model(TireModel.PAC89, (VerticalParameters, Pacejka89Parameters), fill_pacejka89),
     "pacejka2002": Model(TireModel.PAC02, (Pacejka2002Parameters,), fill_pacejka2002),
