@@ -28,10 +28,9 @@ VARIANTS = {
     "eager": (1, False, StreamOrder.EAGER),
     "captured": (7, True, StreamOrder.EAGER),
     "lazy": (3, True, StreamOrder.LAZY),
+    "random": (5, True, StreamOrder.RANDOM),
 }
 """Seed of threads, whether control steps are captured, and order of streams."""
-LAZY = ("pendulum",)
-"""What also runs on lazy streams."""
 
 
 def arrays_of(value: Any, path: str = "") -> Arrays:
@@ -113,10 +112,9 @@ def main(names: list[str]) -> None:
         host = run(name, "cpu")
         variants = {}
         for variant, (seed, capture, streams) in VARIANTS.items():
-            if variant != "lazy" or name in LAZY:
-                target.seed, target.streams.order = seed, streams
-                variants[variant] = run(name, CUDA, capture=capture)
-                target.streams.finish_all()
+            target.seed, target.streams.order = seed, streams
+            variants[variant] = run(name, CUDA, capture=capture)
+            target.streams.finish_all()
         eager = variants["eager"]
         rows[name] = {
             "arrays": len(host),

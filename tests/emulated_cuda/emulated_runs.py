@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from filelock import FileLock
 
 from tests.emulated_cuda.settings import SWITCH, Check, StreamOrder, is_on, why_unavailable
 
@@ -20,6 +24,17 @@ def skip_where_unavailable() -> None:
     reason = why_unavailable() or ("runs on the emulated device already" if is_on() else "")
     if reason:
         pytest.skip(reason)
+
+
+def once_per_run(factory: pytest.TempPathFactory, name: str, run: Callable[[], str]) -> Any:
+    """What a program printed last, as JSON: it runs once, also where several workers need it."""
+    skip_where_unavailable()
+    folder = factory.getbasetemp()
+    path = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / f"{name}.json"
+    with FileLock(f"{path}.lock"):
+        if not path.exists():
+            path.write_text(run().splitlines()[-1], encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def run_emulated(

@@ -2,46 +2,39 @@
 
 from __future__ import annotations
 
-import functools
-import json
-from typing import Any
-
 import pytest
 
-from tests.emulated_cuda.emulated_runs import HERE, run_emulated, skip_where_unavailable
+from tests.emulated_cuda.emulated_runs import HERE, once_per_run, run_emulated
 from tests.emulated_cuda.settings import Check
 
 BOUNDS = {"pendulum": 1e-6, "ant": 2e-4, "camera": 1.0}
 """Largest difference to the CPU. Compilers round differently, and contacts amplify: scripts/gpu_agreement.py has the
 reason for the ant's bound, over as many steps; a byte of a picture may be rounded the other way."""
-LAZY = ("pendulum",)
 
 
-@functools.cache
-def rows() -> dict[str, dict[str, Any]]:
+@pytest.fixture(scope="session")
+def rows(tmp_path_factory):
     """What tests/emulated_cuda/agreement.py found in one process, races checked."""
-    skip_where_unavailable()
-    out = run_emulated(str(HERE / "agreement.py"), *BOUNDS, check=Check.RACE)
-    found: dict[str, dict[str, Any]] = json.loads(out.splitlines()[-1])
-    return found
+    program = str(HERE / "agreement.py")
+    return once_per_run(tmp_path_factory, "agreement", lambda: run_emulated(program, *BOUNDS, check=Check.RACE))
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_the_emulated_device_does_what_the_cpu_does(name):
-    row = rows()[name]
+def test_the_emulated_device_does_what_the_cpu_does(rows, name):
+    row = rows[name]
     assert row["arrays"] > 1
     assert row["difference"] <= BOUNDS[name]
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_captured_steps_and_another_order_of_threads_give_the_same_bits(name):
-    row = rows()[name]
-    assert row["equal"] == {"eager": True, "captured": True, **({"lazy": True} if name in LAZY else {})}
+def test_captured_steps_and_other_orders_of_threads_and_streams_give_the_same_bits(rows, name):
+    row = rows[name]
+    assert row["equal"] == dict.fromkeys(("eager", "captured", "lazy", "random"), True)
     assert row["captures"] > 0
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_no_fault_and_no_race(name):
-    row = rows()[name]
+def test_no_fault_and_no_race(rows, name):
+    row = rows[name]
     assert row["faults"] == []
     assert row["races"] == 0

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-import json
-
 import pytest
 
-from tests.emulated_cuda.emulated_runs import HERE, run_emulated, skip_where_unavailable
+from tests.emulated_cuda.emulated_runs import HERE, once_per_run, run_emulated
 from tests.emulated_cuda.settings import Check, StreamOrder
 
 EXPECTED = {
@@ -47,39 +44,47 @@ FAULTS = {
 """Part of the first fault that the device notes."""
 
 
-@functools.cache
-def found(check: Check, streams: StreamOrder) -> dict[str, dict[str, str | list[str]]]:
-    """What all programs saw."""
-    skip_where_unavailable()
-    out = run_emulated(str(HERE / "planted_faults.py"), check=check, streams=streams)
-    programs: dict[str, dict[str, str | list[str]]] = json.loads(out.splitlines()[-1])
-    return programs
+@pytest.fixture(scope="session")
+def found(tmp_path_factory):
+    """What all programs saw on lazy streams, races checked."""
+
+    def run() -> str:
+        return run_emulated(str(HERE / "planted_faults.py"), check=Check.RACE, streams=StreamOrder.LAZY)
+
+    return once_per_run(tmp_path_factory, "planted-lazy", run)
+
+
+@pytest.fixture(scope="session")
+def found_eagerly(tmp_path_factory):
+    """What all programs saw on eager streams, without a check of races."""
+    program = str(HERE / "planted_faults.py")
+    return once_per_run(tmp_path_factory, "planted-eager", lambda: run_emulated(program))
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_a_program_sees_its_fault(name):
-    assert EXPECTED[name] in found(Check.RACE, StreamOrder.LAZY)[name]["seen"]
+def test_a_program_sees_its_fault(found, name):
+    assert EXPECTED[name] in found[name]["seen"]
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_the_device_says_what_was_wrong(name):
-    faults = found(Check.RACE, StreamOrder.LAZY)[name]["faults"]
+def test_the_device_says_what_was_wrong(found, name):
+    faults = found[name]["faults"]
     assert faults
     assert FAULTS[name] in faults[0]
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_not_synchronised_comes_too_late(name):
-    assert found(Check.RACE, StreamOrder.LAZY)[name]["seen"] != WRONG[name]
+def test_what_is_not_synchronised_comes_too_late(found, name):
+    assert found[name]["seen"] != WRONG[name]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG)
-def test_eager_streams_hide_a_missing_synchronisation(name):
+def test_eager_streams_hide_a_missing_synchronisation(found_eagerly, name):
     """It is the order of streams that shows it."""
-    assert found(Check.MEMORY, StreamOrder.EAGER)[name]["seen"] == WRONG[name]
+    assert found_eagerly[name]["seen"] == WRONG[name]
 
 
 @pytest.mark.slow
-def test_without_the_check_no_race_is_found():
-    assert found(Check.MEMORY, StreamOrder.EAGER)["race"]["seen"] == "races 0"
+def test_without_the_check_no_race_is_found(found_eagerly):
+    assert found_eagerly["race"]["seen"] == "races 0"
