@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from tests.emulated_cuda.faults import Faults
-from tests.emulated_cuda.native_library import runtime_library
+from tests.emulated_cuda.native.native_library import runtime_library
 from tests.emulated_cuda.settings import Check, Settings
 from tests.emulated_cuda.streams import Streams
 

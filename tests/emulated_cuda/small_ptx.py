@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests.emulated_cuda.device import DELTA, Device
-from tests.emulated_cuda.kernel_modules import KernelModules
+from tests.emulated_cuda.native.kernel_modules import KernelModules
 
 HEAD = ".version 8.0\n.target sm_90\n.address_size 64\n"
 REGISTERS = ".reg .pred %p<10>;\n.reg .b32 %r<30>;\n.reg .b64 %rd<30>;\n.reg .f32 %f<10>;\n.reg .f64 %d<10>;\n"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tests.emulated_cuda.ptx_function import UnsupportedPtx
-from tests.emulated_cuda.ptx_module import PtxModule
+from tests.emulated_cuda.ptx.ptx_function import UnsupportedPtx
+from tests.emulated_cuda.ptx.ptx_module import PtxModule
 from tests.emulated_cuda.small_ptx import HEAD, THREAD, PtxRunner, kernel
 
 NAN = 0x7FC00000

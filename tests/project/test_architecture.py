@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
 MOST_FILES = 8
 """Files that a walk passes at most."""
-TOGETHER = ("simwarp/vehicle/data", "tests/cli", "tests/data", "tests/reference", "tests/tasks", "tests/train",
-            "tests/unit", "benchmarks", "docs", "examples")  # fmt: skip
+TOGETHER = ("simwarp/vehicle/data", "tests/cli", "tests/data", "tests/emulated_cuda", "tests/reference", "tests/tasks",
+            "tests/train", "tests/unit", "benchmarks", "docs", "examples")  # fmt: skip
 """Folders that have one row with all that is below them."""
 WALKS = ("From an action to a torque", "From a contact to an impulse", "From a pixel to an observation")
 

@@ -12,13 +12,13 @@ from types import ModuleType
 
 
 def _warp_is_there(module: ModuleType) -> None:
-    from tests.emulated_cuda import warp_library
+    from tests.emulated_cuda.warp_calls import warp_library
 
     warp_library.install(module)
 
 
 def _torch_is_there(module: ModuleType) -> None:
-    from tests.emulated_cuda import torch_device
+    from tests.emulated_cuda.torch_calls import torch_device
 
     torch_device.install()
 
@@ -45,7 +45,7 @@ class Finder(importlib.abc.MetaPathFinder):
         if spec is None or after is None or spec.loader is None:
             return None
         if name == "torch":
-            from tests.emulated_cuda import torch_hooks
+            from tests.emulated_cuda.torch_calls import torch_hooks
 
             torch_hooks.load(Path(str(spec.origin)).parent)
         run = spec.loader.exec_module

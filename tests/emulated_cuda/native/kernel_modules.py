@@ -11,10 +11,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.emulated_cuda import native_library
 from tests.emulated_cuda.device import Device
-from tests.emulated_cuda.ptx_function import c_name
-from tests.emulated_cuda.ptx_module import KernelFacts, PtxModule
+from tests.emulated_cuda.native import native_library
+from tests.emulated_cuda.ptx.ptx_function import c_name
+from tests.emulated_cuda.ptx.ptx_module import KernelFacts, PtxModule
 from tests.emulated_cuda.settings import Check
 
 SHARED_MEMORY = 232448
@@ -24,7 +24,10 @@ ARGUMENT_BYTES = 32764
 BLOCK_THREADS = 1024
 LONG = 3000
 """Lines of PTX above which it is compiled without optimisation."""
-TRANSLATOR = ("ptx_function.py", "ptx_module.py", "ptx_instructions.py", "ptx_arithmetic.py", "device_runtime.h")
+TRANSLATOR = (
+    *sorted((native_library.HERE.parent / "ptx").glob("*.py")),
+    native_library.HERE / "device_runtime.h",
+)
 """Files of which the translation is made."""
 FLAGS = (
     "-w", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv", "-fno-math-errno", "-frounding-math",
@@ -81,7 +84,7 @@ class KernelModules:
         # Without optimisation the runtime looks at what is checked
         check = Check.MEMORY if optimisation == "-O0" else settings.check
         flags = [optimisation, *FLAGS, *native_library.target_flags(), *CHECK_FLAGS[check]]
-        tool = [(native_library.HERE / name).read_bytes() for name in TRANSLATOR]
+        tool = [path.read_bytes() for path in TRANSLATOR]
         path = settings.cache / f"{native_library.digest(ptx, *tool, *flags)}.so"
         if not path.exists():
             begin = time.perf_counter()

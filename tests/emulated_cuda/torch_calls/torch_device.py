@@ -10,10 +10,10 @@ from typing import Any
 import torch
 from torch.utils._pytree import tree_map
 
-from tests.emulated_cuda import torch_hooks, torch_streams
 from tests.emulated_cuda.device import TOTAL_MEMORY, device
-from tests.emulated_cuda.torch_dispatch import Mode, capturing, dispatch, on_host
-from tests.emulated_cuda.torch_tensor import CUDA, CudaTensor, allocator, over_memory
+from tests.emulated_cuda.torch_calls import torch_hooks, torch_streams
+from tests.emulated_cuda.torch_calls.torch_dispatch import Mode, capturing, dispatch, on_host
+from tests.emulated_cuda.torch_calls.torch_tensor import CUDA, CudaTensor, allocator, over_memory
 
 
 class Properties:

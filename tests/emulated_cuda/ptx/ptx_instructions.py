@@ -5,8 +5,8 @@ Arithmetic of floating point and conversions are in `ptx_arithmetic`.
 
 from __future__ import annotations
 
-from tests.emulated_cuda import ptx_arithmetic
-from tests.emulated_cuda.ptx_function import (
+from tests.emulated_cuda.ptx import ptx_arithmetic
+from tests.emulated_cuda.ptx.ptx_function import (
     C_TYPES,
     SIZES,
     UNSIGNED,

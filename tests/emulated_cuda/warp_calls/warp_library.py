@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from tests.emulated_cuda.device import TOTAL_MEMORY, Device, device
-from tests.emulated_cuda.warp_graphs import WarpGraphs
-from tests.emulated_cuda.warp_kernels import WarpKernels
-from tests.emulated_cuda.warp_memory import WarpMemory
-from tests.emulated_cuda.warp_streams import WarpStreams
-from tests.emulated_cuda.warp_trees import WarpTrees
+from tests.emulated_cuda.warp_calls.warp_graphs import WarpGraphs
+from tests.emulated_cuda.warp_calls.warp_kernels import WarpKernels
+from tests.emulated_cuda.warp_calls.warp_memory import WarpMemory
+from tests.emulated_cuda.warp_calls.warp_streams import WarpStreams
+from tests.emulated_cuda.warp_calls.warp_trees import WarpTrees
 
 REAL = ("cuda_compile_program", "cuda_toolkit_version", "cuda_compile_fft", "cuda_compile_dot", "cuda_compile_solver")
 """Functions about CUDA that need no driver."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.emulated_cuda.device import Device
-from tests.emulated_cuda.kernel_modules import SHARED_MEMORY, KernelModules
-from tests.emulated_cuda.warp_arguments import CURRENT_STREAM, number
+from tests.emulated_cuda.native.kernel_modules import SHARED_MEMORY, KernelModules
+from tests.emulated_cuda.warp_calls.warp_arguments import CURRENT_STREAM, number
 
 WIDEST_GRID = 2**31 - 1
 GRID_SIDE = 65535

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from tests.emulated_cuda.device import ARENA, BASE, DELTA, device
-from tests.emulated_cuda.native_library import torch_library
+from tests.emulated_cuda.native.native_library import torch_library
 
 CUDA = torch.device("cuda", 0)
 HOST = -1
@@ -27,7 +27,9 @@ Dispatch = Callable[[Any, Sequence[Any], dict[str, Any]], Any]
 @functools.cache
 def allocator() -> ctypes.PyDLL:
     """The library with torch's allocator."""
-    library = torch_library("torch_allocator.cpp", Path(torch.__file__).parent, device().settings.cache, ("c10",))
+    library = torch_library(
+        Path(__file__).with_name("torch_allocator.cpp"), Path(torch.__file__).parent, device().settings.cache, ("c10",)
+    )
     loaded = ctypes.PyDLL(str(library))
     loaded.emulated_allocate_in.restype = ctypes.c_int64
     loaded.emulated_install()

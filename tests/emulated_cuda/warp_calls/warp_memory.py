@@ -9,7 +9,7 @@ from typing import Any
 
 from tests.emulated_cuda.device import Device, host_view, is_device
 from tests.emulated_cuda.streams import LEGACY
-from tests.emulated_cuda.warp_arguments import CURRENT_STREAM, number
+from tests.emulated_cuda.warp_calls.warp_arguments import CURRENT_STREAM, number
 
 DESCRIPTOR_BYTES = {0: 56, 1: 104}
 """Bytes of Warp's array descriptors: regular and indexed arrays."""

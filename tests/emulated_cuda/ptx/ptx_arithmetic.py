@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.emulated_cuda.ptx_function import C_TYPES, SIZES, Function, Handler, Instruction, UnsupportedPtx
+from tests.emulated_cuda.ptx.ptx_function import C_TYPES, SIZES, Function, Handler, Instruction, UnsupportedPtx
 
 COMPARE = {
     "eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "lo": "<", "ls": "<=", "hi": ">", "hs": ">=",

@@ -6,7 +6,7 @@ from typing import Any
 
 from tests.emulated_cuda.device import Device
 from tests.emulated_cuda.streams import LEGACY, Event
-from tests.emulated_cuda.warp_arguments import number
+from tests.emulated_cuda.warp_calls.warp_arguments import number
 
 CONTEXT = 0xC0DA
 """Handle of the only context."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from tests.emulated_cuda.ptx_function import C_TYPES, SIZES, Function, Parameter, UnsupportedPtx, c_name
-from tests.emulated_cuda.ptx_instructions import HANDLERS
+from tests.emulated_cuda.ptx.ptx_function import C_TYPES, SIZES, Function, Parameter, UnsupportedPtx, c_name
+from tests.emulated_cuda.ptx.ptx_instructions import HANDLERS
 
 _PARAMETER = re.compile(
     r"\.param\s+(?:\.align\s+(\d+)\s+)?\.(\w+)\s+(?:\.ptr\s+)?(?:\.\w+\s+)*(?:\.align\s+\d+\s+)?"

@@ -7,7 +7,7 @@ from typing import Any
 
 from tests.emulated_cuda.device import Device
 from tests.emulated_cuda.streams import LEGACY, Capture, CaptureMode
-from tests.emulated_cuda.warp_arguments import number
+from tests.emulated_cuda.warp_calls.warp_arguments import number
 
 
 class WarpGraphs:

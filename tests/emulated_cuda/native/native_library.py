@@ -56,9 +56,8 @@ def runtime_library(cache: Path) -> Path:
     return path
 
 
-def torch_library(name: str, torch_folder: Path, cache: Path, libraries: Sequence[str]) -> Path:
-    """A C++ file of this folder as an extension of the torch that lies in a folder."""
-    source = HERE / name
+def torch_library(source: Path, torch_folder: Path, cache: Path, libraries: Sequence[str]) -> Path:
+    """A C++ file as an extension of the torch that lies in a folder."""
     version = (torch_folder / "version.py").read_bytes()
     path = cache / f"{source.stem}_{digest(source.read_bytes(), version)}.so"
     if not path.exists():

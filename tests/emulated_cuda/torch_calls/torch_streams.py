@@ -9,8 +9,8 @@ from typing import Any
 from tests.emulated_cuda.device import device
 from tests.emulated_cuda.faults import ERRORS, caller
 from tests.emulated_cuda.streams import LEGACY, Capture, CaptureMode, Event as DeviceEvent
-from tests.emulated_cuda.torch_dispatch import capturing, refuse, wait
-from tests.emulated_cuda.torch_tensor import CUDA
+from tests.emulated_cuda.torch_calls.torch_dispatch import capturing, refuse, wait
+from tests.emulated_cuda.torch_calls.torch_tensor import CUDA
 
 MODES = {"global": CaptureMode.GLOBAL, "thread_local": CaptureMode.THREAD_LOCAL, "relaxed": CaptureMode.RELAXED}
 

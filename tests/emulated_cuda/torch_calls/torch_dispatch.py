@@ -15,7 +15,7 @@ from tests.emulated_cuda.device import device
 from tests.emulated_cuda.faults import ERRORS, caller
 from tests.emulated_cuda.settings import StreamOrder
 from tests.emulated_cuda.streams import LEGACY
-from tests.emulated_cuda.torch_tensor import HOST, CudaTensor, allocating_in, borrowed, device_address
+from tests.emulated_cuda.torch_calls.torch_tensor import HOST, CudaTensor, allocating_in, borrowed, device_address
 
 aten = torch.ops.aten
 WAITING = {
