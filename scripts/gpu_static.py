@@ -90,21 +90,39 @@ def costs_of(module: Any, ptxas: Path) -> list[Cost]:
         begin = time.process_time()
         wp.compile_aot_module(module, device=None, arch=ARCH, module_dir=folder, use_ptx=True)
         spent = time.process_time() - begin
-        ptx = next(Path(folder).glob("*.ptx"))
-        text = ptx.read_bytes().rstrip(b"\0")  # Warp ends it as C does
-        ptx.write_bytes(text)
-        cubin = ptx.with_suffix(".cubin")
-        command = [str(ptxas), "-v", f"-arch=sm_{ARCH}", "-o", str(cubin), str(ptx)]
-        told = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+        assembled, size = assemble(next(Path(folder).glob("*.ptx")).read_bytes(), ptxas)
+    return [Cost(plain_name(each.entry), spent, each.registers, each.spilled, size) for each in assembled]
+
+
+@dataclasses.dataclass(frozen=True)
+class Assembled:
+    """A kernel as ptxas describes it: its name in PTX, registers of a thread, bytes of them that are spilled."""
+
+    entry: str
+    registers: int
+    spilled: int
+
+
+def assemble(ptx: bytes, ptxas: Path) -> tuple[list[Assembled], int]:
+    """Assemble PTX, which Warp ends as C does; its kernels, and the bytes of machine code."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, cubin = Path(folder) / "kernel.ptx", Path(folder) / "kernel.cubin"
+        source.write_bytes(ptx.rstrip(b"\0"))
+        command = [str(ptxas), "-v", f"-arch=sm_{ARCH}", "-o", str(cubin), str(source)]
+        report = subprocess.run(command, capture_output=True, text=True, check=True).stderr
         size = cubin.stat().st_size
     found = []
-    for part in told.split("Compiling entry function '")[1:]:
-        name = re.sub(r"_[0-9a-f]{8}_cuda_kernel_forward.*", "", part.split("'")[0], flags=re.DOTALL)
+    for part in report.split("Compiling entry function '")[1:]:
         spilled = sum(int(count) for count in re.findall(r"(\d+) bytes spill", part))
         registers = re.search(r"Used (\d+) registers", part)
         assert registers is not None, part
-        found.append(Cost(name.rpartition("__")[2], spent, int(registers[1]), spilled, size))
-    return found
+        found.append(Assembled(part.split("'")[0], int(registers[1]), spilled))
+    return found, size
+
+
+def plain_name(entry: str) -> str:
+    """Name of a kernel from its name in PTX."""
+    return re.sub(r"_[0-9a-f]{8}_cuda_kernel_forward.*", "", entry, flags=re.DOTALL).rpartition("__")[2]
 
 
 def main() -> int:

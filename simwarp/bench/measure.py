@@ -101,6 +101,7 @@ class TimedRun:
         horizon_steps: calls of `step` until it starts anew.
         steps_per_call: steps in one call of `step`.
         motion_command: recorded launch before every step.
+        settle_device: where motions run before they are timed: the model's own.
         examiner: judges the state; there once the start is set.
     """
 
@@ -108,6 +109,7 @@ class TimedRun:
         self.sim = sim
         self.dt = sim.dt
         self.worlds = sim.model.world_count
+        self.settle_device = str(sim.model.device)
         self.steps_per_call = 1
         self.horizon_steps = max(_MIN_HORIZON_STEPS, round(horizon / sim.dt))
         self.motion_command: Any = None
@@ -182,7 +184,7 @@ class SceneRun(TimedRun):
     def set_motion(self) -> None:
         """Start and forces: world k gets the same ones whatever the number of worlds."""
         if self.scene.settle > 0.0:
-            self._assign(_settled(self.scene, str(self.sim.model.device), self.dt))
+            self._assign(_settled(self.scene, self.settle_device, self.dt))
         else:
             self._draw()
         self._start_with_examiner()

@@ -150,7 +150,7 @@ class VehicleRun(TimedRun):
 
     def set_motion(self) -> None:
         """World k starts at the same place whatever the number of worlds."""
-        self._assign(_places(self.scene, str(self.sim.model.device), self.dt))
+        self._assign(_places(self.scene, self.settle_device, self.dt))
         self._start_here(VehicleExaminer(self.setup))
 
     def places(self) -> dict[str, Any]:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
@@ -13,13 +17,22 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+import simwarp
 from simwarp.bench.compiling import cold_and_warm
 from simwarp.bench.machine import describe
 from simwarp.bench.measure import Row, enter_cost_per_vehicle
 from simwarp.bench.subjects import Choices, Measure, find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
-from simwarp.cli.options import TASK_FILE, CommonOptions, option_value, parse_options, require_subject, split_subject
+from simwarp.cli.options import (
+    HELP,
+    TASK_FILE,
+    CommonOptions,
+    option_value,
+    parse_options,
+    require_subject,
+    split_subject,
+)
 from simwarp.cli.values import LARGEST_COUNT
 from simwarp.core.threads import MOST_THREADS, default_threads, thread_count
 from simwarp.model.model import resolve_device
@@ -37,6 +50,9 @@ SHORTEST_STEP: Final = 1e-9
 LONGEST_STEP: Final = 10.0
 """[s]"""
 
+EMULATED: Final = "emulated"
+"""Device that is a program of the tests."""
+
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 
@@ -52,7 +68,7 @@ class BenchOptions(CommonOptions):
     worlds: Annotated[str, tyro.conf.arg(metavar="N,N,...")] = "1,256,1024"
     """Numbers of worlds, one row each."""
     device: str = "auto"
-    """cpu, cuda, cuda:N or auto."""
+    """cpu, cuda, cuda:N or auto. `emulated`: counts of an emulated GPU and a time by model (of a checkout alone)."""
     dt: float | None = None
     """Time step [s]; by default the scene's own."""
     seconds: float = 1.0
@@ -77,6 +93,8 @@ class BenchOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     word, rest = _split_scene(arguments)
+    if option_value(rest, "--device") == EMULATED and not HELP & set(rest):
+        return _count_on_emulated_device(word, rest)
     name = _task_in_file(word) if TASK_FILE in word else word
     subject = find_subject(name, _task_names, _choices(rest))
     options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
@@ -115,6 +133,18 @@ def run(arguments: list[str]) -> int:
         }
     )
     return DONE if all(row.valid for row in rows + peers) else FELL_SHORT
+
+
+def _count_on_emulated_device(word: str, rest: list[str]) -> int:
+    """Start a process on the emulated CUDA device, which belongs to the checkout, and count there."""
+    folder = Path(simwarp.__file__).resolve().parents[1] / "tests" / "emulated_cuda"
+    if not (folder / "__main__.py").is_file():
+        raise UsageError(
+            f"--device {EMULATED} needs a checkout of the project, which '{folder.parents[1]}' is not; clone it"
+        )
+    counts = [sys.executable, str(folder), "-m", "tests.emulated_cuda.counts.scene_counts", word, *rest]
+    counted = {**os.environ, "EMULATED_CUDA_CHECK": "count", "EMULATED_CUDA_REPORT": "0"}
+    return subprocess.run(counts, env=counted, check=False).returncode
 
 
 def _choices(words: list[str]) -> Choices:

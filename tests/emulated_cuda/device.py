@@ -9,6 +9,7 @@ import functools
 import sys
 from collections.abc import Callable, Iterator
 
+from tests.emulated_cuda.counts.launch_counts import LaunchCounts
 from tests.emulated_cuda.faults import Faults
 from tests.emulated_cuda.native.native_library import runtime_library
 from tests.emulated_cuda.settings import Check, Settings
@@ -45,6 +46,8 @@ class Device:
         recorded_streams: handles of streams besides its own that use a block of a torch tensor, by address.
         is_torch_pinned: whether torch pinned an address of the host.
         seed: order of blocks and threads; 0 is the natural one.
+        counts: of launches, where kernels are translated for it (`Check.COUNT`).
+        ptx: texts of the modules that were loaded.
         kernel_count: kernels that were loaded.
         compile_seconds: time that gcc took.
     """
@@ -62,9 +65,11 @@ class Device:
         step = self.runtime.emu_open(ctypes.c_uint64(ARENA))
         if step:
             raise RuntimeError(f"emulated CUDA device: no memory for it (step {step} of emu_open)")
-        self.runtime.emu_checks({Check.OFF: 0, Check.MEMORY: 1, Check.RACE: 2}[settings.check])
+        self.runtime.emu_checks({Check.OFF: 0, Check.MEMORY: 1, Check.RACE: 2, Check.COUNT: 1}[settings.check])
         if settings.check is Check.RACE and self.runtime.emu_open_races():
             raise RuntimeError("emulated CUDA device: no memory for the check of races")
+        self.counts = LaunchCounts(self.runtime)
+        self.ptx: list[str] = []
         self.kinds: dict[int, str] = {}
         self.pinned: dict[int, int] = {}
         self.recorded_streams: dict[int, set[int]] = {}

@@ -21,11 +21,13 @@ class Check(StrEnum):
         OFF: nothing, but accesses of other memory than the device's are faults.
         MEMORY: accesses out of bounds, of freed memory, misaligned ones.
         RACE: also words that two threads of a launch touch without order.
+        COUNT: nothing; what warps do may be counted (`launch_counts`).
     """
 
     OFF = "off"
     MEMORY = "memory"
     RACE = "race"
+    COUNT = "count"
 
 
 class StreamOrder(StrEnum):

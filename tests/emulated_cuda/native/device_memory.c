@@ -143,6 +143,7 @@ void *emu_global_pointer(C *c, uint64_t a, uint32_t n, int line, int access) {
     if (!LIKELY(EMU_IS_DEVICE(a) && !(a & (n - 1)))) return emu_slow(c, a, n, line, access);
     if (checks && !emu_is_valid(a, n)) return emu_slow(c, a, n, line, access);
     if (checks > 1) emu_race(c, a, n, line, access);
+    if (emu_counting) emu_access(c, line, access, n, a);
     return (void *)(a + EMU_DELTA);
 }
 void *emu_generic_pointer(C *c, uint64_t a, uint32_t n, int line, int access) {

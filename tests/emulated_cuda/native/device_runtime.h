@@ -1,3 +1,4 @@
+#pragma once
 /* What translated PTX needs: the context of a thread, checked pointers, and PTX's arithmetic where C's differs.
  *
  * The device's memory is mapped twice: at EMU_BASE without any right, so that the host's accesses are faults, and
@@ -36,6 +37,16 @@ extern uint32_t emu_vote(C *c, int mode, int p, uint32_t mask, int line);
 extern void emu_trap(C *c, int line, const char *why);
 extern uint32_t emu_vprintf(C *c, uint64_t format, uint64_t arguments);
 
+/* Counting of warps (warp_counts.c): a thread notes the blocks that it enters and what it accesses. */
+extern int emu_counting;
+extern void emu_block(C *c, uint32_t block);
+extern void emu_access(C *c, int line, int access, uint32_t size, uint64_t address);
+#ifdef EMU_COUNT
+#define B(c, block) emu_block(c, block)
+#else
+#define B(c, block)
+#endif
+
 #define LIKELY(x) __builtin_expect(!!(x), 1)
 
 /* Each byte of the shadow stands for eight bytes of memory: how many of them may be accessed. */
@@ -61,6 +72,9 @@ static inline __attribute__((always_inline)) void *GP(C *c, uint64_t a, uint32_t
 #endif
 #ifdef EMU_RACE
         emu_race(c, a, n, line, access);
+#endif
+#ifdef EMU_COUNT
+        if (emu_counting) emu_access(c, line, access, n, a);
 #endif
         return (void *)(a + EMU_DELTA);
     }

@@ -2,6 +2,7 @@
 #define _GNU_SOURCE
 #define EMU_RUNTIME
 #include "device_threads.h"
+#include "warp_counts.h"
 #include <setjmp.h>
 #include <stdio.h>
 #include <sys/mman.h>
@@ -231,10 +232,13 @@ int emu_launch(void (*kernel)(C *, void **), const char *name, void **params, co
             continue;
         }
         for (int j = 0; j < threads; ++j) {
-            int t = thread_order[j];
+            int t = emu_counting ? j : thread_order[j]; /* lanes of a warp in a row */
+            if (emu_counting && j % WARP == 0) emu_count_begin();
             c.tid[0] = t % block[0]; c.tid[1] = t / block[0] % block[1]; c.tid[2] = t / block[0] / block[1];
             c.thread = 1 + b * threads + t;
             kernel(&c, params);
+            if (emu_counting && (j % WARP == WARP - 1 || j == threads - 1) && !emu_count_warp(j % WARP + 1))
+                emu_trap(&c, 0, "the course of a warp was not understood");
         }
     }
     free(block_order);

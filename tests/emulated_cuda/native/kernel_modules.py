@@ -11,6 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.emulated_cuda.counts.launch_counts import FlowTables
 from tests.emulated_cuda.device import Device
 from tests.emulated_cuda.native import native_library
 from tests.emulated_cuda.ptx.ptx_function import c_name
@@ -33,7 +34,12 @@ FLAGS = (
     "-w", "-ffp-contract=off", "-fno-strict-aliasing", "-fwrapv", "-fno-math-errno", "-frounding-math",
     "-U_FORTIFY_SOURCE", "-shared", "-fPIC",
 )  # fmt: skip
-CHECK_FLAGS = {Check.OFF: (), Check.MEMORY: ("-DEMU_CHECK",), Check.RACE: ("-DEMU_CHECK", "-DEMU_RACE")}
+CHECK_FLAGS = {
+    Check.OFF: (),
+    Check.MEMORY: ("-DEMU_CHECK",),
+    Check.RACE: ("-DEMU_CHECK", "-DEMU_RACE"),
+    Check.COUNT: ("-DEMU_COUNT",),
+}
 
 
 @dataclass
@@ -44,6 +50,7 @@ class Module:
     kernels: dict[str, KernelFacts]
     shared_size: int
     handles: dict[str, int]
+    flow: FlowTables
 
 
 @dataclass(frozen=True)
@@ -54,13 +61,20 @@ class Kernel:
     address: int
     facts: KernelFacts
     shared_size: int
+    flow: FlowTables
 
 
 class KernelModules:
-    """Modules and kernels of the device, by handle."""
+    """Modules and kernels of the device, by handle.
 
-    def __init__(self, device: Device) -> None:
+    Args:
+        device: of the kernels.
+        check: what they are translated for; by default what the device checks.
+    """
+
+    def __init__(self, device: Device, check: Check | None = None) -> None:
         self.device = device
+        self.check = check or device.settings.check
         self.modules: dict[int, Module] = {}
         self.kernels: dict[int, Kernel] = {}
 
@@ -74,7 +88,8 @@ class KernelModules:
         for name, problem in found["problems"].items():
             print(f"emulated CUDA: {name} is not translated: {problem}", file=sys.stderr)
         handle = self.device.streams.handle()
-        self.modules[handle] = Module(library, kernels, found["shared_size"], {})
+        self.device.ptx.append(ptx)
+        self.modules[handle] = Module(library, kernels, found["shared_size"], {}, FlowTables(found["flow"]))
         self.device.faults.counts["modules"] += 1
         return handle
 
@@ -82,7 +97,8 @@ class KernelModules:
         settings = self.device.settings
         optimisation = settings.optimisation or ("-O0" if ptx.count("\n") > LONG else "-O1")
         # Without optimisation the runtime looks at what is checked
-        check = Check.MEMORY if optimisation == "-O0" else settings.check
+        looks = optimisation == "-O0" and self.check is not Check.COUNT
+        check = Check.MEMORY if looks else self.check
         flags = [optimisation, *FLAGS, *native_library.target_flags(), *CHECK_FLAGS[check]]
         tool = [path.read_bytes() for path in TRANSLATOR]
         path = settings.cache / f"{native_library.digest(ptx, *tool, *flags)}.so"
@@ -94,6 +110,7 @@ class KernelModules:
             source.write_text(module.translate(), encoding="utf-8")
             kernels = {name: dataclasses.asdict(facts) for name, facts in module.kernels.items()}
             facts = {"kernels": kernels, "shared_size": module.shared_size, "problems": module.problems}
+            facts["flow"] = module.flow.facts()
             part = source.with_suffix(".json.part")
             part.write_text(json.dumps(facts), encoding="utf-8")
             part.rename(path.with_suffix(".json"))
@@ -111,7 +128,7 @@ class KernelModules:
                 return 0
             address = ctypes.cast(getattr(module.library, c_name("k_" + name)), ctypes.c_void_p).value or 0
             handle = self.device.streams.handle()
-            self.kernels[handle] = Kernel(name, address, module.kernels[name], module.shared_size)
+            self.kernels[handle] = Kernel(name, address, module.kernels[name], module.shared_size, module.flow)
             module.handles[name] = handle
             self.device.kernel_count += 1
         return module.handles[name]
@@ -138,6 +155,7 @@ class KernelModules:
         name = kernel.name.encode()
 
         def launch() -> int:
+            self.device.counts.prepare(kernel.name, None if kernel.facts.barrier else kernel.flow, block)
             code: int = self.device.runtime.emu_launch(
                 ctypes.c_void_p(kernel.address), name, params, grid_values, block_values,
                 ctypes.c_uint32(kernel.shared_size), ctypes.c_uint32(shared), ctypes.c_uint64(self.device.next_seed()),

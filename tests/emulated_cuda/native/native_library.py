@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-RUNTIME = ("device_memory.c", "device_threads.c", "device_threads.h", "device_runtime.h")
+RUNTIME = (
+    "device_memory.c", "device_threads.c", "device_threads.h", "device_runtime.h", "warp_counts.c", "warp_counts.h"
+)  # fmt: skip
 """Files of the runtime of device code."""
 
 

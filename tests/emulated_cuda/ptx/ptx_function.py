@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from tests.emulated_cuda.ptx.control_flow import ControlFlow
+
 C_TYPES = {
     "b8": "uint8_t", "u8": "uint8_t", "s8": "int8_t", "b16": "uint16_t", "u16": "uint16_t", "s16": "int16_t",
     "b32": "uint32_t", "u32": "uint32_t", "s32": "int32_t", "b64": "uint64_t", "u64": "uint64_t", "s64": "int64_t",
@@ -103,6 +105,7 @@ class Symbols(Protocol):
     used: set[str]
     functions: dict[str, tuple[list[Parameter], list[Parameter]]]
     extern: set[str]
+    flow: ControlFlow
 
     def add_shared(self, name: str, size: int, alignment: int) -> None:
         """Reserve shared memory of a block."""
@@ -253,6 +256,15 @@ class Function:
             body = " ".join(self.out[start:])
             del self.out[start:]
             self.out.append(f"if ({match[1]}{c_name('r_' + match[2])}) {{ {body} }}")
+        ends = self.unit.flow.add(
+            instruction.name, instruction.modifiers, instruction.operands, match[2] if match else ""
+        )
+        if ends:
+            self.begin_block()
+
+    def begin_block(self, label: str = "") -> None:
+        """Begin a block of instructions, at a label if it has one: its number is noted where warps are counted."""
+        self.out.append(f"B(c, {self.unit.flow.begin_block(label)});")
 
     def directive(self, text: str) -> None:
         """Translate a declaration in a body."""

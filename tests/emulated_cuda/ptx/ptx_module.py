@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from tests.emulated_cuda.ptx.control_flow import ControlFlow
 from tests.emulated_cuda.ptx.ptx_function import C_TYPES, SIZES, Function, Parameter, UnsupportedPtx, c_name
 from tests.emulated_cuda.ptx.ptx_instructions import HANDLERS
 
@@ -44,6 +45,7 @@ class PtxModule:
         kernels: by name.
         problems: why a function is not translated, by name.
         shared_size: bytes of static shared memory of a block.
+        flow: blocks of instructions, once it is translated.
     """
 
     def __init__(self, text: str) -> None:
@@ -56,6 +58,7 @@ class PtxModule:
         self.shared_size = 0
         self.kernels: dict[str, KernelFacts] = {}
         self.problems: dict[str, str] = {}
+        self.flow = ControlFlow()
 
     def add_shared(self, name: str, size: int, alignment: int) -> None:
         """Reserve shared memory of a block."""
@@ -189,6 +192,7 @@ class PtxModule:
         return f"static {c_type} {c_name('g_' + name)}[{count}] __attribute__((aligned({alignment}))) = {{{values}}};"
 
     def _translate_body(self, function: Function, body: Body) -> str:
+        function.out.append(f"B(c, {self.flow.begin_function()});")
         pending, first = "", True
         for number in range(body.begin, body.end):
             line = self.lines[number].partition("//")[0].strip()
@@ -221,6 +225,7 @@ def _translate_next(function: Function, pending: str) -> str:
     match = re.match(r"([$\w]+):(?!:)\s*", pending)
     if match:
         function.out.append(f"{c_name(match[1])}: ;")
+        function.begin_block(match[1])
         return pending[match.end() :]
     if re.match(r"\.loc\s", pending):
         return ""
