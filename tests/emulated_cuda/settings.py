@@ -92,7 +92,7 @@ class Settings:
 
 
 def cache_folder() -> Path:
-    """Folder of translated kernels, of the device's own libraries, and of Warp's PTX."""
+    """Folder of translated kernels and of the device's own libraries; Warp keeps its PTX where it keeps all kernels."""
     return Path(os.environ.get(f"{SWITCH}_CACHE") or Path.home() / ".cache" / "simwarp-emulated-cuda")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from tests.emulated_cuda.device import TOTAL_MEMORY, Device, device
@@ -132,5 +131,3 @@ def install(context: Any) -> None:
 
     context.Runtime.load_dll = load_dll
     config.cuda_output = "ptx"
-    if "WARP_CACHE_PATH" not in os.environ:
-        config.kernel_cache_dir = str(Path(target.settings.cache) / "warp")
