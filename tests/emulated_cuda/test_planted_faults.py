@@ -49,7 +49,9 @@ def found(tmp_path_factory):
     """What all programs saw on lazy streams, races checked."""
 
     def run() -> str:
-        return run_emulated(str(HERE / "planted_faults.py"), check=Check.RACE, streams=StreamOrder.LAZY)
+        elsewhere = tmp_path_factory.mktemp("elsewhere")
+        program = str(HERE / "planted_faults.py")
+        return run_emulated(program, check=Check.RACE, streams=StreamOrder.LAZY, folder=elsewhere)
 
     return once_per_run(tmp_path_factory, "planted-lazy", run)
 
