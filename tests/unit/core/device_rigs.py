@@ -81,6 +81,7 @@ class Arm:
 
     def moved(self) -> sw.Simulation:
         """Its simulation, somewhere on its way."""
+        self.sim.control.joint_force.zero_()  # other calls wrote it
         self.sim.reset()
         self.sim.set_joint_state(None, Q, Q)
         self.sim.step(2)
