@@ -10,11 +10,14 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import tyro
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT
 from simwarp.cli.options import CommonOptions, parse_options
 
+REPORT = "simwarp-gpu.json"
+"""File of `doctor --gpu`, in the present folder."""
 _MIN_FREE_BYTES = 1 << 30
 _GIB = 1 << 30
 
@@ -22,6 +25,13 @@ _GIB = 1 << 30
 @dataclasses.dataclass(frozen=True)
 class DoctorOptions(CommonOptions):
     """Device, versions, driver, kernel cache; what is wrong and what to do. Exit code 1 where something is wrong."""
+
+    gpu: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Also try the GPU: every scene against the CPU, and a training; writes a report to send (minutes)."""
+    device: str = "cuda:0"
+    """GPU that --gpu tries."""
+    worlds: int = 32
+    """Of every scene that --gpu tries."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +45,8 @@ class Problem:
 def run(arguments: list[str]) -> int:
     """Examine the machine; 1 where there is a problem."""
     options = parse_options(DoctorOptions, arguments, "simwarp doctor")
+    if options.gpu and options.json is None:
+        options = dataclasses.replace(options, json=REPORT)
     options.check()
     from simwarp.train.runs.run_folder import versions
 
@@ -43,6 +55,10 @@ def run(arguments: list[str]) -> int:
     packages = versions()
     problems += cache_problems + examine_versions(packages)
     console = options.console()
+    if options.gpu:
+        from simwarp.cli.gpu_trial import GpuTrial
+
+        trial = GpuTrial(options.device, options.worlds, console)  # refuses what is no GPU, before anything is tried
     table = Table(show_header=False, box=None)
     for name, value in device.items():
         table.add_row(name.replace("_", " "), _words(value))
@@ -52,16 +68,20 @@ def run(arguments: list[str]) -> int:
     console.print(table)
     for item in problems:
         console.print(f"problem: {item.problem}\n  remedy: {item.remedy}", highlight=False, soft_wrap=True)
+    report = {"device": device, "versions": packages, "cache": cache}
+    if options.gpu:
+        tried, wrong = trial.run()
+        report["gpu"] = tried
+        problems += [Problem(text, "send us the report") for text in wrong]
+        for text in wrong:
+            console.print(f"problem: {text}", highlight=False, soft_wrap=True)
     if not problems:
         console.print("nothing is wrong")
-    options.emit(
-        {
-            "device": device,
-            "versions": packages,
-            "cache": cache,
-            "problems": [dataclasses.asdict(item) for item in problems],
-        }
-    )
+    report["problems"] = [dataclasses.asdict(item) for item in problems]
+    options.emit(report)
+    if options.gpu and options.json != "-":
+        words = "it names hardware, versions, folders of the cache, times and differences, and nothing else"
+        console.print(f"send us {options.json}: {words}", highlight=False, soft_wrap=True)
     return FELL_SHORT if problems else DONE
 
 

@@ -165,40 +165,46 @@ class Simulation(Readable, Readings, FixedAttributes):
             self._allocate(reports, threads)
             for sensor in self.sensors:  # all of them before one is recorded
                 sensor.check(self, self._config.dt)
-            self._measuring = self.shares.record(
-                measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
-                outputs=[self.state.arrays, self.contacts.arrays],
-            )  # fmt: skip
-            self._measuring.launch()
-            self._resetting = self._record_reset()
-            self._colliding = record_collision(
-                self.shares, model, config=self._config, state=self.state.arrays, contacts=self.contacts.arrays,
-                scratch=self._collision_scratch, lists=self._contact_lists,
-            )  # fmt: skip
-            self.physics_commands = self._record_physics()
-            """Recorded launches of a sub-step; those of the sensors come after them."""
-            self.sensor_commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
-            """Those of each sensor in every sub-step."""
-            self.read_interval.sensors += [sensor.record_interval(self) for sensor in self.sensors]
-            self._program = self.program(())
-            self.memory = (*self._element_memory, *(each for part in self.sensors for each in part.memory.values()))
-            """State of force elements and sensors; `Snapshot.memory` holds a copy."""
-            self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
-            """Properties that a snapshot must have in common with this Simulation."""
-            self._setting = self._record_setting()
-            self._measuring_energy = self.shares.record(
-                measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
-                outputs=[self.diagnostics.energy],
-            )  # fmt: skip
+            with self.shares.recording_together():
+                self._record()
             self._warn_of_unshared()
             self._state_check = StateCheck(model, self.state, self.contacts, self._config, self._colliding)
             if check_start:
                 self._state_check.warn(stacklevel=4)
-            self._publishing = [
-                command for part in self.elements for command in recorded(part.record_outputs, self, self._all_worlds)
-            ]
             self._begin_sensors(self._all_worlds)
         self._fix()
+
+    def _record(self) -> None:
+        """Records all launches. What is recorded before the first of them runs is compiled side by side."""
+        model = self.model
+        self._measuring = self.shares.record(
+            measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
+            outputs=[self.state.arrays, self.contacts.arrays],
+        )  # fmt: skip
+        self._colliding = record_collision(
+            self.shares, model, config=self._config, state=self.state.arrays, contacts=self.contacts.arrays,
+            scratch=self._collision_scratch, lists=self._contact_lists,
+        )  # fmt: skip
+        self.physics_commands = self._record_physics()
+        """Recorded launches of a sub-step; those of the sensors come after them."""
+        self.sensor_commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
+        """Those of each sensor in every sub-step."""
+        self.read_interval.sensors += [sensor.record_interval(self) for sensor in self.sensors]
+        self._setting = self._record_setting()
+        self._measuring_energy = self.shares.record(
+            measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
+            outputs=[self.diagnostics.energy],
+        )  # fmt: skip
+        self._publishing = [
+            command for part in self.elements for command in recorded(part.record_outputs, self, self._all_worlds)
+        ]
+        self._measuring.launch()
+        self._resetting = self._record_reset()
+        self._program = self.program(())
+        self.memory = (*self._element_memory, *(each for part in self.sensors for each in part.memory.values()))
+        """State of force elements and sensors; `Snapshot.memory` holds a copy."""
+        self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
+        """Properties that a snapshot must have in common with this Simulation."""
 
     @property
     def time(self) -> wp.array:

@@ -8,15 +8,16 @@ take longer than others. Worlds never share anything that a launch writes: any n
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, ClassVar, Final, TypeAlias
 
 import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
-from simwarp.core.threads import Workers, number_from_environment
+from simwarp.core.threads import Workers, number_from_environment, thread_count
 from simwarp.kernels.core.world_range import WorldRange
 
 CHUNKS_PER_THREAD: Final = 4
@@ -55,15 +56,20 @@ class WorldLaunch:
 
     Attributes:
         kernel: that is launched.
-        parts: one `wp.Launch` per chunk.
     """
 
     HOST_STATE: ClassVar[frozenset[str]] = frozenset({"_used"})
     """Attributes that no launch reads."""
 
-    def __init__(self, kernel: wp.Kernel, parts: Sequence[Any], shares: WorldShares) -> None:
-        self.kernel, self.parts, self._shares = kernel, tuple(parts), shares
+    def __init__(self, kernel: wp.Kernel, make_parts: Callable[[], Sequence[Any]], shares: WorldShares) -> None:
+        self.kernel, self._make_parts, self._shares = kernel, make_parts, shares
         self._used: dict[int, tuple[Any, ...]] = {}
+
+    @functools.cached_property
+    def parts(self) -> tuple[Any, ...]:
+        """One `wp.Launch` per chunk; kernels that were recorded together with this one are compiled side by side."""
+        self._shares.load_recorded()
+        return tuple(self._make_parts())
 
     def use(self, index: int, array: wp.array) -> None:
         """From now on it takes this array for input `index`; not for launches that a `WorldProgram` runs.
@@ -113,6 +119,28 @@ class WorldShares:
         self.threads = min(threads, chunks)
         self.launches = 0
         self._workers = Workers(self.threads) if self.threads > 1 else None
+        self._waiting: list[WorldLaunch] | None = None
+
+    @contextlib.contextmanager
+    def recording_together(self) -> Iterator[None]:
+        """Inside, kernels are not compiled when they are recorded, but side by side when the first of them is used."""
+        self._waiting = []
+        try:
+            yield
+            self.load_recorded()
+        finally:
+            self._waiting = None
+
+    def load_recorded(self) -> None:
+        """Compile and load the kernels that were recorded together and not used yet, on all processors."""
+        if not self._waiting:
+            return
+        waiting, self._waiting = self._waiting, []
+        modules = list(dict.fromkeys(each.kernel.module for each in waiting))
+        block = block_threads() if self.device.is_cuda else None
+        wp.force_load(self.device, modules, block_dim=block, max_workers=thread_count(None))
+        for each in waiting:
+            _ = each.parts
 
     def record(
         self, kernel: wp.Kernel, threads_per_world: int | None = None, *, inputs: Sequence[Any],
@@ -133,14 +161,22 @@ class WorldShares:
         refuse_arguments_elsewhere(kernel, [None, *inputs, *outputs], self.device)
         block = block_threads()
         each = () if threads_per_world is None else (threads_per_world,)
-        parts = [
-            wp.launch(
-                kernel, dim=(1 if in_turn else worlds.count, *each), device=self.device, record_cmd=True,
-                block_dim=block, inputs=[worlds, *inputs], outputs=list(outputs),
-            )
-            for worlds in self.ranges
-        ]  # fmt: skip
-        return WorldLaunch(kernel, parts, self)
+
+        def make_parts() -> list[Any]:
+            return [
+                wp.launch(
+                    kernel, dim=(1 if in_turn else worlds.count, *each), device=self.device, record_cmd=True,
+                    block_dim=block, inputs=[worlds, *inputs], outputs=list(outputs),
+                )
+                for worlds in self.ranges
+            ]  # fmt: skip
+
+        launch = WorldLaunch(kernel, make_parts, self)
+        if self._waiting is None:
+            _ = launch.parts
+        else:
+            self._waiting.append(launch)
+        return launch
 
     def run(self, commands: Sequence[Any], times: int = 1) -> None:
         """Launches recorded commands in turn, `times` over.

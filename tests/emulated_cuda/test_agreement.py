@@ -8,7 +8,7 @@ from tests.emulated_cuda.emulated_runs import HERE, once_per_run, run_emulated
 from tests.emulated_cuda.settings import Check
 
 BOUNDS = {"pendulum": 1e-6, "ant": 2e-4, "camera": 1.0}
-"""Largest difference to the CPU. Compilers round differently, and contacts amplify: scripts/gpu_agreement.py has the
+"""Largest difference to the CPU. Compilers round differently, and contacts amplify: `simwarp.bench.agreement` has the
 reason for the ant's bound, over as many steps; a byte of a picture may be rounded the other way."""
 
 
