@@ -12,7 +12,6 @@ from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegativ
 from .actuation.actuator_network import ActuatorNetwork
 from .actuation.attached_actuators import actuators_of
 from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
-from .framework.command import Command
 from .framework.config import RewardWeights, TaskConfig, replace_fields, require
 from .framework.config_values import config_from_plain, config_to_plain
 from .framework.devices import available_devices, resolve_device
@@ -30,11 +29,12 @@ from .framework.recorded_launches import (
 )
 from .framework.registry import ENTRY_POINT_GROUP, config_to_train_in, make, register, task_class, task_names
 from .framework.replay import ReplayReport
-from .framework.simulation_access import Attachments
 from .framework.statistics import EpisodeSummary
 from .framework.step_check import StepReport, check_step
 from .framework.step_result import StepResult
 from .framework.task import NON_FINITE, TIME_LIMIT, Task
+from .framework.task_simulation import Attachments
+from .framework.user_command import Command
 from .randomisation.randomisation_config import Curriculum, Driver, Mode, Range, Sensing, When
 from .randomisation.randomness import WorldRandom
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from simwarp.core.constraints import Infinite, Meaning, NotNegative, Parsed, Positive, RuleError
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import FLOAT32_MAX, Pose, number, numbers, pose as make_pose
 from simwarp.model.rules import RULES, Name, Passive, Range, Signed, one_of, vector
 

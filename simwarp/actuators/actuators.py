@@ -30,7 +30,7 @@ from simwarp.core.arrays import (
     writable_from,
 )
 from simwarp.core.constraints import Meaning, Positive
-from simwarp.core.readable import Names, Row, plural
+from simwarp.core.object_repr import Names, Row, plural
 from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, formatted, number
 from simwarp.core.wording import suggestion
 from simwarp.model.checks import (

@@ -1,4 +1,4 @@
-"""A GPU against the CPU: scenes, vehicles and sensors of `bench` start in one state on both, and take the same steps."""
+"""A GPU against the CPU: scenes, vehicles and sensors of `bench` start in one state on both, and take equal steps."""
 
 from __future__ import annotations
 

@@ -15,11 +15,11 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.soil import soil_under
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
 from simwarp.vehicle.results.runs import REFERENCE_DT, set_up
-from simwarp.vehicle.results.vehicle_row import set_up_convoy
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
+from simwarp.vehicle.vehicle_convoy import set_up_convoy
 
 HORIZON: Final = 1.5
 """Each world drives that long [s]: sixteen of them cover the 24 s that follow the settling."""

@@ -37,7 +37,7 @@ from simwarp.cli.values import LARGEST_COUNT
 from simwarp.core.threads import MOST_THREADS, default_threads, thread_count
 from simwarp.model.model import resolve_device
 from simwarp.soil.soil_parameters import soil_preset
-from simwarp.vehicle.results.vehicle_row import MOST_VEHICLES
+from simwarp.vehicle.vehicle_convoy import MOST_VEHICLES
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
 

@@ -16,7 +16,7 @@ import warp as wp
 
 from simwarp.core import file_keys
 from simwarp.core.arrays import ANY, Domain, FixedAttributes, writable
-from simwarp.core.readable import Readable, Row, plural
+from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.core.types import ArrayLayout
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import warp as wp
 
-from simwarp.core.readable import bytes_text
+from simwarp.core.object_repr import bytes_text
 from simwarp.core.types import ArrayLayout, ModelError, formatted
 
 MOST_ROWS: Final = 2**31 - 1

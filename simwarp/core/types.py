@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Fraction, Ge, Le, Meaning, NotNegative
-from simwarp.core.readable import Readable, ReadableFields
+from simwarp.core.object_repr import Readable, ReadableFields
 
 WORLD: Final = -1
 """The index of the fixed world, wherever a body index is asked for."""

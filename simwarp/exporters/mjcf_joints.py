@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import Dof, ModelError, PositionDrive
 from simwarp.exporters.mjcf_tree import Node, PlacedMotion, row_of
 from simwarp.model.model import Model

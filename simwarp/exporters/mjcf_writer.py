@@ -19,7 +19,7 @@ import numpy as np
 from simwarp.actuators import Activation, Actuators, ActuatorSpec, Law
 from simwarp.core.constraints import Meaning, Positive
 from simwarp.core.files import check_output, write_file
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import WORLD, ModelError, formatted
 from simwarp.exporters.mjcf_geoms import ShapeWriter

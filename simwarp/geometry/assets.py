@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, ShapeType, formatted, numbers
 from simwarp.geometry.triangle_tree import tree_tables
 from simwarp.kernels.collision.shape import Assets

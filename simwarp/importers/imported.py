@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.readable import Names, Readable, ReadableFields, Row
+from simwarp.core.object_repr import Names, Readable, ReadableFields, Row
 from simwarp.core.rotation import quat_conjugate, quat_multiply, rotate
 from simwarp.core.types import WORLD, Drive, ModelError, Pose, ShapeType, formatted, pose as make_pose
 from simwarp.core.wording import suggestion

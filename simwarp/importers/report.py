@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import suggestion
 

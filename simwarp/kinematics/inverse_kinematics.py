@@ -10,7 +10,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.constraints import Ge, Le, Meaning, Positive
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, formatted
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kinematics.inverse_kinematics_kernels import Found, Search, SearchArrays, search_coordinates

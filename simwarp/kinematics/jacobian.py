@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import warp as wp
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError, Vec3, finite_vector, formatted
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch

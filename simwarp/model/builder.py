@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Meaning, NotNegative, Positive
-from simwarp.core.readable import Readable, Row
+from simwarp.core.object_repr import Readable, Row
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.core.types import (
     FLOAT32_LEAST,
@@ -32,7 +32,6 @@ from simwarp.core.types import (
     formatted,
     pose as make_pose,
 )
-from simwarp.model.active_entries import refuse_idle_writes
 from simwarp.model.checks import (
     check_floats,
     check_link_across_axis,
@@ -49,8 +48,9 @@ from simwarp.model.checks import (
     index_within,
     whole_number,
 )
+from simwarp.model.effective_parameters import refuse_idle_writes
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.keyword_options import DofOptions
+from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.mass_ratios import unsound_ratio
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, Name, PoseField, Vector3

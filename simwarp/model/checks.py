@@ -28,7 +28,7 @@ from simwarp.core.types import (
 )
 from simwarp.core.wording import suggestion
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.keyword_options import DRIVES, DofOptions
+from simwarp.model.keyword_argument_types import DRIVES, DofOptions
 from simwarp.model.rules import Name, PoseField, held_fields
 from simwarp.model.specifications import JointSpec
 

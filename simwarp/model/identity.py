@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from simwarp.core import file_keys
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import Dof, FrictionRule, Material, PairRule, formatted
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort

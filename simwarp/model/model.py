@@ -13,8 +13,8 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts, item_bytes, layout_bytes
+from simwarp.core.object_repr import Names, Row, bytes_text, plural
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.core.readable import Names, Row, bytes_text, plural
 from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, formatted
 from simwarp.core.warp_start import start_warp
 from simwarp.core.wording import close_names

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Ge, Le, Meaning, NotNegative, Parsed, Positive, RuleError
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.schema import Fault, Schema, dotted
 from simwarp.core.types import (
     FLOAT32_LEAST,

@@ -44,7 +44,7 @@ from simwarp.model.checks import (
     positive_number,
     whole_number,
 )
-from simwarp.model.keyword_options import ShapeOptions, SurfaceOptions
+from simwarp.model.keyword_argument_types import ShapeOptions, SurfaceOptions
 from simwarp.model.rules import ALL_GROUPS, RULES, Name, PoseField, held_fields
 from simwarp.model.specifications import ShapeSpec, Specification
 

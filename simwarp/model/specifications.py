@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.readable import Names, ReadableFields, Row
+from simwarp.core.object_repr import Names, ReadableFields, Row
 from simwarp.core.types import WORLD, Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 

@@ -17,8 +17,8 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle
 if TYPE_CHECKING:
     from simwarp.sensors.scene import PlainAppearanceOptions, Visuals
     from simwarp.vehicle.construction import VehicleParts
-    from simwarp.vehicle.results.vehicle_row import Convoy
     from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+    from simwarp.vehicle.vehicle_convoy import Convoy
 
 VEHICLES: Final = tuple(STYLES)
 """Vehicles that have a body."""

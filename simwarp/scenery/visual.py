@@ -17,7 +17,7 @@ from simwarp.scenery.solids import icosphere, moved
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
-    from simwarp.model.keyword_options import SurfaceOptions
+    from simwarp.model.keyword_argument_types import SurfaceOptions
     from simwarp.sensors.scene import AppearanceOptions, Visuals
 
 Array = npt.NDArray[np.float64]

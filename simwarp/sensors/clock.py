@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.arrays import with_zeros, writable_from
 from simwarp.core.memory import check_fits
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, instance_of

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import warp as wp
 
-from simwarp.core.readable import array_text, plural
+from simwarp.core.object_repr import array_text, plural
 from simwarp.core.types import WORLD
 from simwarp.model.model import Model
 from simwarp.sensors.clock import ClockInterval, Field, FrameBuffer, mount_arrays

@@ -14,7 +14,7 @@ import warp as wp
 from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import As, Ge, Le, Meaning
-from simwarp.core.readable import Names, Readable, Row, plural
+from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables

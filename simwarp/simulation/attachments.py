@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 
 import warp as wp
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError, formatted
 from simwarp.core.wording import close_names
 from simwarp.model.checks import checked_instances

@@ -11,7 +11,7 @@ import warp as wp
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.memory import check_layouts
-from simwarp.core.readable import Names, Readable, Row, plural
+from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
 from simwarp.core.warp_start import report_compiling
@@ -27,8 +27,8 @@ from simwarp.kernels.dynamics.world import (
     make_scratch,
     measure_worlds,
 )
-from simwarp.model.active_entries import idle_changes
 from simwarp.model.checks import whole_number
+from simwarp.model.effective_parameters import idle_changes
 from simwarp.model.identity import run_parts
 from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits

@@ -17,7 +17,7 @@ import warp as wp
 
 from simwarp.core.files import FileError, check_input, parse_json, replacing
 from simwarp.core.memory import check_layouts
-from simwarp.core.readable import Readable, bytes_text, plural
+from simwarp.core.object_repr import Readable, bytes_text, plural
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.identity import Identity, run_parts
 from simwarp.model.layouts import snapshot_layouts

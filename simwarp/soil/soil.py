@@ -14,7 +14,7 @@ import warp as wp
 from simwarp.core.array_devices import array_from_host, array_on
 from simwarp.core.arrays import with_zeros, writable, writable_from
 from simwarp.core.constraints import Parsed, RuleError
-from simwarp.core.readable import Row, plural
+from simwarp.core.object_repr import Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, formatted, number, numbers
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
 from simwarp.model.checks import whole_number
@@ -25,7 +25,6 @@ from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.deformed_surface_kernels import SoilCover, find_heights
-from simwarp.soil.imprint_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
@@ -47,6 +46,7 @@ from simwarp.soil.soil_tables_kernels import (
     SoilReports,
     SoilTables,
 )
+from simwarp.soil.static_sinkage_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane
 

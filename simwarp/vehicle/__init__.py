@@ -23,7 +23,6 @@ from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
-from simwarp.vehicle.results.vehicle_row import Convoy, set_up_convoy
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
@@ -32,6 +31,7 @@ from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
+from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
 
 load = load_vehicle
 """`sw.vehicle.load(name_or_file)`: the same as `load_vehicle`."""

@@ -9,11 +9,11 @@ from typing import Unpack
 
 import numpy as np
 
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import Pose, Vec3, finite_vector, pose
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.keyword_options import SurfaceOptions
+from simwarp.model.keyword_argument_types import SurfaceOptions
 from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_clutch, add_driveline
 from simwarp.vehicle.initial_velocity import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
 from simwarp.vehicle.spec.parts import merged

@@ -9,7 +9,7 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.arrays import writable
-from simwarp.core.readable import Names, Row, array_text, plural
+from simwarp.core.object_repr import Names, Row, array_text, plural
 from simwarp.core.types import ModelError, Vec3, finite_vector
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext

@@ -12,7 +12,7 @@ from simwarp.core.names_on_demand import names_on_demand
 if TYPE_CHECKING:
     from simwarp.viewer.default_visuals import add_bodies, add_skeleton, paint
     from simwarp.viewer.free_camera import FreeCamera
-    from simwarp.viewer.lines import Polyline, draw_lines
+    from simwarp.viewer.line_overlay import Polyline, draw_lines
     from simwarp.viewer.live.live_view import LiveView
     from simwarp.viewer.live.page_panels import show
     from simwarp.viewer.portrait import portrait
@@ -25,9 +25,9 @@ __all__ = [
 ]  # fmt: skip
 
 _MODULES: Final = {
-    "FollowCamera": "studio", "FreeCamera": "free_camera", "LiveView": "live.live_view", "Polyline": "lines",
+    "FollowCamera": "studio", "FreeCamera": "free_camera", "LiveView": "live.live_view", "Polyline": "line_overlay",
     "Shot": "studio", "add_bodies": "default_visuals", "add_skeleton": "default_visuals", "caption": "sheets",
-    "draw_lines": "lines", "grid": "sheets", "paint": "default_visuals", "portrait": "portrait",
+    "draw_lines": "line_overlay", "grid": "sheets", "paint": "default_visuals", "portrait": "portrait",
     "show": "live.page_panels",
 }  # fmt: skip
 

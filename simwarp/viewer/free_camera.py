@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import with_zeros
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError, Pose
 from simwarp.kernels.core.world_range import WorldRange

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, Pose, Vec3, finite_vector
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
@@ -21,7 +21,7 @@ from simwarp.sensors.scene import Scene
 from simwarp.viewer.free_camera import FreeCamera
 from simwarp.viewer.ground_height import GroundHeight
 from simwarp.viewer.ground_marks import GroundFinder, draw_marks, marks_for, quieter
-from simwarp.viewer.lines import Polyline, draw_lines
+from simwarp.viewer.line_overlay import Polyline, draw_lines
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

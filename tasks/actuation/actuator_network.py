@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import torch
 
-from simwarp.core.readable import Names, Readable, Row
+from simwarp.core.object_repr import Names, Readable, Row
 from simwarp.core.types import formatted
 
 from ..framework.errors import InputError, near_names

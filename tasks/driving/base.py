@@ -19,8 +19,8 @@ from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 from ..framework.config import require
 from ..framework.errors import InputError, TaskError
 from ..framework.recorded_launches import TensorFunction, WorldLaunch, filled, launch_over, share_over, zeros_of
-from ..framework.simulation_access import Attachments
 from ..framework.task import Task
+from ..framework.task_simulation import Attachments
 from ..randomisation.randomisation_config import Uncertainty
 from .base_kernels import (
     Car,

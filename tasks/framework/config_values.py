@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final, TypeVar, cast
 
 from simwarp.core.file_keys import with_reward_weights
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.schema import Fault, FreeKey, Keys, Schema, field_hints, peeled
 
 from .errors import InputError

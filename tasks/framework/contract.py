@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final, TypeAlias
 
 import torch
 
-from simwarp.core.readable import plural
+from simwarp.core.object_repr import plural
 from simwarp.core.types import formatted
 
 from .agents import Worlds

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
-from simwarp.core.readable import plural
+from simwarp.core.object_repr import plural
 from simwarp.core.wording import suggestions
 
 MOST_LISTED: Final = 24

@@ -28,7 +28,7 @@ from .config_values import Settings, config_to_plain
 from .control_step_kernels import Recording, keep_bytes, keep_words
 from .npz import write_arrays
 from .recorded_launches import filled
-from .simulation_access import arrays_of, pack_snapshot
+from .task_simulation import arrays_of, pack_snapshot
 
 FORMAT = 1
 

@@ -10,8 +10,8 @@ import torch
 from simwarp.core.types import formatted
 
 from .agents import Worlds, lead_of
-from .command import Command
 from .errors import TaskError
+from .user_command import Command
 
 
 def _named(task: Worlds, more: bool = False) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from simwarp import to_torch
-from simwarp.core.readable import Names, Readable, Row, plural
+from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.types import formatted
 
 from .errors import InputError, near_names

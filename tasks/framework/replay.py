@@ -19,8 +19,8 @@ from .guard import FORMAT, DumpAbout
 from .npz import Arrays, read_arrays, text_of
 from .registry import make, task_class_of
 from .saved_state import check_like
-from .simulation_access import pack_snapshot, unpack_snapshot
 from .task import Task
+from .task_simulation import pack_snapshot, unpack_snapshot
 
 _LEVEL: Final = "level"
 """Array that older dumps do not have."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from .errors import InputError
-from .simulation_access import pack_snapshot, unpack_snapshot
+from .task_simulation import pack_snapshot, unpack_snapshot
 
 NEW_STATE: Final = frozenset({"drawn_level"})
 """Entries of a task's state that older checkpoints do not have."""

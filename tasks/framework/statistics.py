@@ -6,7 +6,7 @@ import dataclasses
 
 import torch
 
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 
 from .control_step_kernels import FirstBad, Tally
 from .recorded_launches import filled

@@ -7,7 +7,7 @@ import math
 
 import torch
 
-from simwarp.core.readable import Readable, array_text, plural
+from simwarp.core.object_repr import Readable, array_text, plural
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -16,7 +16,7 @@ import torch
 
 import simwarp as sw
 from simwarp.core.interop import shared_stream
-from simwarp.core.readable import Names, Readable, Row, array_text, plural
+from simwarp.core.object_repr import Names, Readable, Row, array_text, plural
 
 from ..randomisation.randomisation_config import Driver
 from ..randomisation.randomising import randomiser_of
@@ -26,7 +26,6 @@ from .action_path import ActionPath
 from .agents import Agents, lead_of
 from .argument_checks import check_room, checked_level, whole
 from .capture import StepCapture, recorder_of
-from .command import Command
 from .config import TaskConfig, obs_of
 from .contract import Contract, bad_value
 from .control_step_kernels import Clocks, Recording, begin_episodes, count_step
@@ -41,9 +40,10 @@ from .named_contacts import ContactTracker, NamedContacts
 from .recorded_launches import WorldLaunch, filled, launch_over
 from .rewards_and_ends import RewardsAndEnds
 from .saved_task import load_task_state, task_state
-from .simulation_access import Attachments, PhysicsViews, physics_of
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
+from .task_simulation import Attachments, PhysicsViews, physics_of
+from .user_command import Command
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 

@@ -19,7 +19,7 @@ from .randomisation_config import Mode, Range, When
 from .randomness import WorldRandom
 
 if TYPE_CHECKING:
-    from simwarp.model.active_entries import ActiveEntries
+    from simwarp.model.effective_parameters import ActiveEntries
 
 
 class _Parameter:
@@ -180,7 +180,7 @@ class Randomiser:
     """
 
     def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
-        from simwarp.model.active_entries import active_entries
+        from simwarp.model.effective_parameters import effective_entries
 
         model = simulation.model
         moving, shifting = of_actuators(ranges), of_centres(ranges)
@@ -202,7 +202,7 @@ class Randomiser:
         self._inertias = [_Inertia(item, model) for item in self._parameters if _scales_inertia(item.name, ranges)]
         for item in (one for one in self._parameters if one.name in of_model):
             contact_model = simulation.solver.contact_model
-            effect = active_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
+            effect = effective_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
             _check_acts(item, effect, model, owner)
         _check_limits(self._parameters, model, owner)
 

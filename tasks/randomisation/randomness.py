@@ -15,7 +15,7 @@ import torch
 import warp as wp
 
 from simwarp.core.interop import TensorLaunch, from_torch
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 
 from ..framework.randomness_kernels import Draws, draw_bits, draw_integers, draw_normal, draw_uniform
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from simwarp import cli
 from simwarp.viewer.demo import sheet as sheets
-from simwarp.viewer.demo.panels import CLASSES, radar_panel
+from simwarp.viewer.demo.sensor_plots import CLASSES, radar_panel
 from simwarp.viewer.demo.sheet import BLANK, Bar, Panel, Sheet
 
 PANEL = 128

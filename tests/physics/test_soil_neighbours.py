@@ -13,9 +13,9 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.soil import soil_under
 from simwarp.vehicle.construction import add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.results.vehicle_row import HMMWV_BOX
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicles, per_world
+from simwarp.vehicle.vehicle_convoy import HMMWV_BOX
 from tests.physics.sample_vehicles import shipped
 
 STARTS = {

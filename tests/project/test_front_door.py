@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 import pytest
 
 import simwarp as sw
-from simwarp.model.keyword_options import DofOptions
+from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.sensors.scene import AppearanceOptions
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ import warp as wp
 import simwarp as sw
 import simwarp.simulation.simulation as simulation_module
 from simwarp import actuators, sensors, vehicle
-from simwarp.core.readable import MOST_LINES, WIDEST, Readable, ReadableFields
+from simwarp.core.object_repr import MOST_LINES, WIDEST, Readable, ReadableFields
 from simwarp.core.types import ModelError, formatted
 from simwarp.geometry.assets import triangle_mesh
 from simwarp.model.identity import _surface_line

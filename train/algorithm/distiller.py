@@ -12,7 +12,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_callable
 from tensordict import TensorDict
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.tasks.framework.saved_state import check_like

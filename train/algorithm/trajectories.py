@@ -18,7 +18,7 @@ import numpy.typing as npt
 import torch
 
 from simwarp.core.files import parse_json
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.stopping import StopRequest
 from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, config_to_plain

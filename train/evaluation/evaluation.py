@@ -12,7 +12,7 @@ import torch
 import warp as wp
 
 from simwarp.core.memory import check_fits
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 from simwarp.tasks.framework.agent_rows import Rows
 from simwarp.tasks.framework.errors import TaskStepError

@@ -12,7 +12,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import formatted
 from simwarp.tasks import InputError, Task, task_class
 from simwarp.tasks.framework.config import obs_of

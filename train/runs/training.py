@@ -14,7 +14,7 @@ import torch
 from rich.console import Console
 
 from simwarp.core.files import OutputError, output_error
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import default_threads
 from simwarp.core.types import ModelError, formatted

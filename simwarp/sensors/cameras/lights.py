@@ -12,7 +12,7 @@ import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.constraints import Count, Direction, Meaning, Parsed, RuleError
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import FLOAT32_MAX, ModelError, Vec3, numbers
 from simwarp.model.checks import checked_names

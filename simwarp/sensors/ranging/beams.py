@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Ge, Le, Meaning, MinLen, Read
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, numbers
 from simwarp.model.rules import RULES
 from simwarp.sensors.interface import Configuration

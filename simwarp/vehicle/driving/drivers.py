@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.core.readable import ReadableFields
 from simwarp.core.types import formatted
 from simwarp.core.wording import nearest
 from simwarp.simulation.attachments import ForceElement, StepContext

@@ -12,7 +12,7 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import MinLen, NotNegative, Positive
-from simwarp.core.readable import plural
+from simwarp.core.object_repr import plural
 from simwarp.model.rules import instance_of
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_masks import mask_of_worlds

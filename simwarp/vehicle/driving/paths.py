@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import formatted
 from simwarp.vehicle.paths_kernels import PathTables
 from simwarp.vehicle.spec.vehicle_files import read_text

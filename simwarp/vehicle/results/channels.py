@@ -17,7 +17,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.files import replacing
-from simwarp.core.readable import Readable, ReadableFields, plural
+from simwarp.core.object_repr import Readable, ReadableFields, plural
 from simwarp.core.types import formatted
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_files import read_text

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import rotate
 from simwarp.core.types import Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import COINCIDENT, Curve, Inertia, NotNegative, Point, Positive, Products
-from simwarp.core.readable import ReadableFields
+from simwarp.core.object_repr import ReadableFields
 from simwarp.core.schema import Schema
 from simwarp.core.types import formatted
 

@@ -12,7 +12,7 @@ import dataclasses
 from typing import Annotated
 
 from simwarp.core.constraints import MinLen
-from simwarp.core.readable import Names, Readable, Row, plural
+from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
     AutomaticMap,

@@ -22,7 +22,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
 from simwarp.core.arrays import WritableArray, writable, writable_from
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, ShapeType
 from simwarp.core.wording import close_names

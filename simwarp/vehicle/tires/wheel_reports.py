@@ -8,7 +8,7 @@ from typing import Final, Self
 import warp as wp
 
 from simwarp.core.arrays import writable
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.schema import Fault, fault_text
 from simwarp.model.model import Model
 

@@ -14,7 +14,7 @@ from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.motion.gps import GeoOrigin, to_local
 from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.demo.landscape import ROOF, DemoWorld, make_world
-from simwarp.viewer.demo.panels import (
+from simwarp.viewer.demo.sensor_plots import (
     Traces,
     cloud_panel,
     depth_panel,

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
-from simwarp.core.readable import Readable
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.simulation import Simulation

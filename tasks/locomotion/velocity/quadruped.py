@@ -9,9 +9,9 @@ import torch
 
 import simwarp as sw
 
-from ...framework.command import Command
 from ...framework.config import TaskConfig
 from ...framework.registry import register
+from ...framework.user_command import Command
 from . import mdp
 from .config import VelocityConfig, VelocityObs
 from .legged import LeggedTask

@@ -14,7 +14,7 @@ from simwarp import scenes
 from simwarp.core.types import WORLD, Dof, Material, PositionDrive, PrescribedPosition, VelocityMotor, WorldStatus, pose
 from simwarp.kernels.dynamics.world import Scratch
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.keyword_options import DofOptions
+from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.model import PARAMETERS
 from simwarp.simulation.state import State
 from tests.reference.mechanisms import random_mechanism

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.model.active_entries import active_entries
+from simwarp.model.effective_parameters import effective_entries
 from tests.reference.step_laws import table_integral, table_value_slope
 from tests.unit.kernels.dynamics.test_falling_laws import combination, slide, spring, spring_on_slide
 
@@ -52,7 +52,7 @@ def test_a_factor_of_a_world_scales_its_table(attach, key):
     batch = simulation(attach, LAWS[key], len(FACTORS), (name,))
     parameter = getattr(batch.model, name)
     (column,) = np.nonzero(parameter.numpy()[0])[0].tolist()
-    assert active_entries(batch.model, name).entries[column]
+    assert effective_entries(batch.model, name).entries[column]
     for world, factor in enumerate(FACTORS):
         parameter[world, column] = factor
     batch.step(100)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from simwarp.core.readable import Readable, plural
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import Material, Vec3, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import whole_number

@@ -41,7 +41,7 @@ class ActiveEntries(NamedTuple):
     rule: str
 
 
-def active_entries(
+def effective_entries(
     model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()
 ) -> ActiveEntries:
     """Entries of a parameter that have an effect in a model.
@@ -281,7 +281,7 @@ def entry_titles(model: Model, name: str) -> tuple[str, ...]:
 
 def _effect(model: Model, name: str, contact_model: str) -> ActiveEntries:
     """Where a parameter can act whatever else is written."""
-    return active_entries(model, name, contact_model=contact_model, also=PARAMETERS)
+    return effective_entries(model, name, contact_model=contact_model, also=PARAMETERS)
 
 
 def _differs(values: npt.NDArray[Any], built: npt.NDArray[Any], axes: int) -> Mask:

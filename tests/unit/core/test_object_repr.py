@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from simwarp.core.readable import MOST_LINES, WIDEST, Names, Readable, ReadableFields, bytes_text, plural
+from simwarp.core.object_repr import MOST_LINES, WIDEST, Names, Readable, ReadableFields, bytes_text, plural
 from simwarp.core.types import formatted
 
 

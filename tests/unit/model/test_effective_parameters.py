@@ -20,8 +20,8 @@ from simwarp.core.types import (
     VelocityMotor,
     pose,
 )
-from simwarp.model.active_entries import active_entries
 from simwarp.model.builder import ModelBuilder
+from simwarp.model.effective_parameters import effective_entries
 from simwarp.model.model import PARAMETERS
 
 TABLE = ((-1.0, 0.0, 1.0), (-2.0, 0.0, 3.0))
@@ -119,7 +119,7 @@ def changed(built: np.ndarray, name: str) -> np.ndarray:
 
 def idle(model: sw.Model, name: str, contact_model: str) -> np.ndarray:
     """Entries that do nothing, whatever else is written."""
-    return ~active_entries(model, name, contact_model=contact_model, also=PARAMETERS).entries
+    return ~effective_entries(model, name, contact_model=contact_model, also=PARAMETERS).entries
 
 
 SKIPPED = ("shape_asset", "shape_enabled")
@@ -132,7 +132,7 @@ def test_entries_act_where_they_are_said_to(model, runs, name, contact_model):
     sim, reference = runs[contact_model]
     array = getattr(model, name)
     built = array.numpy().copy()
-    effect = active_entries(model, name, contact_model=contact_model)
+    effect = effective_entries(model, name, contact_model=contact_model)
     count = 1 if name == "gravity" else built.shape[1]
     assert effect.entries.shape == (count,)
     other = changed(built, name)
@@ -180,7 +180,7 @@ def test_a_write_that_reaches_others_as_well_is_no_mistake(model):
     """A value for all, and values as built, pass; a slice of what does nothing, and zeros there, do not."""
     array = model.joint_friction
     built = array.numpy().copy()
-    acts = active_entries(model, "joint_friction").entries
+    acts = effective_entries(model, "joint_friction").entries
     idle, active = int(np.argmin(acts)), int(np.argmax(acts))
     try:
         array[:] = 0.3
@@ -216,17 +216,17 @@ def test_a_world_whose_parameters_do_nothing_is_named():
 
 def test_what_is_changed_beside_it_counts(model):
     """A rest length acts once there is a spring, relaxation once there is compliance."""
-    alone = active_entries(model, "joint_rest").entries
-    both = active_entries(model, "joint_rest", also=("joint_stiffness",)).entries
+    alone = effective_entries(model, "joint_rest").entries
+    both = effective_entries(model, "joint_rest", also=("joint_stiffness",)).entries
     assert both.sum() > alone.sum() > 0
     builder = ModelBuilder()
     ball = builder.add_body("ball", mass=1.0, inertia=(1, 1, 1))
     builder.add_shape_sphere(ball, radius=1.0)
     builder.add_shape_plane()
     hard = builder.finalize(1, "cpu")
-    assert not active_entries(hard, "shape_damping").entries.any()
-    assert active_entries(hard, "shape_damping", also=("shape_compliance",)).entries.all()
-    assert not active_entries(hard, "shape_rolling_friction").entries.any()
+    assert not effective_entries(hard, "shape_damping").entries.any()
+    assert effective_entries(hard, "shape_damping", also=("shape_compliance",)).entries.all()
+    assert not effective_entries(hard, "shape_rolling_friction").entries.any()
 
 
 def test_models_without_parts():
@@ -234,6 +234,6 @@ def test_models_without_parts():
     lone.add_body("lone", mass=1.0, inertia=(1, 1, 1))
     model = lone.finalize(1, "cpu")
     for name in PARAMETERS:
-        effect = active_entries(model, name)
+        effect = effective_entries(model, name)
         assert effect.entries.any() == name.startswith(("gravity", "body_"))
         assert effect.rule or effect.entries.any()
