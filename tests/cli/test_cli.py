@@ -1,5 +1,6 @@
 """The command line as a user meets it: exit codes, one clear line for each mistake, JSON keys of the contract."""
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -288,3 +289,38 @@ def test_nan_becomes_null_in_json(tmp_path):
     target = tmp_path / "a.json"
     CommonOptions(json=str(target)).emit({"a": float("nan"), "b": [1.0, float("inf")], "c": {"d": 2}})
     assert json.loads(target.read_text()) == {"a": None, "b": [1.0, None], "c": {"d": 2}}
+
+
+def test_doctor_tries_no_gpu_where_there_is_none(simwarp):
+    code, out, err = simwarp("doctor", "--gpu", "--device", "cuda:7")
+    assert code == 2
+    assert "'cuda:7' is none that Warp finds" in err
+    assert "\n" not in err.strip()
+
+
+def test_a_trial_of_a_gpu_goes_on_where_something_fails(monkeypatch):
+    """A report names all that is wrong: an error of one scene must not hide the others."""
+    import io
+
+    import warp as wp
+    from rich.console import Console
+
+    from simwarp.bench import agreement
+    from simwarp.cli import gpu_trial
+
+    fine = agreement.Agreement("ant", 2, 10, 1.0, repeats=True, position=1e-6, bytes=None, agrees=True)
+    rows = {
+        "ant": fine,
+        "stack": dataclasses.replace(fine, scene="stack", position=0.5, agrees=False),
+        "camera": dataclasses.replace(fine, scene="camera", repeats=False, bytes=0.5, agrees=False),
+    }
+    monkeypatch.setattr(agreement, "agreement_scenes", lambda: [*rows, "lidar"])
+    monkeypatch.setattr(agreement, "compare", lambda name, device, worlds: rows[name])
+    monkeypatch.setattr(wp, "get_cuda_devices", lambda: ["cuda:0"])
+    monkeypatch.setattr(wp, "get_device", lambda name: wp.get_preferred_device())
+    monkeypatch.setattr(gpu_trial.GpuTrial, "_train", lambda self: {"iterations": 5})
+    facts, wrong = gpu_trial.GpuTrial("cuda:0", 2, Console(file=io.StringIO())).run()
+    assert [row["scene"] for row in facts["scenes"]] == list(rows)
+    assert facts["training"] == {"iterations": 5}
+    assert [line.partition(":")[0] for line in wrong] == ["lidar", "stack", "camera"]
+    assert "0.5 m from the CPU after 10 steps" in wrong[1]
