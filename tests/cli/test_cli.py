@@ -292,7 +292,7 @@ def test_nan_becomes_null_in_json(tmp_path):
 
 
 def test_doctor_tries_no_gpu_where_there_is_none(simwarp):
-    code, out, err = simwarp("doctor", "--gpu", "--device", "cuda:7")
+    code, _, err = simwarp("doctor", "--gpu", "--device", "cuda:7")
     assert code == 2
     assert "'cuda:7' is none that Warp finds" in err
     assert "\n" not in err.strip()
