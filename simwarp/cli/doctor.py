@@ -68,7 +68,7 @@ def run(arguments: list[str]) -> int:
     console.print(table)
     for item in problems:
         console.print(f"problem: {item.problem}\n  remedy: {item.remedy}", highlight=False, soft_wrap=True)
-    report = {"device": device, "versions": packages, "cache": cache}
+    report: dict[str, Any] = {"device": device, "versions": packages, "cache": cache}
     if options.gpu:
         tried, wrong = trial.run()
         report["gpu"] = tried

@@ -92,7 +92,7 @@ class GpuTrial:
         config = TrainConfig(num_envs=self.worlds, iterations=ITERATIONS, device=self.device)
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             quiet = Console(file=io.StringIO())
-            result = train(TASK, config, task_class(TASK).config_type()(), root=Path(folder), console=quiet)
+            result = train(TASK, config, task_class(TASK).config_type(), root=Path(folder), console=quiet)
         return {"iterations": result.iterations, "env_steps_per_s": result.env_steps_per_s, "cores": os.cpu_count()}
 
 
