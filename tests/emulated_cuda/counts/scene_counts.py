@@ -34,8 +34,8 @@ RESIDENT: Final = 8
 """Warps that share a multiprocessor's cache."""
 NOTES: Final = (
     "emulated: no GPU ran; instructions, sectors and bytes are counted, times are by model (H100, to a factor of two)",
-    "warps: that fit a multiprocessor; slots: instructions of a warp in a step; lanes: share of them that take part",
-    "sectors: of 32 bytes, of a warp in a step; bytes: beyond the second cache, of a world; us: of a step, by model",
+    "slots: instructions of a warp in a step; lanes: share of them that take part; warps: that fit a multiprocessor",
+    "sectors: of 32 bytes, of a warp in a step; bytes: beyond the second cache, of a world; *: registers are spilled",
 )
 
 
@@ -212,17 +212,25 @@ def _machine(target: Device) -> dict[str, Any]:
     return {**describe(wp.get_device("cpu")), "device": EMULATED, "gpu": target.settings.name}
 
 
+def _short(value: float) -> str:
+    """Three digits, with a suffix for thousands and millions."""
+    for scale, suffix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if value >= scale:
+            return f"{value / scale:.3g}{suffix}"
+    return f"{value:.3g}"
+
+
 def _table(rows: Sequence[Row]) -> Table:
     table = Table(box=SIMPLE_HEAD)
     table.add_column("kernel", no_wrap=True)
     for head in ("regs", "warps", "slots", "lanes", "sectors", "/request", "bytes", "us"):
         table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
-        registers = "-" if row.registers is None else f"{row.registers}" + (f" +{row.spilled} B" if row.spilled else "")
+        registers = "-" if row.registers is None else f"{row.registers}{'*' if row.spilled else ''}"
         name = row.kernel + (f" x{row.launches}" if row.launches > 1 else "")
         table.add_row(
-            name, registers, str(row.warps_per_multiprocessor), f"{row.issue_slots:.0f}", f"{row.lanes:.0%}",
-            f"{row.sectors:.0f}", f"{row.sectors_per_request:.1f}", f"{row.bytes:.0f}", f"{row.model_us:.1f}",
+            name, registers, str(row.warps_per_multiprocessor), _short(row.issue_slots), f"{row.lanes:.0%}",
+            _short(row.sectors), f"{row.sectors_per_request:.1f}", _short(row.bytes), _short(row.model_us),
         )  # fmt: skip
     return table
 
