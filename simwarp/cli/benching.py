@@ -25,7 +25,6 @@ from simwarp.bench.subjects import Choices, Measure, find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import (
-    HELP,
     TASK_FILE,
     CommonOptions,
     option_value,
@@ -93,8 +92,6 @@ class BenchOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     word, rest = _split_scene(arguments)
-    if option_value(rest, "--device") == EMULATED and not HELP & set(rest):
-        return _count_on_emulated_device(word, rest)
     name = _task_in_file(word) if TASK_FILE in word else word
     subject = find_subject(name, _task_names, _choices(rest))
     options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
@@ -106,6 +103,8 @@ def run(arguments: list[str]) -> int:
         raise UsageError(f"dt must be from {SHORTEST_STEP:g} to {LONGEST_STEP:g} s, got {options.dt:g}")
     if options.seconds > LONGEST:
         raise UsageError(f"seconds must be at most {LONGEST}, got {options.seconds:g}")
+    if options.device == EMULATED:
+        return _count_on_emulated_device(word, rest)
     device = resolve_device(None if options.device == "auto" else options.device)
     threads = _thread_counts(options.threads, device)
     machine = describe(device)

@@ -173,7 +173,7 @@ def parse_simwarp(words: list[str]) -> None:
     elif words[0] == "drive":
         stop = mock.patch("simwarp.cli.drive._drive", _stop)
     elif words[0] == "bench":
-        stop = mock.patch("simwarp.cli.benching._rows", _stop)
+        stop = mock.patch.multiple("simwarp.cli.benching", _rows=_stop, _count_on_emulated_device=_stop)
     else:
         from simwarp.cli import options
 

@@ -107,11 +107,12 @@ def make_run(name: str, worlds: int, dt: float | None, spacing: float | None) ->
         return VehicleRun(
             VehicleScene(name=name, spacing=USUAL_SPACING if spacing is None else spacing), worlds, where, dt
         )
-    if name in SENSOR_SCENES:
+    sensors = [each for each in SENSOR_SCENES if each != "rays"]  # which are no simulation
+    if name in sensors:
         from simwarp.bench.sensor_rows import SensorRun
 
         return SensorRun(name, worlds, where, dt)
-    known = ", ".join([*bench_scenes(), *vehicle_row_names(), *SENSOR_SCENES])
+    known = ", ".join([*bench_scenes(), *vehicle_row_names(), *sensors])
     raise UsageError(f"'{name}' cannot be counted on the emulated device; there are: {known}")
 
 
@@ -173,10 +174,12 @@ def main(arguments: list[str]) -> int:
     if target.settings.check is not Check.COUNT:
         raise UsageError("scene_counts needs EMULATED_CUDA_CHECK=count in the environment")
     console = options.console()
-    console.print("counting on the emulated device; the first time compiles for minutes", highlight=False)
     rows: list[Row] = []
     totals = []
     for worlds in numbers:
+        console.print(
+            f"counting {worlds} worlds on the emulated device; the first time compiles for minutes", highlight=False
+        )
         counts = count_step(name, worlds, options.dt, options.spacing)
         assembled = registers_of(target, counts)
         found = [make_row(each, worlds, assembled) for each in counts]
