@@ -1,4 +1,4 @@
-"""`simwarp bench SCENE --device emulated`: rows made of counts, refusals, and one scene from the command to its JSON."""
+"""`simwarp bench SCENE --device emulated`: rows made of counts, refusals, a scene from the command to its JSON."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ STEP = COUNTS["ant"][0]
 
 @pytest.mark.parametrize(
     ("name", "spacing", "words"),
-    [("ant-task", None, "'ant-task' cannot be counted"), ("rays", None, "'rays' cannot"), ("ant", 0.1, "--spacing is of")],
-)  # fmt: skip
+    [
+        ("ant-task", None, "'ant-task' cannot be counted"),
+        ("rays", None, "'rays' cannot"),
+        ("ant", 0.1, "--spacing is of"),
+    ],
+)
 def test_what_cannot_be_counted_is_refused(name, spacing, words):
     with pytest.raises(UsageError, match=words):
         make_run(name, 1, None, spacing)
