@@ -121,9 +121,8 @@ def train(
     config = dataclasses.replace(config, threads=group.threads(config.threads))
     torch.set_num_threads(config.torch_threads)
     check_logger(config.logger)
-    for given, word in ((warm_start, "--warm-start"), (lesson, "a teacher")):
-        if resume is not None and given is not None:
-            raise InputError(f"{word} begins a new run and --resume goes on with one: give one of them")
+    if resume is not None:
+        _refuse_beginnings(warm_start, lesson)
     start = None if warm_start is None else _start_policy(warm_start, task_name)
     with contextlib.ExitStack() as held:
         saved: tuple[Path, dict[str, Any]] | None = None
@@ -142,8 +141,8 @@ def train(
                 console.print("the run has no checkpoint yet: it begins at iteration 0", highlight=False)
                 start = _start_of_run(resume, task_name)
             lesson = _lesson_of_run(resume, saved)
-        description = run_description(task_name, config, task_config, warm_start)
-        description |= {} if lesson is None else lesson.described()
+        described = {} if lesson is None else lesson.described()
+        description = run_description(task_name, config, task_config, warm_start) | described
         task = _worlds(task_name, config, task_config, group, device, console)
         trainer = Trainer(task, config, group) if lesson is None else Distiller(task, config, lesson, group)
         held.callback(trainer.close)
@@ -159,6 +158,13 @@ def train(
             return _run(trainer, folder, lock, console, description, films)
         except OutputError as error:
             raise OutputError(f"{error}; {_kept(folder)}") from error
+
+
+def _refuse_beginnings(warm_start: Path | None, lesson: Lesson | None) -> None:
+    """Refuse what begins a run, where one is resumed."""
+    for given, word in ((warm_start, "--warm-start"), (lesson, "a teacher")):
+        if given is not None:
+            raise InputError(f"{word} begins a new run and --resume goes on with one: give one of them")
 
 
 def _load(trainer: Learner, path: Path, content: dict[str, Any]) -> bool:

@@ -125,7 +125,7 @@ def copy_sign(function: Function, instruction: Instruction) -> None:
     function.result(instruction, f"__builtin_copysign{_suffix(kind)}({magnitude}, {sign})")
 
 
-def test_property(function: Function, instruction: Instruction) -> None:
+def number_class(function: Function, instruction: Instruction) -> None:
     """`testp`."""
     value = function.read(instruction.operands[1], instruction.type)
     function.write(instruction.operands[0], "pred", TESTS[instruction.modifiers[0]].format(value))
@@ -210,5 +210,5 @@ def convert(function: Function, instruction: Instruction) -> None:
 HANDLERS: dict[str, Handler] = {
     "rcp": reciprocal, "sqrt": square_root, "rsqrt": square_root, **dict.fromkeys(LIBRARY, library_function),
     "min": smaller_or_larger, "max": smaller_or_larger, "abs": absolute, "neg": negate, "copysign": copy_sign,
-    "testp": test_property, "setp": set_predicate, "set": set_value, "cvt": convert,
+    "testp": number_class, "setp": set_predicate, "set": set_value, "cvt": convert,
 }  # fmt: skip
