@@ -216,10 +216,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     alone = argv is None
     if alone:
         prepare_streams()
-    with interrupted_by_signals():
+    with interrupted_by_signals() as requested:
         try:
             return _explained(list(sys.argv[1:] if argv is None else argv), alone=alone)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Exception) as error:
+            if not isinstance(error, KeyboardInterrupt) and not requested():
+                raise
             if alone:
                 exit_at_signals(INTERRUPTED)
             code = _report_failure("interrupted", INTERRUPTED)

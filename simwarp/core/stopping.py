@@ -94,6 +94,11 @@ class _Listener:
         self.reactions: list[Callable[[], None]] = []
         self._counted = -math.inf
 
+    @property
+    def requested(self) -> bool:
+        """True from the first request on."""
+        return self._counted > -math.inf
+
     def __call__(self, number: int, frame: object) -> None:
         now = time.monotonic()
         if self.reactions and now - self._counted >= COPIES_WITHIN:
@@ -166,15 +171,16 @@ def stop_on_signals() -> Iterator[StopRequest]:
 
 
 @contextlib.contextmanager
-def interrupted_by_signals() -> Iterator[None]:
+def interrupted_by_signals() -> Iterator[Callable[[], bool]]:
     """Let requests raise KeyboardInterrupt inside the block, also where Python drops what is raised.
 
-    A handler that somebody has set stays.
+    A handler that somebody has set stays. The block gets a function that is true once there was a request: libraries
+    make other errors of what interrupts them.
     """
     with _listening(_interrupt, also_instead_of=False) as listener:
         before, sys.unraisablehook = sys.unraisablehook, _repeating(listener)
         try:
-            yield
+            yield lambda: listener is not None and listener.requested
         finally:
             sys.unraisablehook = before
 

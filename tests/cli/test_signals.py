@@ -1,5 +1,6 @@
 """Signals as process groups, batch systems and `timeout` send them, to commands in processes of their own."""
 
+import contextlib
 import json
 import os
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from simwarp import cli
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import RunFolder
@@ -290,3 +292,26 @@ def test_a_training_that_is_suspended_goes_on_and_hears_what_came_meanwhile(tmp_
     # Times are of one clock that only rises, however long it stood still
     walls = [float(row["wall_s"]) for row in rows(group.run_folder().path)]
     assert walls == sorted(walls)
+
+
+def test_an_error_that_a_library_made_of_an_interrupt_is_an_interrupt(monkeypatch, capsys):
+    """Extension modules drop what a signal raised inside them, and fail with an error of their own."""
+
+    def run(arguments, *, alone):
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(5.0)
+        raise ValueError("too many values to unpack (expected 2)")
+
+    monkeypatch.setattr(cli, "_run", run)
+    assert cli.main(["list"]) == 130
+    assert capsys.readouterr().err == "simwarp: interrupted\n"
+
+
+def test_an_error_without_an_interrupt_stays_one(monkeypatch):
+    def run(arguments, *, alone):
+        raise ValueError("a bug")
+
+    monkeypatch.setattr(cli, "_run", run)
+    with pytest.raises(ValueError, match="a bug"):
+        cli.main(["list"])

@@ -12,6 +12,7 @@ import errno
 import json
 import os
 import socket
+import stat
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -216,7 +217,7 @@ def _exclusive(path: Path) -> Iterator[None]:
     lock = FileLock(path, timeout=_PATIENCE, poll_interval=0.01, fallback_to_soft=False)
     try:
         os.stat(path.parent)  # filelock would make the folder
-        if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
+        if not _is_file_or_absent(path):
             raise InputError(f"run {path.parent}: its lock {path.name} is no regular file; remove it")
         lock.acquire()
     except Timeout:
@@ -229,6 +230,14 @@ def _exclusive(path: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _is_file_or_absent(path: Path) -> bool:
+    """One look: a lock that another process removes meanwhile is no other kind of file."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except FileNotFoundError:
+        return True
 
 
 def _line(path: Path) -> str:

@@ -48,6 +48,13 @@ def leave(folder, **changes):
     return writer
 
 
+def test_a_lock_that_goes_while_it_is_looked_at_is_no_other_kind_of_file(tmp_path, monkeypatch):
+    """Another writer may remove its lock at any moment, also between two looks at it."""
+    monkeypatch.setattr(os.path, "lexists", lambda path: True)
+    with writing(tmp_path) as lock:
+        lock.check()
+
+
 def test_the_lock_names_the_process_and_is_gone_afterwards(tmp_path):
     with writing(tmp_path) as lock:
         saved = json.loads((tmp_path / LOCK).read_text(encoding="utf-8"))
