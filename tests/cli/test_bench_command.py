@@ -1,6 +1,7 @@
 """`simwarp bench`: cold starts, wrong input, sensors and threads."""
 
 import json
+import math
 import subprocess
 import sys
 
@@ -46,7 +47,9 @@ def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
     result = json.loads((tmp_path / "ant.json").read_text(encoding="utf-8"))
     assert [row["worlds"] for row in result["rows"]] == [1, 256, 1024, 4096]
     parts = result["breakdown_us"]
-    assert all(parts[key] > 0.0 for key in ("whole", "motion", "collision", "free_motion", "contact_rows", "solve"))
+    assert all(parts[key] > 0.0 for key in ("whole", "motion", "collision", "free_motion"))
+    # differences of times, which have any sign where other work runs beside
+    assert all(math.isfinite(parts[key]) for key in ("contact_rows", "solve"))
 
 
 # ---- wrong input -------------------------------------------------------------------------------------------------
