@@ -19,8 +19,12 @@ POSITION: Final = 2e-4
 """Largest difference of a position after these steps [m]. Compilers round differently, and contacts amplify: what must
 agree is the motion within ten times the loosest tolerance of a solver (1e-3 m/s) over ten steps of 5 ms, and the growth
 of a difference in one impact."""
-BYTES: Final = 0.02
-"""Share of a picture's bytes that may differ: edges fall to one side or the other."""
+RANGE: Final = 1e-3
+"""Difference of a range, depth or point that counts [m]: five times that of a position, for what turns with a body."""
+VALUES: Final = 0.02
+"""Share of a frame's values that may differ: rays at edges fall to one side or the other."""
+STATE: Final = ("body_x", "joint_q")
+"""Arrays of the state that are compared."""
 VEHICLES: Final = ("hmmwv", "hmmwv-soil")
 LEFT_OUT: Final = ("pile", "rays")
 """A pile falls apart, where nothing agrees for long; rays are no simulation."""
@@ -36,7 +40,7 @@ class Agreement:
         seconds: from the model to the end of the first step on the device, with the kernels that are not in the cache.
         repeats: whether the device gives the same bits twice.
         position: largest difference of a position [m].
-        bytes: largest share of bytes of a picture that differ; None without pictures.
+        frames: largest share of a frame's values that differ, bytes of a picture or ranges; None without sensors.
         agrees: whether all that is within its bound.
     """
 
@@ -46,7 +50,7 @@ class Agreement:
     seconds: float
     repeats: bool
     position: float
-    bytes: float | None
+    frames: float | None
     agrees: bool
 
 
@@ -67,11 +71,17 @@ def compare(name: str, device: str, worlds: int, steps: int = STEPS) -> Agreemen
     found, seconds = _arrays_after(name, device, worlds, steps)
     again, _ = _arrays_after(name, device, worlds, steps)
     repeats = all(np.array_equal(found[key], again[key], equal_nan=True) for key in found)
-    images = [key for key, values in host.items() if values.dtype == np.uint8]
-    shares = [float((host[key] != found[key]).mean()) for key in images]
+    shares = [_differing(values, found[key]) for key, values in host.items() if key not in STATE]
     position = float(np.abs(host["body_x"] - found["body_x"]).max(initial=0.0))
-    agrees = repeats and position <= POSITION and all(share <= BYTES for share in shares)
+    agrees = repeats and position <= POSITION and all(share <= VALUES for share in shares)
     return Agreement(name, worlds, steps, seconds, repeats, position, max(shares, default=None), agrees)
+
+
+def _differing(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any]) -> float:
+    """Share of the values of a frame that differ."""
+    if one.dtype == np.uint8:
+        return float((one != other).mean())
+    return float((~np.isclose(one, other, rtol=0.0, atol=RANGE, equal_nan=True)).mean())
 
 
 def _make(name: str, device: str, worlds: int) -> TimedRun:
@@ -93,8 +103,7 @@ def _arrays_after(name: str, device: str, worlds: int, steps: int) -> tuple[dict
     seconds = time.perf_counter() - begin
     for _ in range(steps - 1):
         run.single_step()
-    state = run.sim.state
-    arrays: dict[str, Any] = {"body_x": state.body_x, "joint_q": state.joint_q}
+    arrays: dict[str, Any] = {key: getattr(run.sim.state, key) for key in STATE}
     arrays |= {sensor.name: sensor.data for sensor in run.sim.sensors}
     return {key: array.numpy().copy() for key, array in arrays.items()}, seconds
 
@@ -106,6 +115,6 @@ def disagreements(rows: Sequence[Agreement]) -> list[str]:
         if not row.repeats:
             lines.append(f"{row.scene}: two runs differ")
         elif not row.agrees:
-            images = "" if row.bytes is None else f", {row.bytes:.1%} of a picture"
-            lines.append(f"{row.scene}: {row.position:.2g} m from the CPU after {row.steps} steps{images}")
+            frames = "" if row.frames is None else f", {row.frames:.1%} of a frame"
+            lines.append(f"{row.scene}: {row.position:.2g} m from the CPU after {row.steps} steps{frames}")
     return lines

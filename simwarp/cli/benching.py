@@ -96,7 +96,7 @@ def run(arguments: list[str]) -> int:
     subject = find_subject(name, _task_names, _choices(rest))
     options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
     options.check()
-    worlds = _counts("worlds", options.worlds, LARGEST_COUNT)
+    worlds = whole_numbers("worlds", options.worlds, LARGEST_COUNT)
     _require_positive("dt", options.dt)
     _require_positive("seconds", options.seconds)
     if options.dt is not None and not SHORTEST_STEP <= options.dt <= LONGEST_STEP:
@@ -141,9 +141,9 @@ def _count_on_emulated_device(word: str, rest: list[str]) -> int:
         raise UsageError(
             f"--device {EMULATED} needs a checkout of the project, which '{folder.parents[1]}' is not; clone it"
         )
-    counts = [sys.executable, str(folder), "-m", "tests.emulated_cuda.counts.scene_counts", word, *rest]
-    counted = {**os.environ, "EMULATED_CUDA_CHECK": "count", "EMULATED_CUDA_REPORT": "0"}
-    return subprocess.run(counts, env=counted, check=False).returncode
+    command = [sys.executable, str(folder), "-m", "tests.emulated_cuda.counts.scene_counts", word, *rest]
+    environment = {**os.environ, "EMULATED_CUDA_CHECK": "count", "EMULATED_CUDA_REPORT": "0"}
+    return subprocess.run(command, env=environment, check=False).returncode
 
 
 def _choices(words: list[str]) -> Choices:
@@ -193,7 +193,17 @@ def _split_scene(arguments: list[str]) -> tuple[str, list[str]]:
     return require_subject(word, arguments, overview, f"which scene? {usage}; there are: {names}"), rest
 
 
-def _counts(name: str, text: str, most: int) -> list[int]:
+def whole_numbers(name: str, text: str, most: int) -> list[int]:
+    """Read numbers with commas between.
+
+    Args:
+        name: of the option.
+        text: its value.
+        most: largest number that is allowed.
+
+    Raises:
+        UsageError: they are none, or not from 1 to `most`.
+    """
     words = [word.strip() for word in text.split(",")]
     if not all(re.fullmatch("-?[0-9]{1,20}", word) for word in words):
         example = "1,256,1024" if name == "worlds" else "1,2"
@@ -212,7 +222,7 @@ def _counts(name: str, text: str, most: int) -> list[int]:
 def _thread_counts(text: str | None, device: Any) -> list[int]:
     """One thread and all of them, unless told; on a GPU one."""
     if text is not None:
-        return _counts("threads", text, MOST_THREADS)
+        return whole_numbers("threads", text, MOST_THREADS)
     return [1] if device.is_cuda else sorted({1, thread_count()})
 
 

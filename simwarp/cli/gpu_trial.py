@@ -8,9 +8,9 @@ import io
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -18,6 +18,9 @@ from rich.table import Table
 
 from simwarp.cli import UsageError, one_line
 from simwarp.cli.values import LARGEST_COUNT
+
+if TYPE_CHECKING:
+    from simwarp.bench.agreement import Agreement
 
 TASK: Final = "pendulum"
 ITERATIONS: Final = 5
@@ -50,7 +53,7 @@ class GpuTrial:
         """Try everything; facts for the report, and a line for each thing that is wrong."""
         import warp as wp
 
-        from simwarp.bench.agreement import Agreement, agreement_scenes, compare, disagreements
+        from simwarp.bench.agreement import agreement_scenes, compare, disagreements
         from simwarp.bench.machine import describe
 
         rows: list[Agreement] = []
@@ -96,15 +99,15 @@ class GpuTrial:
         return {"iterations": result.iterations, "env_steps_per_s": result.env_steps_per_s, "cores": os.cpu_count()}
 
 
-def _table(rows: list[Any]) -> Table:
+def _table(rows: Sequence[Agreement]) -> Table:
     table = Table(box=SIMPLE_HEAD)
     table.add_column("scene", no_wrap=True)
-    for head in ("first step", "position", "pictures", "same bits", "agrees"):
+    for head in ("first step", "position", "frames", "same bits", "agrees"):
         table.add_column(head, justify="right")
     for row in rows:
-        images = "" if row.bytes is None else f"{row.bytes:.1%}"
+        frames = "" if row.frames is None else f"{row.frames:.1%}"
         yes = ["no", "yes"]
         table.add_row(
-            row.scene, f"{row.seconds:.1f} s", f"{row.position:.1e} m", images, yes[row.repeats], yes[row.agrees]
+            row.scene, f"{row.seconds:.1f} s", f"{row.position:.1e} m", frames, yes[row.repeats], yes[row.agrees]
         )
     return table

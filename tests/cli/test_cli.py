@@ -308,11 +308,11 @@ def test_a_trial_of_a_gpu_goes_on_where_something_fails(monkeypatch):
     from simwarp.bench import agreement
     from simwarp.cli import gpu_trial
 
-    fine = agreement.Agreement("ant", 2, 10, 1.0, repeats=True, position=1e-6, bytes=None, agrees=True)
+    fine = agreement.Agreement("ant", 2, 10, 1.0, repeats=True, position=1e-6, frames=None, agrees=True)
     rows = {
         "ant": fine,
         "stack": dataclasses.replace(fine, scene="stack", position=0.5, agrees=False),
-        "camera": dataclasses.replace(fine, scene="camera", repeats=False, bytes=0.5, agrees=False),
+        "camera": dataclasses.replace(fine, scene="camera", repeats=False, frames=0.5, agrees=False),
     }
     monkeypatch.setattr(agreement, "agreement_scenes", lambda: [*rows, "lidar"])
     monkeypatch.setattr(agreement, "compare", lambda name, device, worlds: rows[name])

@@ -20,7 +20,7 @@ from simwarp.bench.measure import SceneRun, TimedRun
 from simwarp.bench.subjects import USUAL_SPACING
 from simwarp.bench.workloads import ON_SOIL, SENSOR_SCENES, bench_scenes, vehicle_row_names
 from simwarp.cli import DONE, UsageError, exit_code_of, explanation, input_errors
-from simwarp.cli.benching import EMULATED, LARGEST_COUNT, _counts
+from simwarp.cli.benching import EMULATED, LARGEST_COUNT, whole_numbers
 from simwarp.cli.options import CommonOptions, parse_options
 from tests.emulated_cuda.counts.launch_counts import KernelCount
 from tests.emulated_cuda.counts.time_model import H100, UNKNOWN_REGISTERS, WARP, kernel_seconds
@@ -169,7 +169,7 @@ def main(arguments: list[str]) -> int:
     name, *rest = arguments
     options = parse_options(CountOptions, rest, f"simwarp bench {name} --device {EMULATED}")
     options.check()
-    numbers = _counts("worlds", options.worlds, LARGEST_COUNT)
+    numbers = whole_numbers("worlds", options.worlds, LARGEST_COUNT)
     target = device()
     if target.settings.check is not Check.COUNT:
         raise UsageError("scene_counts needs EMULATED_CUDA_CHECK=count in the environment")

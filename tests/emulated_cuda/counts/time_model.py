@@ -29,7 +29,8 @@ class Gpu:
     """Figures of a GPU.
 
     Attributes:
-        multiprocessors, schedulers, registers: of the device; of a multiprocessor; of a multiprocessor.
+        multiprocessors: of the device.
+        schedulers, registers, warps: of a multiprocessor; so many warps run at a time at most.
         clock: [Hz].
         l1_bytes, l2_bytes: caches of a multiprocessor and of the device.
         l1_latency, l2_latency, memory_latency: cycles of a load that is answered there.
