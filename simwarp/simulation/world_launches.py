@@ -62,14 +62,24 @@ class WorldLaunch:
     """Attributes that no launch reads."""
 
     def __init__(self, kernel: wp.Kernel, make_parts: Callable[[], Sequence[Any]], shares: WorldShares) -> None:
-        self.kernel, self._make_parts, self._shares = kernel, make_parts, shares
+        self.kernel, self._shares = kernel, shares
+        self._make_parts: Callable[[], Sequence[Any]] | None = make_parts
+        self._parts: tuple[Any, ...] = ()
         self._used: dict[int, tuple[Any, ...]] = {}
 
-    @functools.cached_property
+    @property
     def parts(self) -> tuple[Any, ...]:
         """One `wp.Launch` per chunk; kernels that were recorded together with this one are compiled side by side."""
-        self._shares.load_recorded()
-        return tuple(self._make_parts())
+        if self._make_parts is not None:
+            self._shares.load_recorded()
+            self.prepare()
+        return self._parts
+
+    def prepare(self) -> None:
+        """Record the chunks, once; the kernel is compiled where it is not loaded yet."""
+        if self._make_parts is not None:
+            self._parts = tuple(self._make_parts())
+            self._make_parts = None  # which holds arrays that `use` may replace
 
     def use(self, index: int, array: wp.array) -> None:
         """From now on it takes this array for input `index`; not for launches that a `WorldProgram` runs.
@@ -140,7 +150,7 @@ class WorldShares:
         block = block_threads() if self.device.is_cuda else None
         wp.force_load(self.device, modules, block_dim=block, max_workers=thread_count(None))
         for each in waiting:
-            _ = each.parts
+            each.prepare()
 
     def record(
         self, kernel: wp.Kernel, threads_per_world: int | None = None, *, inputs: Sequence[Any],
@@ -173,7 +183,7 @@ class WorldShares:
 
         launch = WorldLaunch(kernel, make_parts, self)
         if self._waiting is None:
-            _ = launch.parts
+            launch.prepare()
         else:
             self._waiting.append(launch)
         return launch
