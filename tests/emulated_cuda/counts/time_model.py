@@ -1,4 +1,6 @@
-"""A kernel's time on an H100 by model, from counts of the emulated device. No GPU was measured.
+"""A kernel's time on an H100 by model, from counts of the emulated device.
+
+`benchmarks/gpu_model_check.py` compares it with a GPU that was measured: steps are right to a factor of two or so.
 
 A warp that runs alone takes its instructions' latencies and a round trip per round of loads; warps that share a
 multiprocessor queue for its schedulers (an instruction per cycle each) and its load-store unit (a sector per cycle).
