@@ -1,7 +1,8 @@
 """The time model of an H100 beside what an H200 measured, kernel by kernel.
 
-`python benchmarks/gpu_model_check.py [SCENE ...]` reads the counts of the emulated device in `results/gpu_counts`, and times
-and counters in `results/gpu_h200`. Both GPUs have 132 multiprocessors; the H200's memory answers 4.8 TB/s in place of 3.35.
+`python benchmarks/gpu_model_check.py [SCENE ...]` reads the counts of the emulated device in `results/gpu_counts`, and
+times and counters in `results/gpu_h200`. Both GPUs have 132 multiprocessors; the H200's memory answers 4.8 TB/s in
+place of 3.35.
 """
 
 from __future__ import annotations
