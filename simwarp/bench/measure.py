@@ -144,18 +144,33 @@ class TimedRun:
         return found | {f"memory.{index}": array for index, array in enumerate(self.sim.memory)}
 
     def capture(self) -> None:
-        """Makes one call of several steps, as tasks do: a graph on CUDA, on a CPU a program."""
+        """Makes one call of several steps, as tasks do."""
+        self._call = self._several_steps
+        self.steps_per_call = _CALL_STEPS
+        self.horizon_steps = max(1, self.horizon_steps // _CALL_STEPS)
+
+    @functools.cached_property
+    def _several_steps(self) -> Callable[[], None]:
+        """A call of `_CALL_STEPS` steps: a graph on CUDA, on a CPU a program."""
         device = self.sim.model.device
         if device.is_cuda:
             with wp.ScopedCapture(device=device) as capture:
                 for _ in range(_CALL_STEPS):
                     self.single_step()
-            self._call = lambda: wp.capture_launch(capture.graph)
-        else:
-            program = self.sim.program([] if self.motion_command is None else [self.motion_command])
-            self._call = lambda: program.run(_CALL_STEPS)
-        self.steps_per_call = _CALL_STEPS
-        self.horizon_steps = max(1, self.horizon_steps // _CALL_STEPS)
+            return lambda: wp.capture_launch(capture.graph)
+        program = self.sim.program([] if self.motion_command is None else [self.motion_command])
+        return lambda: program.run(_CALL_STEPS)
+
+    def advance(self, steps: int) -> None:
+        """Makes so many steps, in calls of several: a GPU would wait for launches of single ones.
+
+        The first step stays single, for it may load kernels, which a capture must not.
+        """
+        calls = max(0, steps - 1) // _CALL_STEPS
+        for _ in range(steps - calls * _CALL_STEPS):
+            self.single_step()
+        for _ in range(calls):
+            self._several_steps()
 
     def step(self) -> None:
         """`steps_per_call` steps."""
@@ -207,8 +222,7 @@ class SceneRun(TimedRun):
     def settle(self) -> dict[str, Any]:
         """Runs the motion for as long as it settles: everything that a step reads, by name."""
         self._draw()
-        for _ in range(steps_before(self.scene.settle, self.dt)):
-            self.single_step()
+        self.advance(steps_before(self.scene.settle, self.dt))
         return {name: array.numpy().copy() for name, array in self._arrays().items()}
 
     def _draw(self) -> None:

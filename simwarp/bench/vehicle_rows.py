@@ -159,8 +159,7 @@ class VehicleRun(TimedRun):
         before, between = round(self.setup.maneuver.start / self.dt), round(HORIZON / self.dt)
         steps_before(self.setup.maneuver.start + VARIANTS * HORIZON, self.dt)
         for place in range(VARIANTS):
-            for _ in range(before if place == 0 else between):
-                self.single_step()
+            self.advance(before if place == 0 else between)
             # the first place is after the settling, with the brakes just released
             shots.append({name: array.numpy().copy() for name, array in self._arrays().items()})
         order = [(FIRST + index) % VARIANTS for index in range(VARIANTS)]
