@@ -59,9 +59,17 @@ def test_the_first_day_skips_every_stage_by_name_without_a_gpu(tmp_path):
     assert all(line.startswith("skipped  ") and line.endswith(": no CUDA device") for line in lines), done.stdout
 
 
+def test_what_does_not_begin_in_time_is_skipped(tmp_path):
+    done = subprocess.run(
+        ["bash", "scripts/gpu_day.sh", "--rehearse", str(tmp_path), "ant", "stack"], cwd=ROOT, capture_output=True,
+        text=True, timeout=120, env={"PATH": "/usr/bin:/bin", "PY": "/bin/false", "BUDGET": "14"},
+    )  # fmt: skip
+    assert done.stdout.splitlines() == [f"skipped  {name}: no time left of 14 s (BUDGET)" for name in ("ant", "stack")]
+
+
 def test_stages_can_be_chosen(tmp_path):
     done = subprocess.run(
         ["bash", "scripts/gpu_day.sh", str(tmp_path), "ant", "verify"], cwd=ROOT, capture_output=True, text=True,
         timeout=120, env={"PATH": "/usr/bin:/bin", "PY": "/bin/false", "HOME": str(tmp_path)},
     )  # fmt: skip
-    assert [line.split(":")[0] for line in done.stdout.splitlines()] == ["skipped  verify", "skipped  ant"]
+    assert [line.split(":")[0] for line in done.stdout.splitlines()] == ["skipped  ant", "skipped  verify"]
