@@ -95,7 +95,7 @@ counters() { # SCENE WORLDS
 counters ant $((2 * ANTS))
 counters ant $((8 * ANTS))
 counters hmmwv $ANTS
-# 5. The slow ones: a step of 256 stacks is a fifth of a second, more worlds only take longer
+# 5. The slow ones: a step of 256 stacks is a fifth of a second, vehicles on soil settle for a minute
 bench stack stack 256
 bench hexapod hexapod 8192
 bench lidar lidar 256
@@ -103,6 +103,7 @@ bench hmmwv_soil hmmwv-soil 4096
 # 6. What is left: tests, the CPU and the peers of the same machine, the other task, every kernel's compilation by itself
 stage tests gpu $PY -m pytest -m cuda -q
 stage verify gpu $SW verify --device "$DEVICE" --json "$OUT/verify.json"
+bench stack_4096 stack 4096
 stage ant_cpu gpu $SW bench ant --worlds $TRUCKS --device cpu --json "$OUT/ant_cpu.json"
 bench peers ant 8192 --peers
 bench off_road_task off-road 1024

@@ -30,6 +30,6 @@ def test_counters_of_a_gpu_agree_with_emulated_counts(scene):
 def test_it_prints_a_table_for_each_number_of_worlds(capsys):
     assert main(["ant"]) == 0
     shown = capsys.readouterr().out
-    assert "ant, 8192 worlds: model over measured 1.92" in shown
-    assert "ant, 32768 worlds: model over measured 1.14" in shown
+    assert "ant, 8192 worlds: model over measured 1.28" in shown
+    assert "ant, 32768 worlds: model over measured 1.08" in shown
     assert main(["pendulum"]) == 2
