@@ -13,6 +13,7 @@ from simwarp.kernels.cones.problem import AX, BEST, BOX, LOW, ConeConfig, ConePr
 from simwarp.kernels.cones.projection import project_all
 from simwarp.kernels.cones.proximal_newton import can_step_by_newton, solve_proximally
 from simwarp.kernels.cones.vectors import copy
+from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,29 +35,28 @@ BEFORE_NEWTON = wp.constant(40)
 MOST_NEWTON = wp.constant(30)
 
 
-@wp.func_native("""
-    const size_t pitch = vectors.strides[0] / sizeof(float);
-    const float* __restrict__ y = vectors.data + 6 * pitch;
-    const float* __restrict__ ay = vectors.data + 7 * pitch;
-    const float* __restrict__ r = vectors.data + 3 * pitch;
-    const float* __restrict__ p = scale.data;
-    float* __restrict__ x_new = vectors.data + 8 * pitch;
+@wp.func_native(
+    VIEWS
+    + """
+    const Floats y = row(vectors, 6), ay = row(vectors, 7), r = row(vectors, 3), x_new = row(vectors, 8);
+    const Floats p = elements(scale);
 #pragma clang loop vectorize_width(4) interleave_count(1)
     for (int i = 0; i < n; ++i) x_new[i] = y[i] - inverse * p[i] * (ay[i] + r[i]);
-""")
+"""
+)
 def descend(n: int, vectors: wp.array2d[float], scale: wp.array[float], inverse: float):
     """X_NEW <- Y - inverse * scale (AY + R_EFF)."""
     ...
 
 
-@wp.func_native("""
+@wp.func_native(
+    """
 #pragma clang fp reassociate(on)
-    const size_t pitch = vectors.strides[0] / sizeof(float);
-    const float* __restrict__ x = vectors.data;
-    const float* __restrict__ w = vectors.data + 4 * pitch;
-    const float* __restrict__ y = vectors.data + 6 * pitch;
-    const float* __restrict__ x_new = vectors.data + 8 * pitch;
-    float* __restrict__ d = vectors.data + 9 * pitch;
+"""
+    + VIEWS
+    + """
+    const Floats x = row(vectors, 0), w = row(vectors, 4), y = row(vectors, 6), x_new = row(vectors, 8);
+    const Floats d = row(vectors, 9);
     float square = 0.0f, along = 0.0f;
 #pragma clang loop vectorize_width(4) interleave_count(1)
     for (int i = 0; i < n; ++i) {
@@ -67,20 +67,18 @@ def descend(n: int, vectors: wp.array2d[float], scale: wp.array[float], inverse:
         along += wd * (x_new[i] - x[i]);
     }
     return wp::vec_t<2, float>(square, along);
-""")
+"""
+)
 def difference(n: int, vectors: wp.array2d[float]) -> wp.vec2:
     """D <- X_NEW - Y; returns |D|^2 and D^T (X_NEW - X) in the metric of the weights."""
     ...
 
 
-@wp.func_native("""
-    const size_t pitch = vectors.strides[0] / sizeof(float);
-    float* __restrict__ x = vectors.data;
-    float* __restrict__ ax = vectors.data + pitch;
-    float* __restrict__ y = vectors.data + 6 * pitch;
-    float* __restrict__ ay = vectors.data + 7 * pitch;
-    const float* __restrict__ x_new = vectors.data + 8 * pitch;
-    const float* __restrict__ ad = vectors.data + 10 * pitch;
+@wp.func_native(
+    VIEWS
+    + """
+    const Floats x = row(vectors, 0), ax = row(vectors, 1), y = row(vectors, 6), ay = row(vectors, 7);
+    const Floats x_new = row(vectors, 8), ad = row(vectors, 10);
 #pragma clang loop vectorize_width(4) interleave_count(1)
     for (int i = 0; i < n; ++i) {
         const float xi = x_new[i];
@@ -90,7 +88,8 @@ def difference(n: int, vectors: wp.array2d[float]) -> wp.vec2:
         x[i] = xi;
         ax[i] = axi;
     }
-""")
+"""
+)
 def advance(n: int, vectors: wp.array2d[float], beta: float):
     """X <- X_NEW, Y <- extrapolated, and their products with S likewise."""
     ...

@@ -2,46 +2,60 @@
 
 import warp as wp
 
+from simwarp.kernels.core.native_views import VIEWS
+
 wp.set_module_options({"enable_backward": False})
 
 PIVOT = wp.constant(3.0e-6)
 """A pivot below this part of its own diagonal is rounding, of a redundant row for instance."""
 
 
-@wp.func_native("""
+@wp.func_native(
+    """
 #pragma clang fp reassociate(on)
-    const float* __restrict__ x = (const float*)((const char*)a.data + (size_t)i * a.strides[0]);
-    const float* __restrict__ y = (const float*)((const char*)b.data + (size_t)j * b.strides[0]);
+"""
+    + VIEWS
+    + """
+    const Floats x = row(a, i), y = row(b, j);
     float total = 0.0f;
 #pragma clang loop vectorize_width(8) interleave_count(2)
     for (int k = 0; k < n; ++k) total += x[k] * y[k];
     return total;
-""")
+"""
+)
 def dot_rows(n: int, a: wp.array2d[float], i: int, b: wp.array2d[float], j: int) -> float:
     """Product of the first n entries of row i of a and row j of b."""
     ...
 
 
-@wp.func_native("""
+@wp.func_native(
+    """
 #pragma clang fp reassociate(on)
-    const float* __restrict__ x = (const float*)((const char*)a.data + (size_t)i * a.strides[0]);
-    const float* __restrict__ y = (const float*)((const char*)b.data + (size_t)j * b.strides[0]);
+"""
+    + VIEWS
+    + """
+    const Floats x = row(a, i), y = row(b, j);
     double total = start;
 #pragma clang loop vectorize_width(4) interleave_count(2)
     for (int k = 0; k < n; ++k) total += (double)x[k] * (double)y[k];
     return (float)total;
-""")
+"""
+)
 def dot_rows_wide(start: float, n: int, a: wp.array2d[float], i: int, b: wp.array2d[float], j: int) -> float:
     """Product `dot_rows` plus start, summed in double precision: for residuals, where large terms cancel."""
     ...
 
 
-@wp.func_native("""
-    const float* __restrict__ x = (const float*)((const char*)a.data + (size_t)i * a.strides[0]);
-    float* __restrict__ y = (float*)((char*)b.data + (size_t)j * b.strides[0]);
+@wp.func_native(
+    """
+"""
+    + VIEWS
+    + """
+    const Floats x = row(a, i), y = row(b, j);
 #pragma clang loop vectorize_width(8) interleave_count(2)
     for (int k = 0; k < n; ++k) y[k] += factor * x[k];
-""")
+"""
+)
 def add_to_row(n: int, factor: float, a: wp.array2d[float], i: int, b: wp.array2d[float], j: int):
     """Row j of b <- with `factor` times row i of a more (different rows)."""
     ...

@@ -13,6 +13,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.kernels.cones.problem import ROLLING, ConeProblem, SolveReport
+from simwarp.kernels.core.native_views import VIEWS
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
 
 wp.set_module_options({"enable_backward": False})
@@ -105,15 +106,17 @@ def exchange(values: wp.array[Any], i: int, j: int):
     values[j] = kept
 
 
-@wp.func_native("""
-    float* __restrict__ a = (float*)((char*)rows.data + (size_t)i * rows.strides[0]);
-    float* __restrict__ b = (float*)((char*)rows.data + (size_t)j * rows.strides[0]);
+@wp.func_native(
+    VIEWS
+    + """
+    const Floats a = row(rows, i), b = row(rows, j);
     for (int k = 0; k < rows.shape[1]; ++k) {
         const float kept = a[k];
         a[k] = b[k];
         b[k] = kept;
     }
-""")
+"""
+)
 def exchange_rows(rows: wp.array2d[float], i: int, j: int):
     """Exchanges two different rows."""
     ...

@@ -10,18 +10,20 @@ from simwarp.core.types import BlockKind, FrictionLaw
 from simwarp.kernels.cones.problem import EXACT, R_EFF, ROLLING, WEIGHT, ConeProblem
 from simwarp.kernels.cones.projection import NEAREST_IN_CONE, joint_projection_normal, shortened, slopes_of
 from simwarp.kernels.cones.sparse_rows import add_rows, subtract_loops, sum_rows
+from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.func_native("""
-    const int pitch = s.strides[0] / sizeof(float);
-    const float* __restrict__ m = s.data;
-    const float* __restrict__ x = vectors.data + source * (vectors.strides[0] / sizeof(float));
-    float* __restrict__ out = vectors.data + target * (vectors.strides[0] / sizeof(float));
+@wp.func_native(
+    VIEWS
+    + """
+    const Floats x = row(vectors, source), out = row(vectors, target);
     int i = 0;
     float dot = 0.0f;
 #ifndef __CUDA_ARCH__
+    const int pitch = s.strides[0] / sizeof(float);
+    const float* __restrict__ m = s.data;
     typedef float lanes8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
     for (; i + 16 <= n; i += 16) {
@@ -60,24 +62,26 @@ wp.set_module_options({"enable_backward": False})
 #endif
     for (; i < n; ++i) {
         float a = 0.0f;
-        for (int j = 0; j < n; ++j) a += m[j * pitch + i] * x[j];
+        for (int j = 0; j < n; ++j) a += row(s, j)[i] * x[j];
         out[i] = a;
     }
     for (int k = 0; k < n; ++k) dot += x[k] * out[k];
     return dot;
-""")
+"""
+)
 def multiply_dense(n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int) -> float:
     """vectors[target] <- s vectors[source] for a symmetric s: columns are walked as rows. Returns their product."""
     ...
 
 
-@wp.func_native("""
-    const int pitch = s.strides[0] / sizeof(float);
-    const float* __restrict__ m = s.data;
-    const float* __restrict__ x = vectors.data + source * (vectors.strides[0] / sizeof(float));
-    float* __restrict__ out = vectors.data + target * (vectors.strides[0] / sizeof(float));
+@wp.func_native(
+    VIEWS
+    + """
+    const Floats x = row(vectors, source), out = row(vectors, target);
     int i = 0;
 #ifndef __CUDA_ARCH__
+    const int pitch = s.strides[0] / sizeof(float);
+    const float* __restrict__ m = s.data;
     typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
     typedef double wide4 __attribute__((ext_vector_type(4), aligned(8)));
     for (; i + 4 <= n; i += 4) {
@@ -90,28 +94,29 @@ def multiply_dense(n: int, s: wp.array2d[float], vectors: wp.array2d[float], sou
 #endif
     for (; i < n; ++i) {
         double a = 0.0;
-        for (int j = 0; j < n; ++j) a += (double)m[j * pitch + i] * x[j];
+        for (int j = 0; j < n; ++j) a += (double)row(s, j)[i] * x[j];
         out[i] = (float)a;
     }
-""")
+"""
+)
 def multiply_dense_wide(n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int):
     """As `multiply_dense`, summed in double precision: impulses of 100 N·s cancel to velocities of 1e-5 m/s."""
     ...
 
 
-@wp.func_native("""
-    const int pitch = s.strides[0] / sizeof(float);
-    const float* __restrict__ m = s.data;
-    const double* __restrict__ x = wide.data + source * (wide.strides[0] / sizeof(double));
-    double* __restrict__ out = wide.data + target * (wide.strides[0] / sizeof(double));
+@wp.func_native(
+    VIEWS
+    + """
+    const Doubles x = row(wide, source), out = row(wide, target);
     for (int i = 0; i < n; ++i) out[i] = 0.0;
     for (int j = 0; j < n; ++j) {
-        const float* __restrict__ row = m + j * pitch;
+        const Floats mine = row(s, j);
         const double xj = x[j];
 #pragma clang loop vectorize_width(4) interleave_count(2)
-        for (int i = 0; i < n; ++i) out[i] += (double)row[i] * xj;
+        for (int i = 0; i < n; ++i) out[i] += (double)mine[i] * xj;
     }
-""")
+"""
+)
 def multiply_wide(n: int, s: wp.array2d[float], wide: wp.array2d[wp.float64], source: int, target: int):
     """wide[target] <- s wide[source] for a symmetric s."""
     ...
@@ -242,39 +247,39 @@ def sliding(t1: float, t2: float, bound: float) -> float:
     constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
     constexpr int EXACT = {int(FrictionLaw.EXACT)};
 """
+    + VIEWS
     + NEAREST_IN_CONE
     + SLIDING
     + """
-    const size_t pitch = vectors.strides[0] / sizeof(float);
-    const float* __restrict__ x = vectors.data + source * pitch;
-    const float* __restrict__ ax = vectors.data + product * pitch;
-    float* __restrict__ r_eff = vectors.data + 3 * pitch;
-    const float* __restrict__ free = r.data;
+    const Floats x = row(vectors, source), ax = row(vectors, product), r_eff = row(vectors, 3), free = elements(r);
+    const Floats slopes = elements(friction), apexes = elements(cohesion), diagonals = elements(diagonal);
+    const Floats scales = elements(scale), lows = elements(lower), highs = elements(upper);
+    const Ints rows = elements(block_row), kinds = elements(block_kind);
     float worst = 0.0f, poison = 0.0f;
     for (int b = 0; b < blocks; ++b) {
-        const int row = block_row.data[b], kind = block_kind.data[b];
-        if (!(scale.data[row] > 0.0f)) continue;
+        const int at = rows[b], kind = kinds[b];
+        if (!(scales[at] > 0.0f)) continue;
         float square;
         if (kind == CONTACT) {
-            const float slope = friction.data[b], apex = cohesion.data[b];
-            float un = ax[row] + free[row];
-            const float u1 = ax[row + 1] + free[row + 1], u2 = ax[row + 2] + free[row + 2];
+            const float slope = slopes[b], apex = apexes[b];
+            float un = ax[at] + free[at];
+            const float u1 = ax[at + 1] + free[at + 1], u2 = ax[at + 2] + free[at + 2];
             if (friction_law == EXACT) {
                 const float term = slope * sqrtf(u1 * u1 + u2 * u2);
                 un += term;
                 if (shift == 1)
-                    r_eff[row] = free[row] + sliding(x[row + 1], x[row + 2], slope * (x[row] + apex)) * term;
+                    r_eff[at] = free[at] + sliding(x[at + 1], x[at + 2], slope * (x[at] + apex)) * term;
             }
-            const float mean = (diagonal.data[row] + diagonal.data[row + 1] + diagonal.data[row + 2]) * (1.0f / 3.0f);
+            const float mean = (diagonals[at] + diagonals[at + 1] + diagonals[at + 2]) * (1.0f / 3.0f);
             const float inverse = 1.0f / mean;
             float q[3];
             nearest_in_cone(
-                x[row] - un * inverse, x[row + 1] - u1 * inverse, x[row + 2] - u2 * inverse, slope, apex, q);
-            const float d0 = x[row] - q[0], d1 = x[row + 1] - q[1], d2 = x[row + 2] - q[2];
+                x[at] - un * inverse, x[at + 1] - u1 * inverse, x[at + 2] - u2 * inverse, slope, apex, q);
+            const float d0 = x[at] - q[0], d1 = x[at + 1] - q[1], d2 = x[at + 2] - q[2];
             square = mean * mean * (d0 * d0 + d1 * d1 + d2 * d2);
         } else if (kind == BOX) {
-            const float moved = x[row] - (ax[row] + free[row]) / diagonal.data[row];
-            const float gap = diagonal.data[row] * (x[row] - wp::clamp(moved, lower.data[row], upper.data[row]));
+            const float moved = x[at] - (ax[at] + free[at]) / diagonals[at];
+            const float gap = diagonals[at] * (x[at] - wp::clamp(moved, lows[at], highs[at]));
             square = gap * gap;
         } else {
             continue;

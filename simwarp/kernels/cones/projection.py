@@ -8,13 +8,14 @@ import warp as wp
 
 from simwarp.core.types import BlockKind
 from simwarp.kernels.cones.problem import ROLLING, ConeProblem
+from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
 
 
 NEAREST_IN_CONE = """
     // Compared as squares: only sliding needs the root.
-    auto nearest_in_cone = [](float n, float t1, float t2, float slope, float apex, float* q) {
+    auto nearest_in_cone = [](float n, float t1, float t2, float slope, float apex, auto q) {
         const float m = n + apex;
         const float square = t1 * t1 + t2 * t2;
         q[0] = n;
@@ -39,15 +40,18 @@ NEAREST_IN_CONE = """
     f"""
     constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
 """
+    + VIEWS
     + NEAREST_IN_CONE
     + """
-    float* __restrict__ x = values.data;
+    const Floats x = elements(values), slopes = elements(friction), apexes = elements(cohesion);
+    const Floats lows = elements(lower), highs = elements(upper);
+    const Ints rows = elements(block_row), kinds = elements(block_kind);
     for (int b = first; b < end; ++b) {
-        const int row = block_row.data[b], kind = block_kind.data[b];
+        const int at = rows[b], kind = kinds[b];
         if (kind == CONTACT)
-            nearest_in_cone(x[row], x[row + 1], x[row + 2], friction.data[b], cohesion.data[b], x + row);
+            nearest_in_cone(x[at], x[at + 1], x[at + 2], slopes[b], apexes[b], x + at);
         else if (kind == BOX)
-            x[row] = wp::clamp(x[row], lower.data[row], upper.data[row]);
+            x[at] = wp::clamp(x[at], lows[at], highs[at]);
     }
 """
 )

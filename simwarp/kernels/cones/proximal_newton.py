@@ -23,6 +23,7 @@ from simwarp.core.types import BlockKind
 from simwarp.kernels.cones.operator import natural_residual, refresh
 from simwarp.kernels.cones.problem import AX, BEST, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.vectors import copy
+from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
 
@@ -44,31 +45,23 @@ STALLS = wp.constant(3)  # proximal steps without progress before it gives up
 
 _NAMES = f"""
     constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
-""" + """
-    const size_t pitch = wide.strides[0] / sizeof(double);
-    double* __restrict__ gamma = wide.data;
-    double* __restrict__ point = gamma + pitch;
-    double* __restrict__ image = point + pitch;
-    double* __restrict__ yz = image + pitch;
-    double* __restrict__ yd = yz + pitch;
-    double* __restrict__ z = yd + pitch;
-    double* __restrict__ f = z + pitch;
-    double* __restrict__ dz = f + pitch;
+""" + VIEWS + """
+    const Doubles gamma = row(wide, 0), point = row(wide, 1), image = row(wide, 2), yz = row(wide, 3);
+    const Doubles yd = row(wide, 4), z = row(wide, 5), f = row(wide, 6), dz = row(wide, 7);
+    const Ints rows = elements(block_row);
 """  # fmt: skip
 
 _ROWS = """
-    const int width = y.strides[0] / (int)sizeof(float);
-    const int places = tree_dof.strides[0] / (int)sizeof(int);
+    const Ints counts = elements(entries);
     // to <- Y from
-    auto rows_of = [&](const double* from, double* to) {
+    auto rows_of = [&](auto from, auto to) {
         for (int b = 0; b < blocks; ++b) {
-            const int* __restrict__ at = tree_dof.data + (size_t)b * places;
-            const int count = entries.data[b], r = block_row.data[b];
-            const float* __restrict__ y0 = y.data + (size_t)r * width;
+            const Ints at = row(tree_dof, b);
+            const int count = counts[b], r = rows[b];
+            const Floats y0 = row(y, r);
             double a0 = 0.0, a1 = 0.0, a2 = 0.0;
-            if (block_row.data[b + 1] - r == 3) {
-                const float* __restrict__ y1 = y0 + width;
-                const float* __restrict__ y2 = y1 + width;
+            if (rows[b + 1] - r == 3) {
+                const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
                 for (int e = 0; e < count; ++e) {
                     const double value = from[at[e]];
                     a0 += y0[e] * value;
@@ -84,15 +77,14 @@ _ROWS = """
         }
     };
     // to <- to + sign Y^T from
-    auto add_columns = [&](const double* from, double* to, double sign) {
+    auto add_columns = [&](auto from, auto to, double sign) {
         for (int b = 0; b < blocks; ++b) {
-            const int* __restrict__ at = tree_dof.data + (size_t)b * places;
-            const int count = entries.data[b], r = block_row.data[b];
-            const float* __restrict__ y0 = y.data + (size_t)r * width;
+            const Ints at = row(tree_dof, b);
+            const int count = counts[b], r = rows[b];
+            const Floats y0 = row(y, r);
             const double x0 = sign * from[r];
-            if (block_row.data[b + 1] - r == 3) {
-                const float* __restrict__ y1 = y0 + width;
-                const float* __restrict__ y2 = y1 + width;
+            if (rows[b + 1] - r == 3) {
+                const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
                 const double x1 = sign * from[r + 1], x2 = sign * from[r + 2];
                 if (x0 == 0.0 && x1 == 0.0 && x2 == 0.0) continue;
                 for (int e = 0; e < count; ++e) to[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
@@ -108,10 +100,10 @@ _ROWS = """
     _NAMES
     + _ROWS
     + """
-    const int rows = block_row.data[blocks];
-    for (int r = 0; r < rows; ++r) gamma[r] = vectors.data[r];
+    const Floats x = row(vectors, 0);
+    for (int r = 0; r < rows[blocks]; ++r) gamma[r] = x[r];
     for (int i = 0; i < tree_dofs; ++i) z[i] = dz[i] = 0.0;
-    for (int r = 0; r < rows; ++r) yd[r] = 0.0;
+    for (int r = 0; r < rows[blocks]; ++r) yd[r] = 0.0;
     add_columns(gamma, z, 1.0);
     rows_of(z, yz);
 """
@@ -127,15 +119,17 @@ def begin(
 @wp.func_native(
     _NAMES
     + """
-    const float* __restrict__ r_eff = vectors.data + 3 * (vectors.strides[0] / sizeof(float));
+    const Floats r_eff = row(vectors, 3), scales = elements(scale), slopes = elements(friction);
+    const Floats apexes = elements(cohesion), lows = elements(lower), highs = elements(upper);
+    const Ints kinds = elements(block_kind);
     double along = 0.0;
     for (int i = 0; i < tree_dofs; ++i) along += (z[i] + length * dz[i]) * dz[i];
     for (int b = 0; b < blocks; ++b) {
-        const int first = block_row.data[b], end = block_row.data[b + 1];
+        const int first = rows[b], end = rows[b + 1];
         for (int r = first; r < end; ++r)
-            point[r] = gamma[r] - (double)rho * scale.data[r] * (yz[r] + length * yd[r] + r_eff[r]);
-        if (block_kind.data[b] == CONTACT) {
-            const double slope = friction.data[b], apex = cohesion.data[b];
+            point[r] = gamma[r] - (double)rho * scales[r] * (yz[r] + length * yd[r] + r_eff[r]);
+        if (kinds[b] == CONTACT) {
+            const double slope = slopes[b], apex = apexes[b];
             const double n = point[first] + apex, t1 = point[first + 1], t2 = point[first + 2];
             const double t = sqrt(t1 * t1 + t2 * t2);
             double normal = n, pull = 1.0;
@@ -149,7 +143,7 @@ def begin(
             image[first + 1] = pull * t1;
             image[first + 2] = pull * t2;
         } else {
-            const double low = lower.data[first], high = upper.data[first], x = point[first];
+            const double low = lows[first], high = highs[first], x = point[first];
             image[first] = x < low ? low : (x > high ? high : x);
         }
         for (int r = first; r < end; ++r) along -= image[r] * yd[r];
@@ -170,16 +164,15 @@ def try_length(
     _NAMES
     + _ROWS
     + """
-    const int rows = block_row.data[blocks];
     for (int i = 0; i < tree_dofs; ++i) {
         z[i] += length * dz[i];
         f[i] = z[i];
     }
-    for (int r = 0; r < rows; ++r) yz[r] += length * yd[r];
+    for (int r = 0; r < rows[blocks]; ++r) yz[r] += length * yd[r];
     add_columns(image, f, -1.0);
     rows_of(f, yd);
     double worst = 0.0;
-    for (int r = 0; r < rows; ++r) {
+    for (int r = 0; r < rows[blocks]; ++r) {
         const double size = yd[r] < 0.0 ? -yd[r] : yd[r];
         worst = size > worst ? size : worst;
     }
@@ -195,21 +188,23 @@ def advance_newton(
 
 
 _PIECES = """
+    const Floats scales = elements(scale), slopes = elements(friction), apexes = elements(cohesion);
+    const Floats lows = elements(lower), highs = elements(upper);
+    const Ints kinds = elements(block_kind);
     // `pieces` <- rows v with v^T v = Y^T P Y of one block; returns how many
-    auto pieces_of = [&](int b, float* pieces) -> int {
-        const int row = block_row.data[b], count = entries.data[b];
-        const double gain = (double)rho * scale.data[row];
-        const float* __restrict__ y0 = y.data + (size_t)row * width;
-        if (block_kind.data[b] != CONTACT) {
-            if (point[row] < lower.data[row] || point[row] > upper.data[row]) return 0;
+    auto pieces_of = [&](int b, auto pieces) -> int {
+        const int r = rows[b], count = counts[b];
+        const double gain = (double)rho * scales[r];
+        const Floats y0 = row(y, r);
+        if (kinds[b] != CONTACT) {
+            if (point[r] < lows[r] || point[r] > highs[r]) return 0;
             const float root = (float)sqrt(gain);
             for (int e = 0; e < count; ++e) pieces[e] = root * y0[e];
             return 1;
         }
-        const float* __restrict__ y1 = y0 + width;
-        const float* __restrict__ y2 = y1 + width;
-        const double slope = friction.data[b], n = point[row] + cohesion.data[b];
-        const double t1 = point[row + 1], t2 = point[row + 2], t = sqrt(t1 * t1 + t2 * t2);
+        const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
+        const double slope = slopes[b], n = point[r] + apexes[b];
+        const double t1 = point[r + 1], t2 = point[r + 2], t = sqrt(t1 * t1 + t2 * t2);
         if (slope * t <= -n) return 0;
         if (t <= slope * n) {
             const float root = (float)sqrt(gain);
@@ -234,35 +229,35 @@ _PIECES = """
 _FACTOR = """
     // U^T U by rows: row j ends at column end[j], and zeros within are passed over
     for (int j = 0; j < tree_dofs; ++j) {
-        float* __restrict__ pivot = h + (size_t)j * side;
+        const Floats pivot = row(factor, j);
         const int last = end[j];
         // The Hessian is 1 and something positive: what rounding takes is given back
         const float root = sqrtf(pivot[j] > 0.5f ? pivot[j] : 0.5f), inverse = 1.0f / root;
         pivot[j] = root;
         for (int k = j + 1; k <= last; ++k) pivot[k] *= inverse;
         for (int i = j + 1; i <= last; ++i) {
-            const float factor = pivot[i];
-            if (factor == 0.0f) continue;
-            float* __restrict__ row = h + (size_t)i * side;
+            const float share = pivot[i];
+            if (share == 0.0f) continue;
+            const Floats mine = row(factor, i);
             if (last > end[i]) end[i] = last;
             int k = i;
 #ifndef __CUDA_ARCH__
-            for (; k + 8 <= last + 1; k += 8) *(lanes8*)(row + k) -= factor * *(const lanes8*)(pivot + k);
+            for (; k + 8 <= last + 1; k += 8) *(lanes8*)(mine + k) -= share * *(const lanes8*)(pivot + k);
 #endif
-            for (; k <= last; ++k) row[k] -= factor * pivot[k];
+            for (; k <= last; ++k) mine[k] -= share * pivot[k];
         }
     }
     for (int i = 0; i < tree_dofs; ++i) dz[i] = -f[i];
     for (int j = 0; j < tree_dofs; ++j) {
-        const float* __restrict__ row = h + (size_t)j * side;
-        dz[j] /= row[j];
-        for (int k = j + 1; k <= end[j]; ++k) dz[k] -= row[k] * dz[j];
+        const Floats mine = row(factor, j);
+        dz[j] /= mine[j];
+        for (int k = j + 1; k <= end[j]; ++k) dz[k] -= mine[k] * dz[j];
     }
     for (int j = tree_dofs - 1; j >= 0; --j) {
-        const float* __restrict__ row = h + (size_t)j * side;
+        const Floats mine = row(factor, j);
         double total = dz[j];
-        for (int k = j + 1; k <= end[j]; ++k) total -= row[k] * dz[k];
-        dz[j] = total / row[j];
+        for (int k = j + 1; k <= end[j]; ++k) total -= mine[k] * dz[k];
+        dz[j] = total / mine[j];
     }
 """
 
@@ -279,32 +274,30 @@ _FACTOR = """
     typedef float lanes8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
 #endif
-    const int side = factor.strides[0] / (int)sizeof(float);
     const int room = tree_dofs * spread.shape[1];  // what these degrees of freedom have, whatever else is in the world
-    float* __restrict__ h = factor.data;
-    float* __restrict__ pieces = spread.data;
+    const Floats pieces = flat(spread);
     for (int i = 0; i < tree_dofs; ++i) {
-        for (int j = i + 1; j < tree_dofs; ++j) h[(size_t)i * side + j] = 0.0f;
-        h[(size_t)i * side + i] = 1.0f;
+        for (int j = i + 1; j < tree_dofs; ++j) row(factor, i)[j] = 0.0f;
+        row(factor, i)[i] = 1.0f;
         end[i] = i;
     }
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ at = tree_dof.data + (size_t)b * places;
+        const Ints at = row(tree_dof, b);
         int last = 0;
-        for (int e = 0; e < entries.data[b]; ++e) last = at[e] > last ? at[e] : last;
-        for (int e = 0; e < entries.data[b]; ++e) end[at[e]] = last > end[at[e]] ? last : end[at[e]];
+        for (int e = 0; e < counts[b]; ++e) last = at[e] > last ? at[e] : last;
+        for (int e = 0; e < counts[b]; ++e) end[at[e]] = last > end[at[e]] ? last : end[at[e]];
     }
     // Contacts of one pair of bodies share their places: their rows are gathered, and multiplied together.
     int held = 0;
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ at = tree_dof.data + (size_t)b * places;
-        const int count = entries.data[b];
-        held += pieces_of(b, pieces + (size_t)held * most);
-        bool together = b + 1 < blocks && entries.data[b + 1] == count && (held + 3) * most <= room;
-        for (int e = 0; together && e < count; ++e) together = at[places + e] == at[e];
+        const Ints at = row(tree_dof, b);
+        const int count = counts[b];
+        held += pieces_of(b, pieces + held * most);
+        bool together = b + 1 < blocks && counts[b + 1] == count && (held + 3) * most <= room;
+        for (int e = 0; together && e < count; ++e) together = row(tree_dof, b + 1)[e] == at[e];
         if (together) continue;
         for (int e = 0; e < count; ++e) {
-            float* __restrict__ row = h + (size_t)at[e] * side;
+            const Floats mine = row(factor, at[e]);
             int from = 0;
 #ifndef __CUDA_ARCH__
             auto add_lanes = [&](auto sum) {
@@ -318,7 +311,7 @@ _FACTOR = """
                         sum += v[e] * piece;
                     }
                     for (int o = 0; o < LANES; ++o)
-                        if (at[from + o] >= at[e]) row[at[from + o]] += sum[o];
+                        if (at[from + o] >= at[e]) mine[at[from + o]] += sum[o];
                 }
             };
             add_lanes(lanes8());
@@ -326,8 +319,8 @@ _FACTOR = """
 #endif
             for (; from < count; ++from) {
                 float sum = 0.0f;
-                for (int k = 0; k < held; ++k) sum += pieces[(size_t)k * most + e] * pieces[(size_t)k * most + from];
-                if (at[from] >= at[e]) row[at[from]] += sum;
+                for (int k = 0; k < held; ++k) sum += pieces[k * most + e] * pieces[k * most + from];
+                if (at[from] >= at[e]) mine[at[from]] += sum;
             }
         }
         held = 0;

@@ -7,37 +7,39 @@ the same text is plain C++.
 
 import warp as wp
 
+from simwarp.kernels.core.native_views import VIEWS
+
 wp.set_module_options({"enable_backward": False})
 
 GROUP = 4
 """Rows side by side in `spread`: the three of a contact, and one more to fill a vector register."""
 
-_LANES = """
+_LANES = (
+    VIEWS
+    + """
 #ifndef __CUDA_ARCH__
     typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
 #endif
 """
+)
 
 
 @wp.func_native(
     _LANES
     + """
-    const int width = y.strides[0] / (int)sizeof(float);
-    const int places = tree_dof.strides[0] / (int)sizeof(int);
-    const float* __restrict__ v = x.data;
-    float* __restrict__ t = sums.data;
+    const Floats v = elements(x), t = elements(sums);
+    const Ints rows = elements(block_row), counts = elements(entries);
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ at = tree_dof.data + (size_t)b * places;
-        const int count = entries.data[b], end = block_row.data[b + 1];
-        for (int r = block_row.data[b]; r < end;) {
-            const float* __restrict__ y0 = y.data + (size_t)r * width;
+        const Ints at = row(tree_dof, b);
+        const int count = counts[b], end = rows[b + 1];
+        for (int r = rows[b]; r < end;) {
+            const Floats y0 = row(y, r);
             if (r + 3 > end) {
                 for (int e = 0; e < count; ++e) t[at[e]] += y0[e] * v[r];
                 r += 1;
                 continue;
             }
-            const float* __restrict__ y1 = y0 + width;
-            const float* __restrict__ y2 = y1 + width;
+            const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
             const float x0 = v[r], x1 = v[r + 1], x2 = v[r + 2];
             r += 3;
             if (x0 == 0.0f && x1 == 0.0f && x2 == 0.0f) continue;
@@ -65,27 +67,23 @@ def add_rows(
 @wp.func_native(
     _LANES
     + """
-    const int width = y.strides[0] / (int)sizeof(float);
-    const int places = tree_dof.strides[0] / (int)sizeof(int);
-    const float* __restrict__ t = sums.data;
-    const float* __restrict__ v = x.data;
-    float* __restrict__ out = ax.data;
+    const Floats t = elements(sums), v = elements(x), out = elements(ax), soft = elements(compliance);
+    const Ints rows = elements(block_row), counts = elements(entries);
     float dot = 0.0f;
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ at = tree_dof.data + (size_t)b * places;
-        const int count = entries.data[b], end = block_row.data[b + 1];
-        for (int r = block_row.data[b]; r < end;) {
-            const float* __restrict__ y0 = y.data + (size_t)r * width;
+        const Ints at = row(tree_dof, b);
+        const int count = counts[b], end = rows[b + 1];
+        for (int r = rows[b]; r < end;) {
+            const Floats y0 = row(y, r);
             float a0 = 0.0f, a1 = 0.0f, a2 = 0.0f;
             if (r + 3 > end) {
                 for (int e = 0; e < count; ++e) a0 += y0[e] * t[at[e]];
-                out[r] = compliance.data[r] * v[r] + a0;
+                out[r] = soft[r] * v[r] + a0;
                 dot += out[r] * v[r];
                 r += 1;
                 continue;
             }
-            const float* __restrict__ y1 = y0 + width;
-            const float* __restrict__ y2 = y1 + width;
+            const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
             int e = 0;
 #ifndef __CUDA_ARCH__
             lanes4 s0 = 0.0f, s1 = 0.0f, s2 = 0.0f;
@@ -105,9 +103,9 @@ def add_rows(
                 a1 += y1[e] * g;
                 a2 += y2[e] * g;
             }
-            out[r] = compliance.data[r] * v[r] + a0;
-            out[r + 1] = compliance.data[r + 1] * v[r + 1] + a1;
-            out[r + 2] = compliance.data[r + 2] * v[r + 2] + a2;
+            out[r] = soft[r] * v[r] + a0;
+            out[r + 1] = soft[r + 1] * v[r + 1] + a1;
+            out[r + 2] = soft[r + 2] * v[r + 2] + a2;
             dot += out[r] * v[r] + out[r + 1] * v[r + 1] + out[r + 2] * v[r + 2];
             r += 3;
         }
@@ -123,8 +121,10 @@ def sum_rows(
     ...
 
 
-_DOT = """
-    auto dot = [](const float* __restrict__ a, const float* __restrict__ b, int n) {
+_DOT = (
+    VIEWS
+    + """
+    auto dot = [](const Floats a, const Floats b, int n) {
         float part[4] = {0.0f, 0.0f, 0.0f, 0.0f};
         int k = 0;
 #ifdef __CUDA_ARCH__
@@ -140,42 +140,42 @@ _DOT = """
         return total;
     };
 """
+)
 
 
 @wp.func_native(
     _DOT
     + """
-    const int width = w.strides[0] / (int)sizeof(float);
-    const float* __restrict__ v = x.data;
-    float* __restrict__ out = ax.data;
-    for (int k = 0; k < loops; ++k) sums.data[k] = 0.0f;
+    const Floats v = elements(x), out = elements(ax), t = elements(sums);
+    const Ints rows = elements(block_row);
+    for (int k = 0; k < loops; ++k) t[k] = 0.0f;
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ seen = block_loops.data + (size_t)b * 4;
+        const Ints seen = row(block_loops, b);
         const int near = seen[1], far = seen[3];
-        float* __restrict__ l = sums.data + seen[0];
-        float* m = sums.data + seen[2];
+        const Floats l = t + seen[0];
+        const auto m = elements(sums) + seen[2];
         if (near == 0) continue;
-        for (int r = block_row.data[b]; r < block_row.data[b + 1]; ++r) {
-            const float* __restrict__ row = w.data + (size_t)r * width;
+        for (int r = rows[b]; r < rows[b + 1]; ++r) {
+            const Floats mine = row(w, r);
             const float f = v[r];
             if (f == 0.0f) continue;
 #pragma clang loop vectorize_width(4) interleave_count(2)
-            for (int k = 0; k < near; ++k) l[k] += row[k] * f;
+            for (int k = 0; k < near; ++k) l[k] += mine[k] * f;
 #ifdef __CUDA_ARCH__
 #pragma unroll 1
 #endif
-            for (int k = 0; k < far; ++k) m[k] += row[near + k] * f;
+            for (int k = 0; k < far; ++k) m[k] += mine[near + k] * f;
         }
     }
     float change = 0.0f;
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ seen = block_loops.data + (size_t)b * 4;
+        const Ints seen = row(block_loops, b);
         const int near = seen[1], far = seen[3];
         if (near == 0) continue;
-        for (int r = block_row.data[b]; r < block_row.data[b + 1]; ++r) {
-            const float* __restrict__ row = w.data + (size_t)r * width;
-            float total = dot(row, sums.data + seen[0], near);
-            if (far > 0) total += dot(row + near, sums.data + seen[2], far);
+        for (int r = rows[b]; r < rows[b + 1]; ++r) {
+            const Floats mine = row(w, r);
+            float total = dot(mine, t + seen[0], near);
+            if (far > 0) total += dot(mine + near, t + seen[2], far);
             out[r] -= total;
             change += total * v[r];
         }
@@ -194,42 +194,38 @@ def subtract_loops(
 @wp.func_native(
     _LANES
     + """
-    const int width = y.strides[0] / (int)sizeof(float);
-    const int places = tree_dof.strides[0] / (int)sizeof(int);
-    const int pitch = s.strides[0] / (int)sizeof(float);
-    const float* __restrict__ values = y.data;
-    float* __restrict__ t = spread.data;
-    float* __restrict__ out = s.data;
+    const Floats t = flat(spread);
+    const Ints rows = elements(block_row), counts = elements(entries);
     for (int k = 0; k < 4 * tree_dofs; ++k) t[k] = 0.0f;
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ mine = tree_dof.data + (size_t)b * places;
-        const int own = entries.data[b], end = block_row.data[b + 1];
-        for (int r = block_row.data[b]; r < end; r += 3) {
+        const Ints mine = row(tree_dof, b);
+        const int own = counts[b], end = rows[b + 1];
+        for (int r = rows[b]; r < end; r += 3) {
             const int group = end - r < 3 ? end - r : 3;
             for (int e = 0; e < own; ++e)
-                for (int i = 0; i < group; ++i) t[4 * mine[e] + i] = values[(size_t)(r + i) * width + e];
+                for (int i = 0; i < group; ++i) t[4 * mine[e] + i] = row(y, r + i)[e];
             for (int other = 0; other <= b; ++other) {
-                const int* __restrict__ at = tree_dof.data + (size_t)other * places;
-                const int count = entries.data[other], last = block_row.data[other + 1];
-                for (int c = block_row.data[other]; c < last; ++c) {
-                    const float* __restrict__ row = values + (size_t)c * width;
+                const Ints at = row(tree_dof, other);
+                const int count = counts[other], last = rows[other + 1];
+                for (int c = rows[other]; c < last; ++c) {
+                    const Floats other_row = row(y, c);
 #ifndef __CUDA_ARCH__
                     lanes4 even = 0.0f, odd = 0.0f;
                     int e = 0;
                     for (; e + 2 <= count; e += 2) {
-                        even += *(const lanes4*)(t + 4 * at[e]) * row[e];
-                        odd += *(const lanes4*)(t + 4 * at[e + 1]) * row[e + 1];
+                        even += *(const lanes4*)(t + 4 * at[e]) * other_row[e];
+                        odd += *(const lanes4*)(t + 4 * at[e + 1]) * other_row[e + 1];
                     }
-                    if (e < count) even += *(const lanes4*)(t + 4 * at[e]) * row[e];
+                    if (e < count) even += *(const lanes4*)(t + 4 * at[e]) * other_row[e];
                     const lanes4 total = even + odd;
 #else
                     float total[3] = {0.0f, 0.0f, 0.0f};
                     for (int e = 0; e < count; ++e)
-                        for (int i = 0; i < 3; ++i) total[i] += t[4 * at[e] + i] * row[e];
+                        for (int i = 0; i < 3; ++i) total[i] += t[4 * at[e] + i] * other_row[e];
 #endif
                     for (int i = 0; i < group; ++i) {
-                        out[(size_t)(r + i) * pitch + c] = total[i];
-                        out[(size_t)c * pitch + r + i] = total[i];
+                        row(s, r + i)[c] = total[i];
+                        row(s, c)[r + i] = total[i];
                     }
                 }
             }
@@ -250,13 +246,12 @@ def form_gram(
 @wp.func_native(
     _DOT
     + """
-    const int width = w.strides[0] / (int)sizeof(float);
-    const int pitch = s.strides[0] / (int)sizeof(float);
-    float* __restrict__ out = s.data;
+    const Ints rows = elements(block_row);
+    const Floats soft = elements(compliance);
     for (int b = 0; b < blocks; ++b) {
-        const int* __restrict__ mine = block_loops.data + (size_t)b * 4;
+        const Ints mine = row(block_loops, b);
         for (int other = 0; other <= b && mine[1] > 0; ++other) {
-            const int* __restrict__ seen = block_loops.data + (size_t)other * 4;
+            const Ints seen = row(block_loops, other);
             int from[2], to[2], length[2], shared = 0;  // columns of the loop rows that both see
             for (int i = 0; i < 4; i += 2)
                 for (int j = 0; j < 4; j += 2)
@@ -266,20 +261,20 @@ def form_gram(
                         length[shared++] = mine[i + 1];
                     }
             if (shared == 0) continue;
-            for (int r = block_row.data[b]; r < block_row.data[b + 1]; ++r) {
-                const float* __restrict__ a = w.data + (size_t)r * width;
-                for (int c = block_row.data[other]; c < block_row.data[other + 1] && c <= r; ++c) {
-                    const float* __restrict__ at = w.data + (size_t)c * width;
+            for (int r = rows[b]; r < rows[b + 1]; ++r) {
+                const Floats a = row(w, r);
+                for (int c = rows[other]; c < rows[other + 1] && c <= r; ++c) {
+                    const Floats at = row(w, c);
                     float total = dot(a + from[0], at + to[0], length[0]);
                     if (shared > 1) total += dot(a + from[1], at + to[1], length[1]);
-                    total = out[(size_t)r * pitch + c] - total;
-                    out[(size_t)r * pitch + c] = total;
-                    out[(size_t)c * pitch + r] = total;
+                    total = row(s, r)[c] - total;
+                    row(s, r)[c] = total;
+                    row(s, c)[r] = total;
                 }
             }
         }
     }
-    for (int r = 0; r < block_row.data[blocks]; ++r) out[(size_t)r * pitch + r] += compliance.data[r];
+    for (int r = 0; r < rows[blocks]; ++r) row(s, r)[r] += soft[r];
 """
 )
 def finish_gram(

@@ -143,14 +143,26 @@ def memory_layouts(groups: Sequence[type[ScratchGroup]], slots: int, sizes: Any)
 def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any) -> Any:
     """Allocate a `memory_struct`, zero.
 
-    Slots of a CPU, which threads write side by side, share no cache line.
+    On a GPU the slot is the innermost axis in memory: the lanes of a warp, a world each, read neighbours. Slots of a
+    CPU, which threads write side by side, are contiguous and share no cache line.
     """
     memory = struct()
+    on_gpu = wp.get_device(device).is_cuda
     for name, layout in layouts.items():
-        apart = layout.shape[0] > 1 and not wp.get_device(device).is_cuda
-        make = _slots_apart if apart else wp.zeros
+        make: Any = wp.zeros
+        if layout.shape[0] > 1:
+            make = _slots_innermost if on_gpu else _slots_apart
         setattr(memory, name, make(layout.shape, dtype=layout.dtype, device=device))
     return memory
+
+
+def _slots_innermost(shape: tuple[int, ...], *, dtype: Any, device: Any) -> Any:
+    """Zeros whose first axis is the fastest in memory, the others in their order."""
+    size = int(wp.types.type_size_in_bytes(dtype))
+    lengths = shape[1:]
+    strides = [size * shape[0] * math.prod(lengths[axis + 1 :]) for axis in range(len(lengths))]
+    memory = wp.zeros(math.prod(shape), dtype=dtype, device=device)
+    return _view(memory, int(memory.ptr), shape, (size, *strides), dtype, device)
 
 
 def _slots_apart(shape: tuple[int, ...], *, dtype: Any, device: Any) -> Any:
@@ -161,10 +173,15 @@ def _slots_apart(shape: tuple[int, ...], *, dtype: Any, device: Any) -> Any:
     pitch = -(-size * math.prod(lengths) // LINES) * LINES
     memory = wp.zeros((shape[0] + 1) * pitch, dtype=wp.uint8, device=device)
     start = -(-int(memory.ptr) // LINES) * LINES
+    return _view(memory, start, shape, (pitch, *strides), dtype, device)
+
+
+def _view(memory: Any, start: int, shape: tuple[int, ...], strides: tuple[int, ...], dtype: Any, device: Any) -> Any:
+    """Return an array over `memory`, which lives as long as it."""
     slots: Any = wp.array(
-        ptr=start, dtype=dtype, shape=shape, strides=(pitch, *strides), capacity=shape[0] * pitch, device=device
-    )
-    slots.memory = memory  # lives as long as it
+        ptr=start, dtype=dtype, shape=shape, strides=strides, capacity=memory.capacity, device=device
+    )  # fmt: skip
+    slots.memory = memory
     return slots
 
 

@@ -10,6 +10,7 @@ now). What lies right of a row's diagonal inside its last block is scratch.
 
 import warp as wp
 
+from simwarp.kernels.core.native_views import VIEWS
 from simwarp.kernels.core.tables import Topology, Work
 
 wp.set_module_options({"enable_backward": False})
@@ -22,61 +23,62 @@ def padded(count: int) -> int:
     return (count + BLOCK - 1) // BLOCK * BLOCK
 
 
-_LANES = """
+_LANES = (
+    VIEWS
+    + """
 #ifndef __CUDA_ARCH__
     typedef float lanes8 __attribute__((ext_vector_type(8), aligned(4)));
 #endif
 """
+)
 
 
 @wp.func_native(
     _LANES
     + """
     const int pitch = (count + 7) / 8 * 8;
-    const int columns_pitch = y.strides[0] / (int)sizeof(float);
-    const int* __restrict__ entries = path.data + first;
-    float* __restrict__ a = n.data + start;
-    float* __restrict__ t = y_t.data;
+    const Ints entries = elements(path) + first, dofs = elements(column);
+    const Floats a = elements(n) + start, t = elements(y_t);
+    const Floats soft = elements(compliance) + first, scales = elements(scale) + first;
     for (int k = 0; k < columns * pitch; ++k)
         t[k] = 0.0f;
     for (int r = 0; r < count; ++r)
         for (int e = entries[r]; e < entries[r + 1]; ++e)
-            t[column.data[e] * pitch + r] = y.data[(first + r) * columns_pitch + column.data[e]];
+            t[dofs[e] * pitch + r] = row(y, first + r)[dofs[e]];
     for (int r = 0; r < count; ++r) {
-        float* __restrict__ row = a + r * pitch;
-        const float* __restrict__ mine = y.data + (first + r) * columns_pitch;
+        const Floats own = a + r * pitch, mine = row(y, first + r);
 #ifndef __CUDA_ARCH__
         int k = 0;
         for (; k + 8 <= r; k += 16) {
             lanes8 low = 0.0f, high = 0.0f;
             for (int e = entries[r]; e < entries[r + 1]; ++e) {
-                const int dof = column.data[e];
+                const int dof = dofs[e];
                 const float* __restrict__ other = t + dof * pitch + k;
                 low += *(const lanes8*)other * mine[dof];
                 high += *(const lanes8*)(other + 8) * mine[dof];
             }
-            *(lanes8*)(row + k) = low;
-            *(lanes8*)(row + k + 8) = high;
+            *(lanes8*)(own + k) = low;
+            *(lanes8*)(own + k + 8) = high;
         }
         if (k <= r) {
             lanes8 low = 0.0f;
             for (int e = entries[r]; e < entries[r + 1]; ++e) {
-                const int dof = column.data[e];
+                const int dof = dofs[e];
                 low += *(const lanes8*)(t + dof * pitch + k) * mine[dof];
             }
-            *(lanes8*)(row + k) = low;
+            *(lanes8*)(own + k) = low;
         }
 #else
         for (int k = 0; k <= r; ++k) {
             float total = 0.0f;
             for (int e = entries[r]; e < entries[r + 1]; ++e)
-                total += t[column.data[e] * pitch + k] * mine[column.data[e]];
-            row[k] = total;
+                total += t[dofs[e] * pitch + k] * mine[dofs[e]];
+            own[k] = total;
         }
 #endif
-        row[r] += compliance.data[first + r];
-        if (row[r] > scale.data[first + r])
-            scale.data[first + r] = row[r];
+        own[r] += soft[r];
+        if (own[r] > scales[r])
+            scales[r] = own[r];
     }
 """
 )
@@ -94,14 +96,14 @@ def assemble(
     _LANES
     + """
     const int pitch = (count + 7) / 8 * 8;
-    float* __restrict__ a = n.data + start;
-    float* __restrict__ t = work.data;
+    const Floats a = elements(n) + start, t = elements(work);
+    const Floats scales = elements(scale) + first, inverses = elements(inverse_pivot) + first;
     for (int k = 0; k < pitch; ++k)
         t[k] = 0.0f;
     for (int c = 0; c < count; ++c) {
         const float pivot = a[c * pitch + c];
-        const float inverse = pivot > tolerance * scale.data[first + c] ? 1.0f / sqrtf(pivot) : 0.0f;
-        inverse_pivot.data[first + c] = inverse;
+        const float inverse = pivot > tolerance * scales[c] ? 1.0f / sqrtf(pivot) : 0.0f;
+        inverses[c] = inverse;
         t[c] = 0.0f;
         for (int r = c + 1; r < count; ++r) {
             const float f = a[r * pitch + c] * inverse;
@@ -112,13 +114,13 @@ def assemble(
             const float f = t[r];
             if (f == 0.0f)
                 continue;
-            float* __restrict__ row = a + r * pitch;
+            const Floats own = a + r * pitch;
 #ifndef __CUDA_ARCH__
             for (int k = (c + 1) & ~7; k <= r; k += 8)
-                *(lanes8*)(row + k) -= *(const lanes8*)(t + k) * f;
+                *(lanes8*)(own + k) -= *(const lanes8*)(t + k) * f;
 #else
             for (int k = c + 1; k <= r; ++k)
-                row[k] -= f * t[k];
+                own[k] -= f * t[k];
 #endif
         }
     }
@@ -132,46 +134,48 @@ def factor(
     ...
 
 
-@wp.func_native("""
+@wp.func_native(
+    VIEWS
+    + """
     const int pitch = (count + 7) / 8 * 8;
-    const float* __restrict__ a = n.data + start;
-    const float* __restrict__ inverse = inverse_pivot.data + first;
-    float* __restrict__ v = x.data + first;
+    const Floats a = elements(n) + start, inverse = elements(inverse_pivot) + first, v = elements(x) + first;
     for (int r = 0; r < count; ++r) {
-        const float* __restrict__ row = a + r * pitch;
+        const Floats own = a + r * pitch;
         float part[8] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
         int k = 0;
         for (; k + 8 <= r; k += 8)
             for (int j = 0; j < 8; ++j)
-                part[j] += row[k + j] * v[k + j];
+                part[j] += own[k + j] * v[k + j];
         float total = v[r] - ((part[0] + part[4]) + (part[1] + part[5])) - ((part[2] + part[6]) + (part[3] + part[7]));
         for (; k < r; ++k)
-            total -= row[k] * v[k];
+            total -= own[k] * v[k];
         v[r] = total * inverse[r];
     }
-""")
+"""
+)
 def forward(first: int, count: int, start: int, n: wp.array[float], inverse_pivot: wp.array[float], x: wp.array[float]):
     """X <- L^-1 x of one group's rows."""
     ...
 
 
-@wp.func_native("""
+@wp.func_native(
+    VIEWS
+    + """
     const int pitch = (count + 7) / 8 * 8;
-    const float* __restrict__ a = n.data + start;
-    const float* __restrict__ inverse = inverse_pivot.data + first;
-    float* __restrict__ v = x.data + first;
+    const Floats a = elements(n) + start, inverse = elements(inverse_pivot) + first, v = elements(x) + first;
     for (int r = count - 1; r >= 0; --r) {
-        const float* __restrict__ row = a + r * pitch;
+        const Floats own = a + r * pitch;
         const float value = v[r] * inverse[r];
         v[r] = value;
         int k = 0;
         for (; k + 8 <= r; k += 8)
             for (int j = 0; j < 8; ++j)
-                v[k + j] -= row[k + j] * value;
+                v[k + j] -= own[k + j] * value;
         for (; k < r; ++k)
-            v[k] -= row[k] * value;
+            v[k] -= own[k] * value;
     }
-""")
+"""
+)
 def backward(
     first: int, count: int, start: int, n: wp.array[float], inverse_pivot: wp.array[float], x: wp.array[float]
 ):

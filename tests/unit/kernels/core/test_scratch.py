@@ -65,6 +65,21 @@ def test_a_slot_has_arrays_of_its_own() -> None:
     np.testing.assert_array_equal(table[2, 1, :, 0], [2.0] * 4)
 
 
+@pytest.mark.cuda
+def test_slots_of_a_gpu_are_innermost() -> None:
+    """Lanes of a warp step a world each: what they read at a time must lie side by side."""
+    layouts = memory_layouts((PairScratch,), 3, Things(4))
+    memory = make_memory(Memory, layouts, "cuda:0")
+    assert memory.pair_things_float32.strides == (4, 3 * 4 * 4, 3 * 4)
+    assert memory.pair_table.strides == (12, 3 * 4 * 12, 3 * 12)
+    assert memory.pair_table.numpy().shape == (3, 2, 4, 3)
+    on_cpu = make_memory(Memory, layouts, "cpu")
+    for each, device in ((memory, "cuda:0"), (on_cpu, "cpu")):
+        wp.launch(fill, dim=3, inputs=[each], device=device)
+    for name in layouts:
+        np.testing.assert_array_equal(getattr(memory, name).numpy(), getattr(on_cpu, name).numpy())
+
+
 def test_rooms_without_length_keep_an_element_per_axis() -> None:
     layouts = memory_layouts((PairScratch,), 1, Things(0))
     assert layouts["pair_table"].shape == (1, 2, 1)
