@@ -135,6 +135,7 @@ def shared_stream(device: str) -> Iterator[wp.Stream | None]:
     current = torch.cuda.current_stream(torch.device(device))
     key = (current.device_index, current.cuda_stream)
     if key not in _STREAMS:
+        start_warp()  # where this is the first that is asked of it
         _STREAMS[key] = wp.stream_from_torch(current)
     with wp.ScopedStream(_STREAMS[key], sync_enter=False):
         yield _STREAMS[key]

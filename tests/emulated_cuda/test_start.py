@@ -57,3 +57,14 @@ def test_two_processes_build_into_one_cache(tmp_path):
     both = [subprocess.Popen(command, cwd=ROOT) for _ in range(2)]
     assert [each.wait(timeout=120) for each in both] == [0, 0]
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_warp_may_first_be_asked_for_the_stream_of_torch():
+    skip_where_unavailable()
+    text = (
+        "import torch; from simwarp.core.interop import shared_stream; torch.zeros(1, device='cuda:0')\n"
+        "with shared_stream('cuda:0') as stream: print('stream', stream is not None)"
+    )
+    command = [sys.executable, str(HERE), "-c", text]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "stream True" in done.stdout, done.stderr
