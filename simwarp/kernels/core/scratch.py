@@ -20,6 +20,8 @@ from simwarp.core.types import ArrayLayout
 
 LINES = 128
 """Bytes of a pair of cache lines."""
+LONGEST_STRIDE = 2**31 - 1
+"""Bytes that an array of Warp can move by along an axis."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,11 +159,16 @@ def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any) -> An
 
 
 def _slots_innermost(shape: tuple[int, ...], *, dtype: Any, device: Any) -> Any:
-    """Zeros whose first axis is the fastest in memory, the others in their order."""
+    """Zeros whose first axis is the fastest in memory, the others in their order.
+
+    Strides of Warp are of 32 bits: what would need longer ones lies slot by slot, which native functions walk too.
+    """
     size = int(wp.types.type_size_in_bytes(dtype))
     lengths = shape[1:]
     strides = [size * shape[0] * math.prod(lengths[axis + 1 :]) for axis in range(len(lengths))]
-    memory = wp.zeros(math.prod(shape), dtype=dtype, device=device)
+    memory = wp.zeros(shape, dtype=dtype, device=device)
+    if max(strides, default=0) > LONGEST_STRIDE:
+        return memory
     return _view(memory, int(memory.ptr), shape, (size, *strides), dtype, device)
 
 

@@ -10,6 +10,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.kernels.core import scratch
 from simwarp.kernels.core.scratch import (
     LINES,
     ScratchGroup,
@@ -78,6 +79,15 @@ def test_slots_of_a_gpu_are_innermost() -> None:
         wp.launch(fill, dim=3, inputs=[each], device=device)
     for name in layouts:
         np.testing.assert_array_equal(getattr(memory, name).numpy(), getattr(on_cpu, name).numpy())
+
+
+def test_slots_that_would_lie_too_far_apart_lie_one_by_one(monkeypatch) -> None:
+    """Strides of 32 bits would wrap around without a word, and worlds write into each other."""
+    near = scratch._slots_innermost((3, 2, 4), dtype=wp.vec3, device="cpu")
+    assert near.strides == (12, 3 * 4 * 12, 3 * 12)
+    monkeypatch.setattr(scratch, "LONGEST_STRIDE", 3 * 4 * 12 - 1)
+    far = scratch._slots_innermost((3, 2, 4), dtype=wp.vec3, device="cpu")
+    assert far.strides == (2 * 4 * 12, 4 * 12, 12)
 
 
 def test_rooms_without_length_keep_an_element_per_axis() -> None:
