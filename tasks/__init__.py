@@ -35,6 +35,7 @@ from .framework.step_result import StepResult
 from .framework.task import NON_FINITE, TIME_LIMIT, Task
 from .framework.task_simulation import Attachments
 from .framework.user_command import Command
+from .framework.variants import Variant
 from .randomisation.randomisation_config import Curriculum, Driver, Mode, Range, Sensing, When
 from .randomisation.randomness import WorldRandom
 
@@ -76,6 +77,7 @@ __all__ = [
     "TaskError",
     "TaskVectorEnv",
     "TensorFunction",
+    "Variant",
     "When",
     "Whole",
     "WorldRandom",

@@ -14,6 +14,7 @@ from simwarp.tasks import InputError, Task, TaskConfig, config_from_plain, repla
 from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import task_class_of
+from simwarp.tasks.framework.variants import variant_of
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
@@ -174,6 +175,9 @@ class PPOConfig(Settings):
     """Weight of the value loss."""
     clip_value_loss: bool = False
     """Let values move by at most `clip` per update. It stalls a critic whose returns are far larger than 1."""
+    reward_scale: Positive = 1.0
+    """Factor of the rewards that are learnt from; what is reported is without it. Values are learnt faster where
+    returns are of the order of ten."""
     entropy: NotNegative = 0.0
     """Weight of the entropy bonus."""
     max_grad_norm: Positive = 1.0
@@ -244,8 +248,12 @@ class TrainConfig(Settings):
 
 def default_config(task: type[Task[Any]], config: TaskConfig | None = None) -> TrainConfig:
     """Return the training configuration that a task asks for (``Task.training``) with its own configuration."""
-    obs = obs_of(task.config_type() if config is None else config)
-    return replace_fields(TrainConfig(), {**task.training, **task.training_by_obs.get(obs or "", {})})
+    config = task.config_type() if config is None else config
+    obs, variant = obs_of(config), variant_of(config) or ""
+    fields = {**task.training, **task.training_by_obs.get(obs or "", {})}
+    if obs == obs_of(replace_fields(task.config_type(), {"variant": variant} if variant else {})):
+        fields |= task.training_by_variant.get(variant, {})
+    return replace_fields(TrainConfig(), fields)
 
 
 STUDENT: Mapping[str, Any] = {

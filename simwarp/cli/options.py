@@ -14,7 +14,7 @@ import sys
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import tyro
 from rich.console import Console
@@ -24,10 +24,14 @@ from simwarp.cli.values import check_option, is_flag, may_repeat
 from simwarp.core.files import check_output, is_special, read_json, write_file
 from simwarp.core.wording import close_names
 
+if TYPE_CHECKING:
+    from simwarp.tasks import Task
+
 OptionsT = TypeVar("OptionsT")
 
 TASK_FILE = ".py:"
 """In ``path/to/file.py:TaskClass``, a task that is not installed."""
+VARIANT = "--task.variant"
 RUN_CONFIG = "config.json"
 """File by which the folder of a run is known."""
 
@@ -269,6 +273,39 @@ def with_chosen_obs(arguments: list[str], config: Any) -> Any:
     kinds = type(config.obs) if obs is not None and hasattr(config, "obs") else ()
     chosen = next((kind for kind in kinds if kind.value == obs), None)
     return config if chosen is None else dataclasses.replace(config, obs=chosen)
+
+
+def chosen_variant(arguments: list[str]) -> str | None:
+    """Return the variant of the task that arguments choose; None if they leave it to the task."""
+    return option_value(arguments, VARIANT)
+
+
+def check_variant(task: str, config: Any, wanted: str | None) -> None:
+    """Refuse a variant that a task does not have.
+
+    Raises:
+        UsageError: the task has no variants, or not this one.
+    """
+    if wanted is None:
+        return
+    if not hasattr(config, "variant"):
+        raise UsageError(f"task '{task}' has no variants: leave {VARIANT} away")
+    known = [kind.value for kind in type(config.variant)]
+    if wanted not in known:
+        raise UsageError(f"{VARIANT} of task '{task}' must be {' or '.join(known)}, got '{shortened(wanted)}'")
+
+
+def config_of_variant(arguments: list[str], task: type[Task[Any]]) -> Any:
+    """Return a task's configuration in the variant that arguments choose, else the default one.
+
+    Raises:
+        UsageError: the task has no such variant.
+    """
+    from simwarp.tasks import replace_fields
+
+    config, wanted = task.config_type(), chosen_variant(arguments)
+    check_variant(task.name, config, wanted)
+    return config if wanted is None else replace_fields(config, {"variant": wanted})
 
 
 def split_path(arguments: list[str], command: str, what: str) -> tuple[Path, list[str]]:

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 from simwarp.cli import HELP
 from simwarp.cli.options import (
     CommonOptions,
+    check_variant,
     chosen_obs,
+    chosen_variant,
+    config_of_variant,
     expand_shorthands,
     option_value,
     parse_options,
@@ -68,7 +71,7 @@ def policy_command(command: str, arguments: list[str], base: type[CommonOptions]
 
     torch.set_num_threads(1)
     source, config = policy_defaults(cls.name, arguments)
-    kind = task_options(f"{command.capitalize()}Command", base, task=config or cls.config_type())
+    kind = task_options(f"{command.capitalize()}Command", base, task=config or config_of_variant(arguments, cls))
     return PolicyCommand(cls.name, f"simwarp {command} {word}", arguments, source, kind)
 
 
@@ -82,9 +85,10 @@ def policy_defaults(name: str, arguments: list[str]) -> tuple[PolicySource | Non
 
     if HELP & set(arguments):
         return None, None
-    checkpoint = option_value(arguments, "--checkpoint")
+    checkpoint, variant = option_value(arguments, "--checkpoint"), chosen_variant(arguments)
+    check_variant(name, task_class(name).config_type(), variant)
     runs = Path(option_value(arguments, "--runs") or "runs")
-    source = find_policy(name, None if checkpoint is None else Path(checkpoint), runs, chosen_obs(arguments))
+    source = find_policy(name, None if checkpoint is None else Path(checkpoint), runs, chosen_obs(arguments), variant)
     if not source.content:
         return source, None
     where = f"checkpoint {source.path}: task_config"

@@ -14,6 +14,8 @@ from rich.console import Console
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED
 from simwarp.cli.options import (
     CommonOptions,
+    check_variant,
+    chosen_variant,
     expand_shorthands,
     in_shell,
     option_value,
@@ -76,7 +78,9 @@ def read_options(word: str, arguments: list[str], command: str, base: type[Start
     """
     cls = task_class(word)
     name = cls.name
-    usual = config_to_train_in(cls)
+    variant = chosen_variant(arguments)
+    check_variant(name, cls.config_type(), variant)
+    usual = config_to_train_in(cls, variant=variant)
     arguments = expand_shorthands(arguments, name, usual)
     # Only now what takes seconds to import: an unknown task is known at once
     from simwarp.train.config import configs_from_plain, default_config

@@ -1,7 +1,7 @@
 """Gymnasium over a task: a batched ``VectorEnv`` and a single-world ``Env``.
 
-Ids are ``simwarp/Pendulum-v0`` and so on; importing ``simwarp.tasks`` registers them. Both return NumPy copies, so that
-nothing a user keeps changes under them.
+Ids are ``simwarp/Pendulum-v0``, of a variant ``simwarp/AntThesis-v0``, and so on; importing ``simwarp.tasks`` registers
+them. Both return NumPy copies, so that nothing a user keeps changes under them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 from simwarp.core.types import host_values
 
 from ..framework.agent_rows import refuse_agents
-from ..framework.registry import make, task_names
+from ..framework.registry import make, task_names, variant_names
 from ..framework.task import StepResult, Task
 from .iterations import Iterations
 from .rendering import RENDER_MODES, RENDER_SIZE, Frames, TaskRenderer, check_rendering, metadata_of
@@ -314,21 +314,25 @@ class TaskEnv(gym.Env[Any, Any]):
         return self._first(to_numpy(groups)), float(result.rewards.item()), terminated, truncated, info
 
 
-def env_id(task_name: str) -> str:
-    """Return the Gymnasium id of a task: ``simwarp/Pendulum-v0`` for ``pendulum``."""
-    return f"simwarp/{''.join(part.capitalize() for part in task_name.split('-'))}-v0"
+def env_id(task_name: str, variant: str = "") -> str:
+    """Return the Gymnasium id of a task, or of a variant of it that is not its default.
+
+    ``simwarp/Pendulum-v0`` for ``pendulum``, ``simwarp/AntThesis-v0`` for ``ant`` in its variant ``thesis``.
+    """
+    return f"simwarp/{''.join(part.capitalize() for part in (*task_name.split('-'), variant))}-v0"
 
 
 def register_envs() -> None:
-    """Register every task with Gymnasium; called when ``simwarp.tasks`` is imported, harmless when repeated."""
+    """Register every task and variant with Gymnasium; called when ``simwarp.tasks`` is imported, harmless again."""
     for name in task_names():
-        identity = env_id(name)
-        if identity in gym.registry:
-            continue
-        with contextlib.suppress(gym.error.Error):
-            gym.register(
-                identity,
-                entry_point="simwarp.tasks.adapters.gym_env:TaskEnv",
-                vector_entry_point="simwarp.tasks.adapters.gym_env:TaskVectorEnv",
-                kwargs={"task": name},
-            )
+        for variant in ("", *variant_names(name)):
+            identity = env_id(name, variant)
+            if identity in gym.registry:
+                continue
+            with contextlib.suppress(gym.error.Error):
+                gym.register(
+                    identity,
+                    entry_point="simwarp.tasks.adapters.gym_env:TaskEnv",
+                    vector_entry_point="simwarp.tasks.adapters.gym_env:TaskVectorEnv",
+                    kwargs={"task": name} | ({"variant": variant} if variant else {}),
+                )

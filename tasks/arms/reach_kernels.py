@@ -220,13 +220,13 @@ def compute_reach_rewards(
     pinch = reach.pinch[world] / decimation
     limits = joints_at_limit(world, state.joint_q, arm.middle, arm.half)
     joints = float(arm.speed.shape[0])
-    power = float(0.0)
+    square = float(0.0)
     share = float(0.0)
     for i in range(arm.speed.shape[0]):
         product = wp.abs(state.joint_qd[world, i])
         if arm.driven == 0:
             product = wp.abs(action[world, i]) * product
-        power += product
+        square += product * product
         share += wp.min(product / arm.speed[i], 1.0) / joints
     change = float(0.0)
     for i in range(action.shape[1]):
@@ -236,7 +236,7 @@ def compute_reach_rewards(
     if weights.variant == THESIS:
         terms[0, world] = weights.near / (d + 1.0e-4)
         terms[2, world] = weights.fingers * pinch
-        terms[3, world] = weights.energy * power
+        terms[3, world] = weights.energy * wp.sqrt(square)
         terms[4, world] = weights.joint_pos_limits * limits
         return
     terms[0, world] = weights.near * (1.0 - wp.tanh(d / FAR) + 1.0 / (1.0 + (d / CLOSE) * (d / CLOSE)))

@@ -16,7 +16,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
+from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, Variant, register, require
 
 from ..framework.config import RewardWeights
 from ..framework.recorded_launches import (
@@ -77,7 +77,7 @@ class ReachRewards(RewardWeights):
     fingers: float | None = None
     """Mean force on the fingers [N]; with ``shaped`` as a share of 20 N, at most 1."""
     energy: float | None = None
-    """Sum of sizes of action times joint rate [rad/s]; with ``shaped`` the mean, as a share of the largest."""
+    """Norm of action times joint rate [rad/s]; with ``shaped`` their mean size, as a share of the largest."""
     joint_pos_limits: float | None = None
     """Joints at an end of their range; with ``shaped`` their share."""
     action_rate_l2: float | None = None
@@ -127,6 +127,17 @@ class ReachConfig(TaskConfig):
     """Time at the end of an episode through which a success stays that near [s]."""
     tolerance: Positive = 1e-3
     """Residual at which the contact solve stops [m/s]."""
+    variant: Variant = Variant.SIMWARP
+    """thesis: the reward of equation 9.1, an action in every physics step, and starts as in the thesis."""
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {
+            "reward": ReachReward.THESIS,
+            "decimation": 1,  # of the code, as what follows
+            "max_episode_steps": 2000,
+            "start_angle": 0.0,
+        }
+    }
 
     def validate(self) -> None:
         """Check that displacements act at once."""
@@ -179,6 +190,9 @@ class ReachTask(Task[ReachConfig]):
         "network.init_std": 0.4,
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.0,
+    }
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {"network.kind": "thesis-mlp", "network.activation": "tanh", "ppo.reward_scale": 0.01}
     }
 
     def __init__(self, config: ReachConfig, num_worlds: int, **options: Any) -> None:

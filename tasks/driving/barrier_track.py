@@ -17,9 +17,10 @@ import simwarp as sw
 from ..framework.recorded_launches import NamedRows, TensorFunction
 from ..framework.registry import register
 from .barrier_track_kernels import find_corners_outside, reward_lane_offset
-from .base import PEDALS_BY_CAMERA, DrivingConfig
+from .base import DrivingConfig
 from .lapping import LappingConfig, LappingRewards, LappingTask, Start
 from .outlines import corners
+from .training_defaults import PEDALS_BY_CAMERA
 
 WIDTH = 12.5
 """Between the feet of the barriers [m]."""

@@ -41,6 +41,7 @@ from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
+from .training_defaults import PEDALS_BY_CAMERA
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
@@ -64,17 +65,6 @@ class Frame(enum.Enum):
 
     VEHICLE = "vehicle"
     WORLD = "world"
-
-
-BY_CAMERA: Mapping[str, Any] = {
-    "network.kind": "early-fusion",
-    "network.critic": "privileged",
-    "network.hidden": (128, 64),
-    "network.init_mean": (0.0,),
-}
-"""Training by camera: the critic, which only training needs, sees the exact state."""
-PEDALS_BY_CAMERA: Mapping[str, Any] = {**BY_CAMERA, "network.init_mean": (0.0, 0.3)}
-"""The same where pedals are worked, with some throttle to begin with: who stands still sees nothing to learn from."""
 
 
 Pixels: TypeAlias = Annotated[int, Ge(36)]
@@ -101,6 +91,8 @@ class DrivingConfig(ConditionsConfig):
     """Of the soil's nodes [m]: at most half the width of a wheel."""
     soil_pages: Annotated[int, Ge(16), Le(2**20)] | None = None
     """8 x 8 nodes each, of every world; None: as many as the ruts of an episode take, or of its last 200 m."""
+    images_alone: bool = False
+    """By camera there is no group `policy` beside the image."""
     camera_width: Pixels = 80
     """Of the image [pixels], 36 at least."""
     camera_height: Pixels = 45
@@ -198,6 +190,16 @@ class DrivingTask(Task[DrivingT]):
         if own.get("action_size") == 1 and "training_by_obs" not in own:
             camera = {**cls.training_by_obs["camera"], "network.init_mean": (0.0,)}
             cls.training_by_obs = {**cls.training_by_obs, "camera": camera}
+
+    @property
+    def sees_alone(self) -> bool:
+        """There is a camera, and nothing is observed beside its image."""
+        return self.camera is not None and self.config.images_alone
+
+    @property
+    def throttle_alone(self) -> bool:
+        """The second action is throttle from end to end, none at -1, and there is no brake."""
+        return False
 
     @property
     def action_names(self) -> Sequence[str]:
@@ -415,6 +417,7 @@ class DrivingTask(Task[DrivingT]):
             start_rot=start_rot,
             force=self.simulation.contacts.shape_contact_force,
             input=self.vehicle.input,
+            throttle_alone=int(self.throttle_alone),
         )
         self._drive = zeros_of(Drive, self)
         self.difficulty = sw.to_torch(self._drive.difficulty).fill_(1.0)
@@ -493,10 +496,13 @@ class DrivingTask(Task[DrivingT]):
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy`` (W, N) float32 and, by camera, ``camera`` (W, height, width, 3) uint8.
 
-        ``policy`` is what is `measured` beside a camera, and the `exact_state` without one.
+        ``policy`` is what is `measured` beside a camera, and the `exact_state` without one; with ``images_alone`` there
+        is no ``policy`` beside a camera.
         """
         if self.images is None:
             return {"policy": self.exact_state()}
+        if self.config.images_alone:
+            return {"camera": self.images.read()}
         return {"policy": self.measured(), "camera": self.images.read()}
 
     def privileged(self) -> torch.Tensor | None:

@@ -35,6 +35,7 @@ class Car:
     start_rot: wp.array[wp.quatd]  # (N,)
     force: wp.array2d[wp.vec3]  # (W, S) contact forces on shapes [N]
     input: wp.array2d[float]  # (W, 4) steering, throttle, brake, clutch
+    throttle_alone: int  # 1: the pedal's action is throttle from end to end
 
 
 @wp.struct
@@ -106,7 +107,10 @@ def touch(world: int, car: Car, drive: Drive):
 
 @wp.func
 def work_pedals(world: int, pedal: float, car: Car):
-    """Throttle where positive, brake where negative."""
+    """Throttle where positive, brake where negative; or throttle alone, none at -1."""
+    if car.throttle_alone == 1:
+        car.input[world, 1] = 0.5 * (pedal + 1.0)
+        return
     car.input[world, 1] = not_negative(pedal)
     car.input[world, 2] = not_negative(-pedal)
 

@@ -36,6 +36,7 @@ from ..framework.recorded_launches import (
     zeros_of,
 )
 from ..framework.registry import register
+from ..framework.variants import Variant
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
 from .convoy_kernels import (
     BESIDE,
@@ -114,6 +115,8 @@ class ConvoyConfig(DrivingConfig):
     """Simulated vehicles behind them, each an agent that follows the one ahead."""
     place_frame: Frame = Frame.VEHICLE
     """Axes in which the leader's place is observed with a camera."""
+    raw: bool = False
+    """By camera observe five numbers [m, rad, m/s], the heading as an angle, in place of six of the order of 1."""
     cone: Annotated[float, Gt(0.0), Le(math.pi)] = math.pi / 4.0
     """Half angle of the cone behind the leader in which following is rewarded [rad]."""
     near: float = 16.0
@@ -124,6 +127,21 @@ class ConvoyConfig(DrivingConfig):
     """Weights of the reward."""
     lost_distance: float = 30.0
     """An episode ends where the leader is farther away [m]."""
+    variant: Variant = Variant.SIMWARP
+    """thesis: observations, rewards and time as in the thesis."""
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {
+            "raw": True,
+            "place_frame": Frame.WORLD,
+            "camera_fov": 0.5 * math.pi,
+            "max_episode_steps": 300,
+            "action_rise_time": (1.0, 0.5),
+            "softness": 0.2,
+            "rewards.following": 100.0,  # of the code: 20 m over the distance, at least 0.2 m
+            "rewards.failure": -2000.0,  # no source has a number: the ratio is this project's
+        }
+    }
 
     def validate(self) -> None:
         """Check sizes."""
@@ -161,6 +179,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "network.init_std": 0.6,
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.002,
+    }
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {"network.critic": "same", "ppo.reward_scale": 0.001}
     }
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     # In one set of conditions it learns to drive at the limit of one model: docs/results.md, "The full model"
@@ -232,7 +253,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         state, shape = self.simulation.state.arrays, (self.num_worlds, self.agents)
         if self.navigation is not None:
             measured = [column, state, self._navigator, self.random.draws, routes, follow, platoon]
-            self._measure = ComputedRows(self, measure_follower, *measured, width=6)
+            self._measure = ComputedRows(self, measure_follower, *measured, width=5 if self.config.raw else 6)
         seen = [column, state, self.action.view(-1, 2), routes, follow, self.obstacles.slots, platoon]
         self._observe = ComputedRows(
             self, observe_followers, *seen, width=17 + _RAYS, shape=lead_of(self), threads=shape
@@ -281,6 +302,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             own_half=wp.vec2(*self.chassis_half[:2]),
             leader_half=wp.vec2(*LEADER_HALF[:2]),
             in_world_axes=int(config.place_frame is Frame.WORLD),
+            raw=int(config.raw),
             reach=_REACH,
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
             large=wp.array(large, dtype=wp.vec3, device=str(self.device)),
@@ -380,8 +402,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     # ---- what a policy observes and is rewarded for ------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed; the buffer
-        itself.
+        """Return (W, 6), or (W, 5) with ``raw``: place of the first leader, heading and speed by GPS and IMU, the
+        leader's speed; the buffer itself.
         """
         return self._measure()
 

@@ -52,6 +52,7 @@ class Column:
     own_half: wp.vec2  # lengths of the truck [m]
     leader_half: wp.vec2
     in_world_axes: int  # 1: the leader's place is observed in axes of the world
+    raw: int  # 1: it is observed in metres, the heading as an angle, by five numbers
     cone: float  # [rad]
     near: float  # [m]
     softness: float  # [m]
@@ -373,6 +374,13 @@ def measure_leader(
     seen = wp.vec2(leader[0], leader[1]) - estimated_place(world, navigator, draws)
     if column.in_world_axes == 0:
         seen = to_heading(seen, heading)
+    if column.raw == 1:
+        policy[world, 0] = seen[0]
+        policy[world, 1] = seen[1]
+        policy[world, 2] = wp.atan2(wp.sin(heading), wp.cos(heading))
+        policy[world, 3] = estimated_speed(world, navigator, draws)
+        policy[world, 4] = speed
+        return
     policy[world, 0] = seen[0] / LENGTHS
     policy[world, 1] = seen[1] / LENGTHS
     policy[world, 2] = wp.sin(heading)
@@ -386,7 +394,7 @@ def measure_follower(
     column: Column, state: StateArrays, navigator: Navigator, draws: Draws, routes: RouteTables, follow: Follow,
     platoon: Platoon, policy: wp.array2d[float],
 ):  # fmt: skip
-    """What a single follower measures: place of the one ahead, heading and speed, the other's speed: (W, 6)."""
+    """What a single follower measures: place of the one ahead, heading and speed, the other's speed: (W, 6 or 5)."""
     world = wp.tid()
     ahead = platoon.chassis.shape[0] - 2
     time = time_of(world, column, follow)

@@ -18,9 +18,11 @@ import simwarp as sw
 
 from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over
 from ..framework.registry import register
-from .base import BY_CAMERA, DrivingConfig
+from ..framework.variants import Variant
+from .base import DrivingConfig
 from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
 from .lapping import LappingConfig, LappingRewards, LappingTask
+from .training_defaults import BY_CAMERA, BY_IMAGES_ALONE
 
 WIDTH = 1.1
 """Of the lane between the cones [m]."""
@@ -59,14 +61,33 @@ class HallwayConfig(LappingConfig):
     """The policy works the pedals too; otherwise a controller holds the speed."""
     speed: float = 0.75
     """At which a lap is driven [m/s]."""
+    red_left: bool = False
+    """Red cones on the left and green ones on the right, not the other way round."""
     rewards: HallwayRewards = HallwayRewards()
     """Weights of the reward."""
+    variant: Variant = Variant.SIMWARP
+    """thesis: larger images alone, cones, rewards and time as in the thesis."""
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {
+            "images_alone": True,
+            "camera_width": 160,
+            "camera_height": 90,
+            "red_left": True,
+            "max_episode_steps": 400,  # of the code: 40 s, less than a lap takes
+            "action_rise_time": 0.65,
+            "rewards.progress": 10.0,
+            "rewards.lap": 0.0,
+            "rewards.failure": -200.0,
+        }
+    }
 
 
 @register("hallway")
 class HallwayTask(LappingTask[HallwayConfig]):
-    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
-    ``obs`` state, ``policy`` (W, 17 or 18): place in the lane, points ahead, motion.
+    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; in the
+    variant ``thesis`` the image alone; or, with ``obs`` state, ``policy`` (W, 17 or 18): place in the lane, points
+    ahead, motion.
 
     Actions: steering (positive to the left); with ``pedals`` throttle (positive) or brake (negative) too.
     """
@@ -84,6 +105,9 @@ class HallwayTask(LappingTask[HallwayConfig]):
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (64, 64)},
         "camera": BY_CAMERA,
+    }
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {**BY_IMAGES_ALONE, "ppo.reward_scale": 0.02}
     }
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 60}
     # By camera it knows the one corridor, and the one light, that it learns: docs/results.md, "Tracks never seen"
@@ -118,7 +142,9 @@ class HallwayTask(LappingTask[HallwayConfig]):
         walls = sw.scenery.corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (
             sw.scenery.arranged(sw.scenery.cone(color, height=0.25), track.marks(_CONE_APART, side)).mesh
-            for side, color in ((1.0, "green"), (-1.0, "red"))
+            for side, color in zip(
+                (1.0, -1.0), ("red", "green") if self.config.red_left else ("green", "red"), strict=True
+            )
         )
         return sw.scenery.joined([walls.walls.mesh, walls.floor, walls.ceiling, left, right])
 

@@ -24,6 +24,7 @@ from simwarp.tasks import (
     NamedRows,
     Positive,
     RewardWeights,
+    Variant,
     filled,
     launch_over,
     register,
@@ -40,6 +41,7 @@ from .obstacle_avoidance_kernels import (
     measure_way,
     observe_way,
 )
+from .training_defaults import BY_IMAGES_ALONE
 
 PILLARS_X = (25.0, 50.0, 75.0)
 PILLAR_HALF = (1.0, 1.0, 5.0)
@@ -77,13 +79,28 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     """Distance along the road that is to be driven [m]."""
     rewards: ObstacleAvoidanceRewards = ObstacleAvoidanceRewards()
     """Weights of the reward."""
+    throttle_alone: bool = False
+    """The second action is throttle from end to end, none at -1, and there is no brake."""
+    variant: Variant = Variant.SIMWARP
+    """thesis: images alone, throttle without a brake, and rewards as in the thesis."""
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {
+            "images_alone": True,
+            "throttle_alone": True,
+            "action_rise_time": (1.0, 0.25),  # of the code: 1 s, and 0.5 s from no throttle to all of it
+            "rewards.failure": 0.0,
+            "rewards.progress": 0.1 / 0.003,  # of the code: 0.1 times the way over its physics step
+            "rewards.goal": 3000.0,
+        }
+    }
 
 
 @register("obstacle-avoidance")
 class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
-    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
-    ``obs`` state, ``policy`` (W, 38): place across the road, heading, motion, inputs, the next two pillars, and ranges
-    to pillars in a fan of directions.
+    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; in the
+    variant ``thesis`` the image alone; or, with ``obs`` state, ``policy`` (W, 38): place across the road, heading,
+    motion, inputs, the next two pillars, and ranges to pillars in a fan of directions.
 
     Actions: steering (positive to the left), and throttle (positive) or brake (negative).
     """
@@ -100,9 +117,17 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {**BY_IMAGES_ALONE, "network.init_mean": (0.0, 0.0), "ppo.reward_scale": 0.003}
+    }
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     # At no more cost it sees by dusk and in fog too: docs/results.md, "Driving: light, fog, delays, other vehicles"
     distilled_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}
+
+    @property
+    def throttle_alone(self) -> bool:
+        """The second action is throttle from end to end."""
+        return self.config.throttle_alone
 
     def build_world(self, builder: sw.ModelBuilder) -> None:
         """Three pillars; a reset moves them across the road."""

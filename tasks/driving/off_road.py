@@ -20,7 +20,8 @@ from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import ComputedRows, NamedRows, TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, PEDALS_BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
+from ..framework.variants import Variant
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
 from .hills import Hills
 from .hills_kernels import HillTables
 from .obstacles import ObstacleKind, Obstacles
@@ -39,6 +40,7 @@ from .off_road_kernels import (
 )
 from .outlines import outline
 from .ranging import RangeFan
+from .training_defaults import PEDALS_BY_CAMERA
 
 _FIELDS = 8
 _SIDE = 160.0
@@ -47,6 +49,9 @@ _RAYS = 25
 _FAN = math.radians(240.0)
 _POLE = 8.0
 """Height of the pole that shows where the goal is [m]."""
+TERMS = ("progress", "goal", "failure", "change", "timeout")
+OPTIONAL = ("change", "timeout")
+"""Terms of the reward that are only there where they count."""
 GROUND_TEXTURES = ("grass", "dirt", "gravel", "sand")
 
 
@@ -62,6 +67,8 @@ class OffRoadRewards(RewardWeights):
     """Touching an obstacle, leaving the map or turning over."""
     change: float = 0.0
     """Per change of the action; 0: there is no such term. The original's later version has half its metre."""
+    timeout: float = 0.0
+    """Running out of time, which then ends the episode; 0: it is cut off, and there is no such term."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,8 +105,26 @@ class OffRoadConfig(DrivingConfig):
     """No obstacle stands nearer to start or goal [m]."""
     goal_frame: Frame = Frame.VEHICLE
     """Axes in which the goal is observed."""
+    raw: bool = False
+    """By camera observe five numbers [m, rad, m/s], the heading as an angle, in place of six of the order of 1."""
+    any_heading: bool = False
+    """Start with any heading, not towards the middle."""
     rewards: OffRoadRewards = OffRoadRewards()
     """Weights of the reward."""
+    variant: Variant = Variant.SIMWARP
+    """thesis: observations, starts, rewards and ends as in the thesis."""
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {
+            "raw": True,
+            "any_heading": True,
+            "action_rise_time": (0.75, 0.5),
+            "rewards.progress": 10.0,  # the way over the time of a control step, 0.1 s
+            "rewards.goal": 2500.0,
+            "rewards.failure": -250.0,  # this and the next of the code
+            "rewards.timeout": -400.0,
+        }
+    }
 
     def validate(self) -> None:
         """Check sizes."""
@@ -135,6 +160,9 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {**DrivingTask.training_by_obs["state"], "iterations": 600, "ppo.gamma": 0.997},
         "camera": PEDALS_BY_CAMERA,
+    }
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {"network.critic": "same", "ppo.reward_scale": 0.01}
     }
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 120}
     trained_in: ClassVar[Mapping[str, Any]] = {"obstacles": 50, "hills": 1.0, "varied": True}
@@ -198,7 +226,9 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             self._slopes = self.hills.tables
         super().setup()
         terrain, car, drive, state, trip = self.terrain, self._car, self._drive, self.simulation.state.arrays, self.trip
-        terms = ("progress", "goal", "failure", "change")[: 4 if config.rewards.change != 0.0 else 3]
+        weights = config.reward_weights()
+        terms = [name for name in TERMS if name not in OPTIONAL or weights[name] != 0.0]
+        fill(self.terrain, **{f"{name}_row": terms.index(name) if name in terms else -1 for name in OPTIONAL})
         slots = self.obstacles.slots
         self._start = launch_over(
             self, start_trip, self._every_world, terrain, self.random.draws, self._slopes, car, self._navigator, state,
@@ -209,10 +239,11 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._observe = ComputedRows(self, observe_trip, *seen, width=13 + _RAYS)
         if self.navigation is not None:
             estimated = [terrain, self._navigator, self.random.draws, trip]
-            self._measure = ComputedRows(self, measure_trip, *estimated, width=6)
+            self._measure = ComputedRows(self, measure_trip, *estimated, width=5 if config.raw else 6)
         moving = [terrain, car, drive, state]
         self._compute_rewards = NamedRows(self, compute_trip_rewards, terms, *moving, self.action, trip)
-        ends = ("goal", "collision", "off_map", "upset")
+        fill(self.trip, steps=self.episode_steps)
+        ends = ("goal", "collision", "off_map", "upset", "timeout")[: 5 if "timeout" in terms else 4]
         self._find_ends = NamedRows(self, end_trip, ends, *moving, trip, dtype=torch.bool)
         metrics = ("distance", "obstacles_present")
         self._measure_metrics = NamedRows(self, write_trip_metrics, metrics, car, state, slots, trip)
@@ -227,12 +258,15 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         )  # fmt: skip
         purposes = {
             "start": "start", "target": "goal", "field": "hills", "texture": "texture", "places": "places",
-            "headings": "obstacle headings", "share": "shares of obstacles and hills",
+            "headings": "obstacle headings", "share": "shares of obstacles and hills", "facing": "start heading",
         }  # fmt: skip
         return filled(
             Ground,
             in_world_axes=int(config.goal_frame is Frame.WORLD),
             varied=int(config.varied),
+            raw=int(config.raw),
+            any_heading=int(config.any_heading),
+            step_limit=config.max_episode_steps,
             reach=_REACH,
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
             **{name: getattr(config, name) for name in named},
@@ -261,7 +295,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._draw_obstacles.on(world_mask)
 
     def start(self, world_mask: torch.Tensor) -> None:
-        """On the circle, facing its middle."""
+        """On the circle, facing its middle or, with ``any_heading``, anywhere."""
         self._start.on(world_mask)
         self.simulation.measure(world_mask, sensors=False)
 
@@ -272,10 +306,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
-        """Six measurements, or the exact state, component by component; lengths as shares of ``radius``."""
+        """Measurements, or the exact state, component by component; lengths as shares of ``radius`` unless ``raw``."""
+        if self.sees_alone:
+            return {}
         axes = "xy" if self.config.goal_frame is Frame.WORLD else ("ahead", "left")
-        names = [*(f"goal {axis}" for axis in axes), "direction of the goal", "sine of heading", "cosine of heading"]
-        names.append("speed ahead")
+        names = [*(f"goal {axis}" for axis in axes), "direction of the goal"]
+        raw = self.config.raw and self.camera is not None
+        names += [*(["heading"] if raw else ["sine of heading", "cosine of heading"]), "speed ahead"]
         if self.camera is None:
             names += ["speed to the left", "yaw rate", "rise ahead", "rise to the left", "steering", "pedals"]
             names += [*(f"nearness {ray}" for ray in range(_RAYS)), "distance of the goal"]
@@ -284,7 +321,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     # ---- what a policy sees --------------------------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 6): goal, heading and speed by GPS and IMU; the buffer itself."""
+        """Return (W, 6), or (W, 5) with ``raw``: goal, heading and speed by GPS and IMU; the buffer itself."""
         return self._measure()
 
     def exact_state(self) -> torch.Tensor:
@@ -294,11 +331,11 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         return self._observe()
 
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return ``progress``, ``goal``, ``failure`` and, if it counts, ``change`` of the action."""
+        """Return ``progress``, ``goal``, ``failure`` and, if they count, ``change`` of the action and ``timeout``."""
         return self._compute_rewards()
 
     def terminations(self) -> dict[str, torch.Tensor]:
-        """Return ``goal``, ``collision`` with an obstacle, ``off_map`` and ``upset``."""
+        """Return ``goal``, ``collision`` with an obstacle, ``off_map``, ``upset`` and, if it counts, ``timeout``."""
         return self._find_ends()
 
     def metrics(self) -> dict[str, torch.Tensor]:

@@ -50,6 +50,12 @@ class Ground:
     goal_weight: float
     failure_weight: float
     change_weight: float
+    timeout_weight: float
+    change_row: int  # of the reward's terms; -1: there is no such term
+    timeout_row: int
+    step_limit: wp.int64  # control steps of an episode
+    raw: int  # 1: the goal is observed in metres, the heading as an angle, by five numbers
+    any_heading: int  # 1: a start heads anywhere
     reach: float  # of the rays [m]
     direction: wp.array[wp.vec2]  # (rays,)
     start: wp.array[wp.uint64]  # streams of the draws
@@ -59,6 +65,7 @@ class Ground:
     places: wp.array[wp.uint64]
     headings: wp.array[wp.uint64]
     share: wp.array[wp.uint64]
+    facing: wp.array[wp.uint64]
     ground: int  # its instance in the scene
     shown: wp.array2d[int]  # (W, I) textures of the scene; of no length: there is none
     textures: wp.array[int]
@@ -71,6 +78,7 @@ class Trip:
     goal: wp.array[wp.vec2d]  # (W,) [m]
     before: wp.array[wp.float64]  # (W,) distance from it before the control step [m]
     last_action: wp.array2d[float]  # (W, A) before the control step
+    steps: wp.array[wp.int64]  # (W,) control steps of the episode
 
 
 @wp.func
@@ -120,6 +128,18 @@ def is_at_goal(world: int, car: Car, drive: Drive, state: StateArrays, ground: G
     """Whether the vehicle is there, and sound."""
     there = goal_distance(world, car, state, trip) < ground.goal_radius
     return there and not drive.hit[world] and not is_upset(world, car, state)
+
+
+@wp.func
+def has_failed(world: int, car: Car, drive: Drive, state: StateArrays, ground: Ground) -> bool:
+    """Whether the vehicle touches an obstacle, has left the map or is turned over."""
+    return drive.hit[world] or is_off_map(world, car, state, ground) or is_upset(world, car, state)
+
+
+@wp.func
+def is_late(world: int, ground: Ground, trip: Trip) -> bool:
+    """Whether the time of the episode is over."""
+    return trip.steps[world] >= ground.step_limit
 
 
 @wp.kernel
@@ -184,12 +204,14 @@ def start_trip(
     mask: wp.array[wp.bool], ground: Ground, draws: Draws, hills: HillTables, car: Car, navigator: Navigator,
     state: StateArrays, trip: Trip,
 ):  # fmt: skip
-    """On the circle, facing its middle."""
+    """On the circle, facing its middle or anywhere."""
     world = wp.tid()
     if not mask[world]:
         return
     angle = start_angle(world, ground, draws)
     heading = angle + PI
+    if ground.any_heading == 1:
+        heading = uniform_at(episode_key(ground.facing, world, draws), 0, -PI, PI)
     place = on_circle(angle, ground)
     turn = heading_quaternion(wp.float64(heading))
     height = hill_height(world, place, hills)
@@ -212,14 +234,21 @@ def begin_trip(car: Car, state: StateArrays, action: wp.array2d[float], trip: Tr
 
 
 @wp.func
-def write_goal(
-    world: int, place: wp.vec2d, heading: float, speed: float, ground: Ground, trip: Trip, policy: wp.array2d[float]
-):  # fmt: skip
-    """Observe the goal, the direction to it, heading and speed: six numbers."""
+def goal_from(world: int, place: wp.vec2d, heading: float, ground: Ground, trip: Trip) -> wp.vec2:
+    """The goal as seen from a place, in axes of the heading or of the world [m]."""
     goal = trip.goal[world]
     seen = wp.vec2(float(goal[0] - place[0]), float(goal[1] - place[1]))
     if ground.in_world_axes == 0:
         seen = to_heading(seen, heading)
+    return seen
+
+
+@wp.func
+def write_goal(
+    world: int, place: wp.vec2d, heading: float, speed: float, ground: Ground, trip: Trip, policy: wp.array2d[float]
+):  # fmt: skip
+    """Observe the goal, the direction to it, heading and speed: six numbers."""
+    seen = goal_from(world, place, heading, ground, trip)
     policy[world, 0] = seen[0] / ground.radius
     policy[world, 1] = seen[1] / ground.radius
     policy[world, 2] = wp.atan2(seen[1], seen[0]) / PI
@@ -268,7 +297,16 @@ def measure_trip(ground: Ground, navigator: Navigator, draws: Draws, trip: Trip,
     place = estimated_place(world, navigator, draws)
     speed = estimated_speed(world, navigator, draws)
     at = wp.vec2d(wp.float64(place[0]), wp.float64(place[1]))
-    write_goal(world, at, navigator.heading[world], speed, ground, trip, policy)
+    heading = navigator.heading[world]
+    if ground.raw == 0:
+        write_goal(world, at, heading, speed, ground, trip, policy)
+        return
+    seen = goal_from(world, at, heading, ground, trip)
+    policy[world, 0] = seen[0]
+    policy[world, 1] = seen[1]
+    policy[world, 2] = wp.atan2(seen[1], seen[0])
+    policy[world, 3] = wp.atan2(wp.sin(heading), wp.cos(heading))
+    policy[world, 4] = speed
 
 
 @wp.kernel
@@ -276,31 +314,37 @@ def compute_trip_rewards(
     ground: Ground, car: Car, drive: Drive, state: StateArrays, action: wp.array2d[float], trip: Trip,
     terms: wp.array2d[float],
 ):  # fmt: skip
-    """Progress, goal, failure and, if it counts, the change of the action: (T, W)."""
+    """Progress, goal, failure and, if they count, the change of the action and the end of the time: (T, W)."""
     world = wp.tid()
     nearer = trip.before[world] - goal_distance(world, car, state, trip)
     terms[0, world] = float(ground.progress_weight * nearer)
-    terms[1, world] = ground.goal_weight * float(is_at_goal(world, car, drive, state, ground, trip))
-    failed = drive.hit[world] or is_off_map(world, car, state, ground) or is_upset(world, car, state)
+    reached = is_at_goal(world, car, drive, state, ground, trip)
+    terms[1, world] = ground.goal_weight * float(reached)
+    failed = has_failed(world, car, drive, state, ground)
     terms[2, world] = ground.failure_weight * float(failed)
-    if terms.shape[0] > 3:
+    if ground.timeout_row >= 0:
+        late = is_late(world, ground, trip) and not reached and not failed
+        terms[ground.timeout_row, world] = ground.timeout_weight * float(late)
+    if ground.change_row >= 0:
         square = float(0.0)
         for i in range(action.shape[1]):
             change = action[world, i] - trip.last_action[world, i]
             square += change * change
-        terms[3, world] = ground.change_weight * wp.sqrt(square)
+        terms[ground.change_row, world] = ground.change_weight * wp.sqrt(square)
 
 
 @wp.kernel
 def end_trip(
     ground: Ground, car: Car, drive: Drive, state: StateArrays, trip: Trip, ends: wp.array2d[wp.bool]
 ):  # fmt: skip
-    """Goal, collision, off the map, upset: (R, W)."""
+    """Goal, collision, off the map, upset and, if it counts, the end of the time: (R, W)."""
     world = wp.tid()
     ends[0, world] = is_at_goal(world, car, drive, state, ground, trip)
     ends[1, world] = drive.hit[world]
     ends[2, world] = is_off_map(world, car, state, ground)
     ends[3, world] = is_upset(world, car, state)
+    if ground.timeout_row >= 0:
+        ends[4, world] = is_late(world, ground, trip)
 
 
 @wp.kernel

@@ -7,7 +7,7 @@ import enum
 import inspect
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Self, TypeAlias, TypeVar
 
 import tyro
 
@@ -18,6 +18,7 @@ from simwarp.core.types import formatted
 from ..randomisation.randomisation_config import Curriculum, Delay, Range, Sensing, Uncertainty
 from .config_values import Settings, plain_value, typed
 from .errors import InputError, near_names
+from .variants import variant_of
 
 ConfigT = TypeVar("ConfigT")
 
@@ -36,6 +37,8 @@ def require(condition: bool, config: object, field: str, rule: str) -> None:
 def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
     """Return ``config`` with some fields replaced; ``"ppo.gamma"`` reaches into a nested config.
 
+    Another ``variant`` sets the fields of both variants anew, but for those that are in ``changes`` too.
+
     Raises:
         InputError: there is no such field, or the new value breaks its rule.
     """
@@ -51,9 +54,20 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
         else:
             like = getattr(config, head)
             direct[head] = typed(type(like), value, head.replace("_", "-")) if isinstance(like, enum.Enum) else value
+    if isinstance(config, TaskConfig) and "variant" in direct:
+        direct = {**_other_variant(config, direct["variant"].value), **direct}
     for head, nested in grouped.items():
         direct[head] = replace_fields(direct.get(head, getattr(config, head)), nested)
     return dataclasses.replace(config, **direct)  # type: ignore[type-var]
+
+
+def _other_variant(config: TaskConfig, variant: str) -> dict[str, Any]:
+    """Return the fields that change from the variant of a configuration to another: values by name."""
+    kind, own = type(config), variant_of(config)
+    if variant == own:
+        return {}
+    usual = kind()
+    return {name: getattr(usual, name) for name in kind.fields_of(own or "")} | kind.fields_of(variant)
 
 
 def _settings_by_name(arguments: list[str]) -> dict[str, Any]:
@@ -96,7 +110,14 @@ class RewardWeights(Settings):
 
 @dataclasses.dataclass(frozen=True)
 class TaskConfig(Settings):
-    """Fields that every task has; a task adds its own in a frozen subclass."""
+    """Fields that every task has; a task adds its own in a frozen subclass.
+
+    One whose task has variants has the field ``variant`` too, an enumeration, which sets all fields of `VARIANTS` that
+    are not given beside it.
+    """
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Variant -> field -> value, where it is not the default; ``"rewards.goal"`` reaches into nested ones."""
 
     dt: Positive = 0.01
     """Physics step [s]."""
@@ -127,6 +148,36 @@ class TaskConfig(Settings):
         for name, kind in (("randomise", RangesByName), ("sensing", SensingByName)):
             if name in own:
                 cls.__annotations__[name] = kind
+
+    def __new__(cls, *values: Any, **fields: Any) -> Self:
+        """Note which fields are given: the variant sets the others."""
+        made = super().__new__(cls)
+        names = [field.name for field in dataclasses.fields(cls)]
+        object.__setattr__(made, "_given", {*names[: len(values)], *fields})
+        return made
+
+    def __post_init__(self) -> None:
+        """Set the fields of the variant that are not given, and hold all to their types."""
+        given = vars(self).pop("_given", None)
+        if given is not None:  # by the schema, which reads files, all are
+            variant = getattr(self, "variant", "")
+            for name, value in self.fields_of(str(getattr(variant, "value", variant))).items():
+                if name not in given:
+                    object.__setattr__(self, name, value)
+        super().__post_init__()
+
+    @classmethod
+    def fields_of(cls, variant: str) -> dict[str, Any]:
+        """Return the fields that a variant sets, values by name; none of one that sets nothing.
+
+        Args:
+            variant: its name.
+        """
+        changes = cls.VARIANTS.get(variant)
+        if not changes:
+            return {}
+        made = replace_fields(cls(), changes)
+        return {name: getattr(made, name) for name in (key.partition(".")[0] for key in changes)}
 
     @property
     def uncertainty(self) -> Uncertainty:

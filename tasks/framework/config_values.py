@@ -95,21 +95,26 @@ def config_from_plain(kind: type[KindT], plain: object, where: str = "") -> Kind
 
 
 def _with_defaults(kind: Any, plain: object) -> object:
-    """Return an object in which nested ones have the values of their owner's default where they leave some away."""
+    """Return an object in which nested ones have the values of their owner's default where they leave some away.
+
+    A variant that it names sets the fields that it leaves away.
+    """
     if not isinstance(plain, Mapping):
         return plain
     fields = dataclasses.fields(kind)
     whole = with_reward_weights(plain, [field.name for field in fields])
+    varied = kind.fields_of(str(whole.get("variant", ""))) if hasattr(kind, "fields_of") else {}
     for field in fields:
+        default = varied.get(field.name, field.default)
         inner, given = peeled(field_hints(kind).get(field.name))[0], whole.get(field.name)
         if isinstance(given, Mapping) and dataclasses.is_dataclass(inner):
             like = (
-                {item.name: getattr(field.default, item.name) for item in dataclasses.fields(inner)}
-                if isinstance(field.default, cast(type, inner))
+                {item.name: getattr(default, item.name) for item in dataclasses.fields(inner)}
+                if isinstance(default, cast(type, inner))
                 else {}
             )
             whole[field.name] = {**like, **cast(dict[str, Any], _with_defaults(inner, given))}
-    return whole
+    return {**varied, **whole}
 
 
 def typed(hint: Any, value: object, name: str) -> Any:

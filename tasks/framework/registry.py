@@ -18,6 +18,7 @@ from .config import TaskConfig, replace_fields
 from .devices import resolve_device
 from .errors import InputError, TaskFileError, near_names
 from .task_class_import import class_in_file, is_task_file, name_of_class, split_source
+from .variants import Variant, variant_of
 
 if TYPE_CHECKING:
     from .task import Task
@@ -31,6 +32,11 @@ _BUILT_IN: Final[dict[str, str]] = json.loads(
     (files("simwarp") / "tasks" / "built_in.json").read_text(encoding="utf-8")
 )
 """Built-in tasks and the modules that register them; one is imported when its task is asked for."""
+
+_IN_THESIS: Final = (
+    "ant", "convoy", "hallway", "irb120-reach", "obstacle-avoidance", "off-road", "racer3-reach",
+)  # fmt: skip
+"""Built-in tasks that have the variant ``thesis``, known without importing them."""
 
 _tasks: dict[str, type[Task[Any]]] = {}
 _loaded: list[bool] = []
@@ -88,6 +94,13 @@ def task_names() -> list[str]:
     """Return the names of all tasks, sorted."""
     _load_packages()
     return sorted({*_BUILT_IN, *_tasks})
+
+
+def variant_names(name: str) -> list[str]:
+    """Return the variants of a task beside its default one; a built-in task is not imported for it."""
+    if name in _BUILT_IN:
+        return [Variant.THESIS.value] if name in _IN_THESIS else []
+    return [*task_class(name).config_type.VARIANTS]
 
 
 def task_class(name: str) -> type[Task[Any]]:
@@ -181,15 +194,23 @@ def task_class_of(saved: Mapping[str, Any], where: str) -> type[Task[Any]]:
     return cls
 
 
-def config_to_train_in(task: type[Task[Any]], *, student: bool = False) -> TaskConfig:
+def config_to_train_in(
+    task: type[Task[Any]], *, student: bool = False, variant: str | None = None
+) -> TaskConfig:  # fmt: skip
     """Return the configuration that a training begins with: the defaults, but for what the task is ``trained_in``.
 
     Args:
         task: that is learnt.
         student: of a distillation, what it is ``distilled_in``.
+        variant: of the task; in another one than the default it is trained as it is.
+
+    Raises:
+        InputError: the task has no such variant.
     """
-    config: TaskConfig = replace_fields(task.config_type(), task.distilled_in if student else task.trained_in)
-    return config
+    usual: TaskConfig = task.config_type()
+    if variant not in (None, variant_of(usual)):
+        return replace_fields(usual, {"variant": variant})
+    return replace_fields(usual, task.distilled_in if student else task.trained_in)
 
 
 @report_compiling()

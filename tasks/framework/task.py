@@ -102,6 +102,8 @@ class Task(Readable, ABC, Generic[ConfigT]):
     """Defaults of ``simwarp train`` for this task, such as ``{"iterations": 80, "ppo.gamma": 0.98}``."""
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Further defaults by the configuration's field ``variant``, with the observations that the variant has."""
     distilling: ClassVar[Mapping[str, Any]] = {}
     """Further defaults of ``simwarp distill``, such as ``{"iterations": 40}``."""
     trained_in: ClassVar[Mapping[str, Any]] = {}

@@ -16,7 +16,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import NamedRows, RewardWeights, TaskConfig, filled, register
+from simwarp.tasks import NamedRows, RewardWeights, TaskConfig, Variant, filled, register
 from simwarp.tasks.locomotion import BASE, Orientation, Touching, WalkingConfig, WalkingTask
 
 from . import ant_kernels as kernels
@@ -29,8 +29,9 @@ class AntReward(enum.Enum):
     """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line. ``code`` is that of the original's code,
-    ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts), but for the limits: the printed term
-    is + 3 per limit, a reward for what the text wants avoided. Here each takes 0.6 away, as in the code.
+    ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts), but for the limits, each of which
+    costs 0.6 as in the code. The equation prints + 3 per limit, a reward for what its text wants avoided: with the
+    variant ``thesis`` of the task each costs 3.
     """
 
     WALK = "walk"
@@ -92,6 +93,20 @@ class AntConfig(WalkingConfig):
     """Observation of the torso's orientation: 30 observations with Euler angles, 31 with a quaternion."""
     lateral: bool = False
     """Observe the sideways position in place of the height, as the original's code does."""
+    variant: Variant = Variant.SIMWARP
+    """thesis: the reward of equation 8.1, 100 actions a second, starts and time as in the thesis."""
+
+    VARIANTS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {
+            "reward": AntReward.THESIS,
+            "rewards.joint_pos_limits": -3.0,
+            "decimation": 1,
+            "max_episode_steps": 10_000,  # of the code, as what follows: 100 s
+            "start_angle": 0.0,
+            "start_rate": 0.0,
+            "gravity": 9.8,
+        }
+    }
 
     def usual_weights(self) -> Mapping[str, float]:
         """Weights of the variant."""
@@ -112,6 +127,9 @@ class AntTask(WalkingTask[AntConfig]):
     legs: ClassVar[int] = 4
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.4, 1.0, 2.0, 5.0)
     training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.6}
+    training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "thesis": {"network.kind": "thesis-mlp", "network.activation": "tanh"}
+    }
 
     def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The ant of :mod:`simwarp.scenes`."""

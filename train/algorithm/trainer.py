@@ -41,7 +41,8 @@ class Trainer(Learner):
         torch.manual_seed(config.seed)
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
         task.contract.on_iteration(0)  # the first episodes are as easy as a curriculum begins
-        env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
+        seen = config.network.critic is CriticSees.PRIVILEGED
+        env = TaskVecEnv(task, privileged=seen, reward_scale=config.ppo.reward_scale)
         self._acting = ActingRows(config.steps_per_iteration, env.num_envs, env.device) if task.agents > 1 else None
         super().__init__(task, config, env, group)
         if self._acting is not None and (self.algorithm.actor.is_recurrent or self.algorithm.critic.is_recurrent):

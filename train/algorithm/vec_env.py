@@ -29,13 +29,17 @@ class TaskVecEnv(VecEnv):
         privileged: add the group ``critic``: the exact state that only the critic sees.
         teacher: add the groups of a teacher, each as ``teacher NAME``, that was trained on these observations; "" of a
             task without a choice.
+        reward_scale: factor of the rewards that are handed out; terms and statistics are without it.
 
     Raises:
         InputError: a privileged critic or a teacher was asked for, and the task has nothing for it.
     """
 
-    def __init__(self, task: Task[Any], *, privileged: bool = False, teacher: str | None = None) -> None:
+    def __init__(
+        self, task: Task[Any], *, privileged: bool = False, teacher: str | None = None, reward_scale: float = 1.0
+    ) -> None:
         self.task = task
+        self._reward_scale = reward_scale
         # rsl-rl bootstraps time-outs with the value before the step and never looks at the final observation
         task.keep_final_observations = False
         self.rows = Rows(task)
@@ -104,4 +108,5 @@ class TaskVecEnv(VecEnv):
             # Kept by reference until the iteration ends: new tensors in every step
             "log": {f"/reward/{name}": means[index] for index, name in enumerate(self.task.reward_terms)},
         }
-        return self.hand_out(result.observations), result.rewards, result.terminated | result.truncated, extras
+        rewards, done = self._reward_scale * result.rewards, result.terminated | result.truncated
+        return self.hand_out(result.observations), rewards, done, extras

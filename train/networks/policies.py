@@ -18,6 +18,7 @@ from simwarp.tasks import InputError, Task, task_class
 from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.registry import task_word
 from simwarp.tasks.framework.saved_state import check_like
+from simwarp.tasks.framework.variants import variant_of
 
 from ..algorithm.learner import TrainingError
 from ..config import rsl_rl_config, train_config_from_plain
@@ -64,11 +65,14 @@ class PolicySource(Readable):
         return {"path": str(self.path)}
 
 
-def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
+def shipped_policy(task_name: str, obs: str | None = None, variant: str | None = None) -> Path | None:
     """Return the policy that comes with the package for a task and its observations, if there is one.
 
-    Where the task has a choice of observations and ``obs`` makes none, the task's default comes first.
+    Where the task has a choice of observations and ``obs`` makes none, the task's default comes first. All policies are
+    of the task's default variant.
     """
+    if variant not in (None, variant_of(task_class(task_name).config_type())):
+        return None
     names = [f"{task_name}.{obs}"]
     if obs is None:
         choice = obs_of(task_class(task_name).config_type())
@@ -86,12 +90,14 @@ def named_policy(checkpoint: Path | None) -> Path | None:
     return None if path is None or Path(str(checkpoint)).exists() else path
 
 
-def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:
+def find_policy(
+    task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None, variant: str | None = None
+) -> PolicySource:
     """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
 
     A checkpoint named ``shipped`` is the shipped one for these observations, the name of one, such as
     ``off-road.state.soil``, that one; ``zero`` and ``random`` are actions without a network. With ``obs`` only a policy
-    of these observations will do.
+    of these observations will do, with ``variant`` only one of this variant of the task.
 
     Raises:
         InputError: there is none, it cannot be read, or it is of another task.
@@ -105,8 +111,8 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
         path, content = read_policy(checkpoint)
         origin = f"checkpoint {path}"
     else:
-        run = latest_run(root, task_name, obs) if checkpoint is None else None
-        shipped = shipped_policy(task_name, obs)
+        run = latest_run(root, task_name, obs, variant) if checkpoint is None else None
+        shipped = shipped_policy(task_name, obs, variant)
         if run is not None:
             path, content = run.load_latest()
             origin = f"newest run, {path}"
@@ -114,8 +120,12 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
             path, content, origin = shipped, load_checkpoint(shipped), "policy shipped with simwarp"
         else:
             of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
+            ships = ""
+            if variant:
+                of, option = f"{of} in variant '{variant}'", f"{option} --task.variant {variant}"
+                ships = ", and no shipped one fits"
             raise InputError(
-                f"no policy for task '{task_name}'{of} in folder '{root}': train one with "
+                f"no policy for task '{task_name}'{of} in folder '{root}'{ships}: train one with "
                 f"`simwarp train {task_word(task_name)}{option}`, give the folder of its runs with --runs, or a "
                 f"--checkpoint, which may be {' or '.join(UNTRAINED)}"
             )
@@ -125,6 +135,14 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
     if obs not in (None, trained):
         raise InputError(
             f"checkpoint {path} was trained on {formatted(trained)} observations, not {obs}: leave --obs away"
+        )
+    lived = content["task_config"].get("variant", variant_of(task_class(task_name).config_type()))
+    if variant not in (None, lived):
+        none = ", for which none is shipped" if path.parent == SHIPPED else ""
+        raise InputError(
+            f"checkpoint {path} was trained in variant {formatted(lived)} of task '{task_name}', not '{variant}'{none}:"
+            f" leave --task.variant away, or train one with `simwarp train {task_word(task_name)} "
+            f"--task.variant {variant}`"
         )
     return PolicySource(path, content, origin if trained is None else f"{origin} (--obs {trained})")
 

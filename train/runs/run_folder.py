@@ -12,7 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
@@ -274,21 +274,25 @@ def open_run(path: Path) -> RunFolder:
     return folder
 
 
-def latest_run(root: Path, task: str, obs: str | None = None) -> RunFolder | None:
-    """Return the newest run of a task (with ``obs`` observations) that has a checkpoint, if there is one."""
+def latest_run(root: Path, task: str, obs: str | None = None, variant: str | None = None) -> RunFolder | None:
+    """Return the newest run of a task (with ``obs`` observations, in a ``variant``) that has a checkpoint, if any."""
     folders = [RunFolder(path) for path in (root / task).glob("*") if path.is_dir()] if os.path.isdir(root) else []
     for folder in sorted(folders, key=RunFolder.began, reverse=True):
-        if folder.checkpoint_files() and obs in (None, _obs(folder)):
+        if folder.checkpoint_files() and _is_wanted(folder, {"obs": obs, "variant": variant}):
             return folder
     return None
 
 
-def _obs(folder: RunFolder) -> object:
-    """Return the observations a run was trained on; nothing where its configuration cannot be read."""
+def _is_wanted(folder: RunFolder, wanted: Mapping[str, str | None]) -> bool:
+    """Return True if a run's task had these fields, None being any; False where they cannot be read."""
+    if all(value is None for value in wanted.values()):
+        return True
     try:
-        return folder.load_config()["task_config"].get("obs")
+        content = folder.load_config()
+        config = config_to_plain(configs_from_plain(content, str(folder.path / CONFIG))[1])
     except InputError:
-        return ""
+        return False
+    return all(value in (None, config.get(name)) for name, value in wanted.items())
 
 
 def read_policy(path: Path) -> tuple[Path, dict[str, Any]]:

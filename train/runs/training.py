@@ -19,6 +19,7 @@ from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import default_threads
 from simwarp.core.types import ModelError, formatted
 from simwarp.tasks import InputError, Task, TaskConfig, make, task_class
+from simwarp.tasks.framework.variants import variant_of
 
 from ..algorithm.distiller import Distiller, Lesson
 from ..algorithm.distributed import Processes, connect, processes
@@ -136,6 +137,7 @@ def train(
                 lock = held.enter_context(writing(resume, take_over))
                 if lock.took_over:
                     console.print(lock.took_over, highlight=False, markup=False, soft_wrap=True)
+            _refuse_other_variant(resume, task_name, task_config)
             saved = _saved_run(resume, task_name, config)
             if saved is None:
                 console.print("the run has no checkpoint yet: it begins at iteration 0", highlight=False)
@@ -165,6 +167,21 @@ def _refuse_beginnings(warm_start: Path | None, lesson: Lesson | None) -> None:
     for given, word in ((warm_start, "--warm-start"), (lesson, "a teacher")):
         if given is not None:
             raise InputError(f"{word} begins a new run and --resume goes on with one: give one of them")
+
+
+def _refuse_other_variant(resume: Path, task_name: str, task_config: TaskConfig) -> None:
+    """Refuse to go on with a run in another variant of its task.
+
+    Raises:
+        InputError: it is another one.
+    """
+    content = open_run(resume).load_config()
+    began, wanted = variant_of(configs_from_plain(content, str(resume / CONFIG))[1]), variant_of(task_config)
+    if content["task"] == task_name and began != wanted:
+        raise InputError(
+            f"--task.variant must be '{began}', as run {resume} began, got '{wanted}': leave it away, or begin a new "
+            "run without --resume"
+        )
 
 
 def _load(trainer: Learner, path: Path, content: dict[str, Any]) -> bool:

@@ -11,6 +11,8 @@ from simwarp.cli import UsageError
 from simwarp.cli.options import (
     HELP,
     check_obs,
+    check_variant,
+    chosen_variant,
     expand_shorthands,
     option_value,
     parse_options,
@@ -45,7 +47,9 @@ def read_options(word: str, arguments: list[str]) -> Any:
     """
     cls = task_class(word)
     student = option_value(arguments, "--student")
-    base = config_to_train_in(cls, student=True)
+    variant = chosen_variant(arguments)
+    check_variant(cls.name, cls.config_type(), variant)
+    base = config_to_train_in(cls, student=True, variant=variant)
     if student is not None:
         check_obs(cls.name, base, student, "--student")
         arguments = [*arguments, "--task.obs", student]

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from simwarp.cli import UsageError
-from simwarp.cli.options import expand_shorthands, parse_options, task_options
+from simwarp.cli.options import config_of_variant, expand_shorthands, parse_options, task_options
 from simwarp.cli.view.human_in_task import HumanInTask
 from simwarp.cli.view.policy_choice import find_actor
 from simwarp.cli.view.reloading import PolicyReload
@@ -35,7 +35,7 @@ def task_view(name: str, arguments: list[str], server: WebServer | None) -> tupl
     arguments = expand_shorthands(arguments, name, cls.config_type())
     actor = find_actor(name, arguments)
     options: Any = parse_options(
-        task_options("ViewCommand", TaskViewOptions, task=actor.config or cls.config_type()), arguments,
+        task_options("ViewCommand", TaskViewOptions, task=actor.config or config_of_variant(arguments, cls)), arguments,
         f"simwarp view {word}",
     )  # fmt: skip
     check_view_options(options)

@@ -165,7 +165,7 @@ def test_the_thesis_reward_is_as_printed():
     assert terms["near"] == pytest.approx(1.0 / (d + 1e-4), rel=1e-5)
     assert terms["contact"] == 0.0
     assert terms["fingers"] == 0.0
-    assert terms["energy"] == pytest.approx(-0.001 * float((action[0] * after[6:12]).abs().sum()), rel=1e-5)
+    assert terms["energy"] == pytest.approx(-0.001 * float((action[0] * after[6:12]).norm()), rel=1e-5)
     assert terms["joint_pos_limits"] == 0.0
     q = torch.zeros(1, 6)
     q[0, 3], q[0, 5] = math.radians(178.5), math.radians(-178.5)
