@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -107,7 +108,7 @@ def test_an_arm_learns_a_fixed_target_and_goes_on_with_random_ones():
 
 
 def test_a_view_without_a_policy_shows_the_variant():
-    cls = task_class("off-road")
+    cls: Any = task_class("off-road")
     actor = find_actor("off-road", THESIS)
     assert (actor.kind, actor.config) == ("random", None)
     assert config_of_variant(THESIS, cls) == cls.config_type(variant="thesis")

@@ -107,7 +107,7 @@ def test_the_table_has_every_task_that_has_a_variant():
 
 @pytest.mark.parametrize("name", VARIED)
 def test_the_default_is_as_it_was(name):
-    config = task_class(name).config_type()
+    config: Any = task_class(name).config_type()
     assert config.variant is Variant.SIMWARP
     assert "simwarp" not in config.VARIANTS
     plain = config_to_plain(config)
@@ -149,7 +149,8 @@ def test_what_is_no_variant_is_refused():
 @pytest.mark.parametrize("name", VARIED)
 def test_training_has_its_own_defaults(name):
     cls = task_class(name)
-    seen = default_config(cls, cls.config_type(variant="thesis"))
+    kind: Any = cls.config_type
+    seen = default_config(cls, kind(variant="thesis"))
     usual = default_config(cls)
     assert usual.ppo.reward_scale == 1.0
     kinds = {"obstacle-avoidance": "nature-cnn", "hallway": "nature-cnn", "convoy": "early-fusion",
@@ -157,7 +158,7 @@ def test_training_has_its_own_defaults(name):
     assert seen.network.kind.value == kinds.get(name, "thesis-mlp")
     assert seen.network.critic.value == "same"
     if name in DRIVING:  # by state there is nothing to see
-        assert default_config(cls, cls.config_type(variant="thesis", obs="state")).network.kind.value == "mlp"
+        assert default_config(cls, kind(variant="thesis", obs="state")).network.kind.value == "mlp"
 
 
 # ---- spaces, actions, time -------------------------------------------------------------------------------------------
@@ -188,7 +189,7 @@ def test_spaces_terms_and_ends_are_those_of_the_table(built):
 def test_it_has_a_gymnasium_id_of_its_own(name):
     identity = env_id(name, "thesis")
     assert identity == env_id(name).replace("-v0", "Thesis-v0")
-    env = gym.make(identity)
+    env: Any = gym.make(identity)
     assert env.unwrapped.task.config.variant is Variant.THESIS
     boxes = getattr(env.observation_space, "spaces", {"policy": env.observation_space})
     assert {group: (box.shape, box.dtype.type) for group, box in boxes.items()} == ROWS[name].spaces
@@ -196,7 +197,8 @@ def test_it_has_a_gymnasium_id_of_its_own(name):
     check_env(env.unwrapped, skip_render_check=True)
     vector = gym.make_vec(identity, num_envs=2)
     assert vector.single_observation_space == env.observation_space
-    assert gym.make(env_id(name)).unwrapped.task.config.variant is Variant.SIMWARP
+    usual: Any = gym.make(env_id(name))
+    assert usual.unwrapped.task.config.variant is Variant.SIMWARP
 
 
 # ---- worlds and starts -----------------------------------------------------------------------------------------------
@@ -233,7 +235,7 @@ def test_off_road_starts_head_anywhere_and_goals_lie_opposite():
     assert task.obstacles.radius.shape[1] == 30
     ways = task.obstacles.place
     assert ways.abs()[task.obstacles.radius >= 0.0].max() <= 40.0
-    usual = make("off-road", 64, obs="state")
+    usual: Any = make("off-road", 64, obs="state")
     place, heading = usual.pose()
     back = torch.atan2(-place[:, 1], -place[:, 0]).float() - heading
     assert torch.atan2(back.sin(), back.cos()).abs().max() < 1e-3
@@ -252,7 +254,7 @@ def test_the_hallway_begins_in_turns_between_cones_of_the_printed_colours():
     arc = task._arc.numpy()
     curvature = np.interp(arc, track.arc, np.abs(track.curvature))
     assert (curvature > 0.0).all()
-    usual = make("hallway", 1, obs="state")
+    usual: Any = make("hallway", 1, obs="state")
     for each, first in ((task, "red"), (usual, "green")):
         mesh = each.course_mesh(track, 0)
         colours, points = mesh.color.mean(axis=1), mesh.vertices[mesh.triangles].mean(axis=1)
@@ -320,7 +322,7 @@ def test_the_second_action_of_obstacle_avoidance_is_throttle_alone():
     assert torch.allclose(task.input[:, 1], torch.tensor([0.0, 0.5, 1.0]))
     assert not task.input[:, 2].any()
     assert task.motion()[0, 0] < task.motion()[1, 0] < task.motion()[2, 0]
-    usual = make("obstacle-avoidance", 1, obs="state")
+    usual: Any = make("obstacle-avoidance", 1, obs="state")
     for _ in range(8):
         usual.step(torch.tensor([[0.0, -1.0]]))
     assert usual.input[0, 1:3].tolist() == [0.0, 1.0]
