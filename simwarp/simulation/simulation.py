@@ -429,7 +429,8 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _record_physics(self) -> list[Any]:
         """The launches of a sub-step, in order: forces of the elements, collision, step, what elements measure."""
         stepping = record_step(
-            self.shares, self.model, all_solvers=self._all_solvers, newton=self._sizes.factor_rows > 0,
+            self.shares, self.model, rows=self._sizes.cone_rows, all_solvers=self._all_solvers,
+            newton=self._sizes.factor_rows > 0,
             config=self._config, control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
             reports=self.diagnostics.arrays, scratch=self._scratch, progress=self._progress,
         )  # fmt: skip

@@ -37,20 +37,22 @@ def record_collision(
 
 
 def record_step(
-    shares: WorldShares, model: Model, *, all_solvers: bool, newton: bool, **arrays: Any
+    shares: WorldShares, model: Model, *, rows: int, all_solvers: bool, newton: bool, **arrays: Any
 ) -> list[WorldLaunch]:
     """Record the launches of a step of all worlds.
 
     Args:
         shares: of the worlds.
         model: with its topology and parameters.
+        rows: of a world's cone problem, at most.
         all_solvers: other solvers than accelerated gradient descent may run.
         newton: proximal Newton steps may follow it: there is room for what they factorise.
         arrays: `config` (numbers of the step), `control`, `state`, `contacts`, `reports` of the simulation, `scratch`
             and `progress` for intermediate values, as kernels have them.
     """
     solve = solver_stages(
-        ConeSolver(arrays["config"].solver), several=model.topology.unit_count > 1, newton=newton, follows=all_solvers
+        ConeSolver(arrays["config"].solver), rows=rows, several=model.topology.unit_count > 1, newton=newton,
+        follows=all_solvers,
     )
     given = {"topology": model.topology, "parameters": model.parameters, **arrays}
     stages = step_stages
@@ -66,6 +68,10 @@ def _record(
     """The launches of all stages together, or of each that the model has."""
     together = not shares.own_slots
     made = [fused()] if together else [separate(stage) for stage in stages if stage.is_due(given)]
+    on_gpu = shares.device.is_cuda
     return [
-        shares.record(each.kernel, inputs=[given[name] for name in each.arguments], in_turn=together) for each in made
-    ]
+        shares.record(
+            each.kernel, None if each.lanes == 1 else each.lanes if on_gpu else 1, inputs=[given[name] for name in each.arguments],
+            in_turn=together,
+        ) for each in made
+    ]  # fmt: skip

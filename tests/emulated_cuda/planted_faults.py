@@ -13,6 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from simwarp.kernels.core.lanes import lane_of, meet, sum_over_lanes
 from tests.emulated_cuda.device import device
 
 CUDA = "cuda:0"
@@ -31,6 +32,23 @@ def reads_its_neighbour(a: wp.array(dtype=float), b: wp.array(dtype=float)):  # 
     i = wp.tid()
     a[i] = float(i)  # type: ignore[arg-type]
     b[i] = a[(i + 1) % 64]  # type: ignore[operator]
+
+
+@wp.kernel
+def reads_another_lane(a: wp.array(dtype=float), b: wp.array(dtype=float), lanes: int, apart: int):  # type: ignore[valid-type]
+    """Lanes that meet write a word each; then each reads the word of the lane that is `apart`."""
+    i = wp.tid()
+    a[i] = float(lane_of(lanes))  # type: ignore[arg-type]
+    meet(lanes)
+    b[i] = a[i ^ apart]  # type: ignore[operator]
+
+
+@wp.kernel
+def adds_up_lanes(a: wp.array(dtype=float), b: wp.array(dtype=float), lanes: int):  # type: ignore[valid-type]
+    """Each lane gets the sum of all, where half of the groups take no part."""
+    i = wp.tid()
+    if (i / lanes) % 2 == 0:  # type: ignore[operator]
+        b[i] = sum_over_lanes(lanes, a[i])
 
 
 @wp.kernel
@@ -66,6 +84,42 @@ def no_race() -> str:
     a, b = arrays()
     wp.launch(doubles, dim=64, inputs=[a, b], device=CUDA)
     return f"races {device().races()[0]}, {b.numpy()[0]}"
+
+
+def _races_of_lanes(lanes: int, apart: int) -> str:
+    a, b = arrays()
+    wp.launch(reads_another_lane, dim=64, inputs=[a, b, lanes, apart], device=CUDA, block_dim=32)
+    values = b.numpy()[:8].astype(int).tolist()
+    return f"races {device().races()[0]}, {values}"
+
+
+@program
+def lanes_that_meet() -> str:
+    """Each reads what a lane has written that it has met since."""
+    return _races_of_lanes(32, 16) + _races_of_lanes(8, 5)
+
+
+@program
+def lanes_that_do_not_meet() -> str:
+    """Each thread is alone."""
+    return _races_of_lanes(1, 1)
+
+
+@program
+def lanes_of_other_groups() -> str:
+    """Lanes meet by eight, and read what the next eight write."""
+    return _races_of_lanes(8, 8)
+
+
+@program
+def sums_of_lanes() -> str:
+    """Groups of 4 and 32 add up ones; every second group goes another way."""
+    seen = []
+    for lanes in (4, 32):
+        a, b = arrays()
+        wp.launch(adds_up_lanes, dim=64, inputs=[a, b, lanes], device=CUDA, block_dim=32)
+        seen.append(sorted(set(b.numpy().tolist())))
+    return str(seen)
 
 
 @program

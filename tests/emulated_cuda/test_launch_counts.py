@@ -119,6 +119,15 @@ def test_a_function_parts_lanes_until_it_returns(counting):
     assert row.lane_slots == WARP * row.slots - 4 * 31
 
 
+def test_a_warp_whose_lanes_wait_for_each_other_is_counted_as_any_other(counting):
+    """Fibers run in turns; what they note is one warp's course all the same."""
+    waits = "shfl.sync.bfly.b32 %r3, %r20, 16, 31, -1;\nbar.warp.sync -1;\n"
+    alone, row = (count(counting, load(4) + "\n" + body + spin("%r20", "1"), grid=3) for body in ("", waits))
+    assert (row.warps, row.loads, row.load_sectors) == (3, 3, 3 * 4)
+    assert row.slots == alone.slots + 3 * 2
+    assert row.lane_slots == alone.lane_slots + 3 * 2 * WARP
+
+
 @pytest.mark.parametrize(("runs", "missed"), [(1, 128), (2, 128)])
 def test_what_was_loaded_stays_in_the_second_cache(counting, runs, missed):
     row = count(counting, load(32), block=128, runs=runs)

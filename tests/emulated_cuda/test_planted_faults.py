@@ -10,6 +10,10 @@ from tests.emulated_cuda.settings import Check, StreamOrder
 EXPECTED = {
     "race": "races 64",
     "no_race": "races 0, 2.0",
+    "lanes_that_meet": "races 0, [16, 17, 18, 19, 20, 21, 22, 23]races 0, [5, 4, 7, 6, 1, 0, 3, 2]",
+    "lanes_that_do_not_meet": "races 64",
+    "lanes_of_other_groups": "races 64",
+    "sums_of_lanes": "[[0.0, 4.0], [0.0, 32.0]]",
     "out_of_bounds": "error 700",
     "host_read_in_a_warp_capture": "capture failed",
     "host_read_in_a_torch_capture": "CUDA error",

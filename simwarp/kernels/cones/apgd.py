@@ -13,6 +13,7 @@ from simwarp.kernels.cones.problem import AX, BEST, BOX, LOW, ConeConfig, ConePr
 from simwarp.kernels.cones.projection import project_all
 from simwarp.kernels.cones.proximal_newton import can_step_by_newton, solve_proximally
 from simwarp.kernels.cones.vectors import copy
+from simwarp.kernels.core.lanes import LANES, lane_of, meet
 from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
@@ -37,14 +38,16 @@ MOST_NEWTON = wp.constant(30)
 
 @wp.func_native(
     VIEWS
+    + LANES
     + """
     const Floats y = row(vectors, 6), ay = row(vectors, 7), r = row(vectors, 3), x_new = row(vectors, 8);
     const Floats p = elements(scale);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = 0; i < n; ++i) x_new[i] = y[i] - inverse * p[i] * (ay[i] + r[i]);
+    for (int i = lane; i < n; i += stride) x_new[i] = y[i] - inverse * p[i] * (ay[i] + r[i]);
+    meet_lanes();
 """
 )
-def descend(n: int, vectors: wp.array2d[float], scale: wp.array[float], inverse: float):
+def descend(n: int, vectors: wp.array2d[float], scale: wp.array[float], inverse: float, lanes: int):
     """X_NEW <- Y - inverse * scale (AY + R_EFF)."""
     ...
 
@@ -54,33 +57,38 @@ def descend(n: int, vectors: wp.array2d[float], scale: wp.array[float], inverse:
 #pragma clang fp reassociate(on)
 """
     + VIEWS
+    + LANES
     + """
     const Floats x = row(vectors, 0), w = row(vectors, 4), y = row(vectors, 6), x_new = row(vectors, 8);
     const Floats d = row(vectors, 9);
     float square = 0.0f, along = 0.0f;
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = 0; i < n; ++i) {
+    for (int i = lane; i < n; i += stride) {
         const float di = x_new[i] - y[i];
         const float wd = w[i] * di;
         d[i] = di;
         square += wd * di;
         along += wd * (x_new[i] - x[i]);
     }
+    square = sum_of_lanes(square);
+    along = sum_of_lanes(along);
+    meet_lanes();
     return wp::vec_t<2, float>(square, along);
 """
 )
-def difference(n: int, vectors: wp.array2d[float]) -> wp.vec2:
+def difference(n: int, vectors: wp.array2d[float], lanes: int) -> wp.vec2:
     """D <- X_NEW - Y; returns |D|^2 and D^T (X_NEW - X) in the metric of the weights."""
     ...
 
 
 @wp.func_native(
     VIEWS
+    + LANES
     + """
     const Floats x = row(vectors, 0), ax = row(vectors, 1), y = row(vectors, 6), ay = row(vectors, 7);
     const Floats x_new = row(vectors, 8), ad = row(vectors, 10);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = 0; i < n; ++i) {
+    for (int i = lane; i < n; i += stride) {
         const float xi = x_new[i];
         const float axi = ay[i] + ad[i];
         y[i] = xi + beta * (xi - x[i]);
@@ -88,23 +96,22 @@ def difference(n: int, vectors: wp.array2d[float]) -> wp.vec2:
         x[i] = xi;
         ax[i] = axi;
     }
+    meet_lanes();
 """
 )
-def advance(n: int, vectors: wp.array2d[float], beta: float):
+def advance(n: int, vectors: wp.array2d[float], beta: float, lanes: int):
     """X <- X_NEW, Y <- extrapolated, and their products with S likewise."""
     ...
 
 
 @wp.func
-def solve_one_row(problem: ConeProblem) -> SolveReport:
+def solve_one_row(problem: ConeProblem):
     """A single BOX row in closed form."""
-    report = SolveReport()
     if problem.diagonal[0] > 0.0:
         problem.gamma[0] = wp.clamp(-problem.r[0] / problem.diagonal[0], problem.lower[0], problem.upper[0])
     else:
         problem.gamma[0] = wp.clamp(0.0, problem.lower[0], problem.upper[0])
     problem.vectors[LOW, 0] = 0.0
-    return report
 
 
 @wp.func
@@ -114,9 +121,9 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
     report = SolveReport()
     refresh(problem, X, AX)
     best = natural_residual(problem, X, AX, config.friction_law, 1)
-    copy(n, problem.vectors, X, BEST)
-    copy(n, problem.vectors, X, Y)
-    copy(n, problem.vectors, AX, AY)
+    copy(n, problem.vectors, X, BEST, problem.lanes)
+    copy(n, problem.vectors, X, Y, problem.lanes)
+    copy(n, problem.vectors, AX, AY, problem.lanes)
     values = problem.vectors[X_NEW]
     lipschitz = float(1.0)
     theta = float(1.0)
@@ -126,9 +133,9 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
         along = float(0.0)
         trial = int(0)
         while trial < TRIALS:
-            descend(n, problem.vectors, problem.scale, 1.0 / lipschitz)
+            descend(n, problem.vectors, problem.scale, 1.0 / lipschitz, problem.lanes)
             project_all(problem, values)
-            moved = difference(n, problem.vectors)
+            moved = difference(n, problem.vectors, problem.lanes)
             along = moved[1]
             curvature = multiply(problem, D, AD)
             trial += 1
@@ -142,7 +149,7 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
         if along < 0.0:
             beta = float(0.0)
             theta_new = float(1.0)
-        advance(n, problem.vectors, beta)
+        advance(n, problem.vectors, beta, problem.lanes)
         theta = theta_new
         lipschitz *= 0.9
         fresh = int(0)
@@ -161,7 +168,7 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
         # Late iterates are told apart by less than the drift of their products: only fresh ones count.
         if now < best and (fresh == 1 or iteration < TRUSTED):
             best = now
-            copy(n, problem.vectors, X, BEST)
+            copy(n, problem.vectors, X, BEST, problem.lanes)
     report.iterations = iteration
     report.residual = best
     return report
@@ -171,9 +178,11 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
 def descend_first(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     """BEST <- the solution, from the warm start in gamma, or what is reached before Newton steps are worth a try."""
     if problem.row_count == 1 and problem.block_kind[0] == BOX:
-        report = solve_one_row(problem)
-        problem.vectors[BEST, 0] = problem.gamma[0]
-        return report
+        if lane_of(problem.lanes) == 0:
+            solve_one_row(problem)
+            problem.vectors[BEST, 0] = problem.gamma[0]
+        meet(problem.lanes)
+        return SolveReport()
     set_scales(problem)
     start_from_gamma(problem, X)
     project_all(problem, problem.vectors[X])
@@ -200,18 +209,34 @@ def step_newton(problem: ConeProblem, config: ConeConfig, before: SolveReport) -
 @wp.func
 def descend_rest(problem: ConeProblem, config: ConeConfig, before: SolveReport) -> SolveReport:
     """BEST <- what the rest of the iterations make of it."""
-    copy(problem.row_count, problem.vectors, BEST, X)
+    copy(problem.row_count, problem.vectors, BEST, X, problem.lanes)
     report = accelerate(problem, config, wp.max(config.max_iterations - before.iterations, 0))
     report.iterations += before.iterations
     return report
 
 
+@wp.func_native(
+    VIEWS
+    + LANES
+    + """
+    const Floats out = elements(gamma), best = row(vectors, 2), low = row(vectors, 5);
+#pragma clang loop vectorize_width(4) interleave_count(1)
+    for (int i = lane; i < n; i += stride) {
+        out[i] = best[i];
+        low[i] = 0.0f;
+    }
+    meet_lanes();
+"""
+)
+def return_best(n: int, vectors: wp.array2d[float], gamma: wp.array[float], lanes: int):
+    """Sets gamma <- BEST, and LOW <- 0."""
+    ...
+
+
 @wp.func
 def keep_best(problem: ConeProblem):
     """Sets gamma <- BEST."""
-    for row in range(problem.row_count):
-        problem.gamma[row] = problem.vectors[BEST, row]
-        problem.vectors[LOW, row] = 0.0
+    return_best(problem.row_count, problem.vectors, problem.gamma, problem.lanes)
 
 
 @wp.func

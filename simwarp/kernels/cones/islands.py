@@ -13,6 +13,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.kernels.cones.problem import ROLLING, ConeProblem, SolveReport
+from simwarp.kernels.core.lanes import lane_of, meet, stride_of
 from simwarp.kernels.core.native_views import VIEWS
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
 
@@ -297,8 +298,9 @@ def island_problem(
         end = cone.island_block[island + 1]
         row = cone.block_row[first]
         last = cone.block_row[end]
-        for block in range(first, end + 1):
+        for block in range(first + lane_of(cone.lanes), end + 1, stride_of(cone.lanes)):
             cone.island_row[block - first] = cone.block_row[block] - row
+        meet(cone.lanes)
         problem.block_count = end - first
         problem.tree_dof_count = cone.island_dof[island + 1] - cone.island_dof[island]
         problem.loop_count = topology.row_count * cone.island_loops[island]

@@ -10,6 +10,8 @@ from simwarp.core.types import BlockKind, FrictionLaw
 from simwarp.kernels.cones.problem import EXACT, R_EFF, ROLLING, WEIGHT, ConeProblem
 from simwarp.kernels.cones.projection import NEAREST_IN_CONE, joint_projection_normal, shortened, slopes_of
 from simwarp.kernels.cones.sparse_rows import add_rows, subtract_loops, sum_rows
+from simwarp.kernels.cones.vectors import clear
+from simwarp.kernels.core.lanes import LANES, greatest_over_lanes, lane_of, meet, stride_of, sum_over_lanes
 from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
@@ -17,9 +19,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func_native(
     VIEWS
+    + LANES
     + """
     const Floats x = row(vectors, source), out = row(vectors, target);
-    int i = 0;
+    int i = lane;
     float dot = 0.0f;
 #ifndef __CUDA_ARCH__
     const int pitch = s.strides[0] / sizeof(float);
@@ -60,25 +63,30 @@ wp.set_module_options({"enable_backward": False})
         *(lanes4*)(out + i) = a + b;
     }
 #endif
-    for (; i < n; ++i) {
+    for (; i < n; i += stride) {
         float a = 0.0f;
         for (int j = 0; j < n; ++j) a += row(s, j)[i] * x[j];
         out[i] = a;
     }
-    for (int k = 0; k < n; ++k) dot += x[k] * out[k];
+    for (int k = lane; k < n; k += stride) dot += x[k] * out[k];
+    dot = sum_of_lanes(dot);
+    meet_lanes();
     return dot;
 """
 )
-def multiply_dense(n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int) -> float:
+def multiply_dense(
+    n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int, lanes: int
+) -> float:
     """vectors[target] <- s vectors[source] for a symmetric s: columns are walked as rows. Returns their product."""
     ...
 
 
 @wp.func_native(
     VIEWS
+    + LANES
     + """
     const Floats x = row(vectors, source), out = row(vectors, target);
-    int i = 0;
+    int i = lane;
 #ifndef __CUDA_ARCH__
     const int pitch = s.strides[0] / sizeof(float);
     const float* __restrict__ m = s.data;
@@ -92,14 +100,17 @@ def multiply_dense(n: int, s: wp.array2d[float], vectors: wp.array2d[float], sou
         *(lanes4*)(out + i) = __builtin_convertvector(a, lanes4);
     }
 #endif
-    for (; i < n; ++i) {
+    for (; i < n; i += stride) {
         double a = 0.0;
         for (int j = 0; j < n; ++j) a += (double)row(s, j)[i] * x[j];
         out[i] = (float)a;
     }
+    meet_lanes();
 """
 )
-def multiply_dense_wide(n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int):
+def multiply_dense_wide(
+    n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int, lanes: int
+):
     """As `multiply_dense`, summed in double precision: impulses of 100 N·s cancel to velocities of 1e-5 m/s."""
     ...
 
@@ -128,22 +139,21 @@ def multiply_free(problem: ConeProblem, source: int, target: int) -> float:
 
     `tree_dof_sum` and `loop_sum` keep Y^T and W^T of the source.
     """
-    for tree_dof in range(problem.tree_dof_count):
-        problem.tree_dof_sum[tree_dof] = 0.0
     x = problem.vectors[source]
     ax = problem.vectors[target]
+    clear(problem.tree_dof_count, problem.tree_dof_sum, problem.lanes)
     add_rows(
         problem.block_count, problem.block_row, problem.block_entries, problem.block_tree_dof, problem.y, x,
-        problem.tree_dof_sum,
+        problem.tree_dof_sum, problem.lanes,
     )  # fmt: skip
     dot = sum_rows(
         problem.block_count, problem.block_row, problem.block_entries, problem.block_tree_dof, problem.y,
-        problem.compliance, problem.tree_dof_sum, x, ax,
+        problem.compliance, problem.tree_dof_sum, x, ax, problem.lanes,
     )  # fmt: skip
     if problem.loop_count > 0:
         dot -= subtract_loops(
             problem.block_count, problem.loop_count, problem.block_row, problem.block_loops, problem.w, x,
-            problem.loop_sum, ax,
+            problem.loop_sum, ax, problem.lanes,
         )  # fmt: skip
     return dot
 
@@ -180,7 +190,7 @@ def row_sum(problem: ConeProblem, block: int, row: int) -> float:
 def multiply(problem: ConeProblem, source: int, target: int) -> float:
     """vectors[target] <- S vectors[source]; source and target differ. Returns the product of the two."""
     if problem.dense == 1:
-        return multiply_dense(problem.row_count, problem.s, problem.vectors, source, target)
+        return multiply_dense(problem.row_count, problem.s, problem.vectors, source, target, problem.lanes)
     return multiply_free(problem, source, target)
 
 
@@ -188,7 +198,7 @@ def multiply(problem: ConeProblem, source: int, target: int) -> float:
 def refresh(problem: ConeProblem, source: int, target: int):
     """As `multiply`, without the rounding of long sums where S is dense."""
     if problem.dense == 1:
-        multiply_dense_wide(problem.row_count, problem.s, problem.vectors, source, target)
+        multiply_dense_wide(problem.row_count, problem.s, problem.vectors, source, target, problem.lanes)
     else:
         multiply_free(problem, source, target)
 
@@ -196,12 +206,14 @@ def refresh(problem: ConeProblem, source: int, target: int):
 @wp.func
 def set_scales(problem: ConeProblem):
     """WEIGHT <- greatest diagonal of the row's block, scale <- its inverse (0 where nothing moves), R_EFF <- r."""
+    lane = lane_of(problem.lanes)
+    stride = stride_of(problem.lanes)
     top = float(0.0)
-    for row in range(problem.row_count):
+    for row in range(lane, problem.row_count, stride):
         top = wp.max(top, problem.diagonal[row])
         problem.vectors[R_EFF, row] = problem.r[row]
-    least = 1.0e-12 * top
-    for block in range(problem.block_count):
+    least = 1.0e-12 * greatest_over_lanes(problem.lanes, top)
+    for block in range(lane, problem.block_count, stride):
         first = problem.block_row[block]
         last = problem.block_row[block + 1]
         weight = float(0.0)
@@ -215,16 +227,18 @@ def set_scales(problem: ConeProblem):
         for row in range(first, last):
             problem.vectors[WEIGHT, row] = weight
             problem.scale[row] = step
+    meet(problem.lanes)
 
 
 @wp.func
 def start_from_gamma(problem: ConeProblem, target: int):
     """vectors[target] <- the warm start, zero in blocks that nothing moves."""
-    for row in range(problem.row_count):
+    for row in range(lane_of(problem.lanes), problem.row_count, stride_of(problem.lanes)):
         start = float(0.0)
         if problem.scale[row] > 0.0:
             start = problem.gamma[row]
         problem.vectors[target, row] = start
+    meet(problem.lanes)
 
 
 SLIDING = """
@@ -248,6 +262,7 @@ def sliding(t1: float, t2: float, bound: float) -> float:
     constexpr int EXACT = {int(FrictionLaw.EXACT)};
 """
     + VIEWS
+    + LANES
     + NEAREST_IN_CONE
     + SLIDING
     + """
@@ -256,7 +271,7 @@ def sliding(t1: float, t2: float, bound: float) -> float:
     const Floats scales = elements(scale), lows = elements(lower), highs = elements(upper);
     const Ints rows = elements(block_row), kinds = elements(block_kind);
     float worst = 0.0f, poison = 0.0f;
-    for (int b = 0; b < blocks; ++b) {
+    for (int b = lane; b < blocks; b += stride) {
         const int at = rows[b], kind = kinds[b];
         if (!(scales[at] > 0.0f)) continue;
         float square;
@@ -287,6 +302,9 @@ def sliding(t1: float, t2: float, bound: float) -> float:
         worst = square > worst ? square : worst;
         poison += 0.0f * square;
     }
+    worst = greatest_of_lanes(worst);
+    poison = sum_of_lanes(poison);
+    meet_lanes();
     return worst + poison;
 """
 )
@@ -294,7 +312,7 @@ def native_residual(
     blocks: int, block_row: wp.array[int], block_kind: wp.array[int], friction: wp.array[float],
     cohesion: wp.array[float], lower: wp.array[float], upper: wp.array[float], r: wp.array[float],
     diagonal: wp.array[float], scale: wp.array[float], vectors: wp.array2d[float], source: int, product: int,
-    friction_law: int, shift: int,
+    friction_law: int, shift: int, lanes: int,
 ) -> float:  # fmt: skip
     """Greatest squared residual of the BOX and CONTACT blocks, see `natural_residual`; NaN if one is not finite."""
     ...
@@ -359,14 +377,18 @@ def natural_residual(problem: ConeProblem, x: int, ax: int, friction_law: int, s
     worst = native_residual(
         problem.block_count, problem.block_row, problem.block_kind, problem.friction, problem.cohesion, problem.lower,
         problem.upper, problem.r, problem.diagonal, problem.scale, problem.vectors, x, ax, friction_law, shift,
+        problem.lanes,
     )  # fmt: skip
     poison = 0.0 * worst
     if problem.rolling_count > 0:
-        for block in range(problem.block_count):
+        for block in range(lane_of(problem.lanes), problem.block_count, stride_of(problem.lanes)):
             row = problem.block_row[block]
             if problem.block_kind[block] == ROLLING and problem.scale[row] > 0.0:
                 square = rolling_residual(problem, block, row, x, ax, friction_law, shift)
                 worst = wp.max(worst, square)
                 # A NaN or infinity stays, whatever max() does with it.
                 poison += 0.0 * square
+        worst = greatest_over_lanes(problem.lanes, worst)
+        poison = sum_over_lanes(problem.lanes, poison)
+        meet(problem.lanes)
     return wp.sqrt(worst) + poison

@@ -79,7 +79,7 @@ def solve_padmm(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     project_all(problem, problem.vectors[X])
     refresh(problem, X, AX)
     best = natural_residual(problem, X, AX, config.friction_law, 1)
-    copy(n, problem.vectors, X, BEST)
+    copy(n, problem.vectors, X, BEST, problem.lanes)
     for row in range(n):
         problem.vectors[DUAL, row] = -problem.vectors[AX, row] - problem.vectors[R_EFF, row]
     penalty = FIRST_PENALTY
@@ -96,7 +96,7 @@ def solve_padmm(problem: ConeProblem, config: ConeConfig) -> SolveReport:
         now = natural_residual(problem, X, AX, config.friction_law, shift)
         if now < best:
             best = now
-            copy(n, problem.vectors, X, BEST)
+            copy(n, problem.vectors, X, BEST, problem.lanes)
         if iteration % ADAPT == 0:
             ratio = wp.sqrt(wp.sqrt(residuals[0] / wp.max(residuals[1], 1.0e-30)))
             if ratio > 2.0 or ratio < 0.5:

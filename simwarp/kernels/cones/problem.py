@@ -48,6 +48,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     loop_count = scratch_number(int)
     rolling_count = scratch_number(int)  # ROLLING blocks
     newton = scratch_number(int)  # 1: proximal Newton steps may be tried, where there is room
+    lanes = scratch_number(int)  # of a warp, which share the problem (core/lanes.py); 0: one thread has it
     entry_count = scratch_number(int)  # most entries that a row of these degrees of freedom can have
 
     block_row = scratch_array(wp.int32, "block_ends")  # first row of each block, and the total at the end
@@ -77,6 +78,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     spread = scratch_array(wp.float32, "tree_dofs", GROUP)
     vectors = scratch_array(wp.float32, SOLVER_VECTORS, "cone_rows")
     factor = scratch_array(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
+    factor_end = scratch_array(wp.int32, "factor_rows")  # last column of each of its rows
     wide = scratch_array(wp.float64, "wide_vectors", "wide_rows")  # of the same
 
     # islands of the world (cones/islands.py), at most one for each unit

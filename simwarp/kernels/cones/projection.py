@@ -8,6 +8,7 @@ import warp as wp
 
 from simwarp.core.types import BlockKind
 from simwarp.kernels.cones.problem import ROLLING, ConeProblem
+from simwarp.kernels.core.lanes import LANES, lane_of, meet, stride_of
 from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
@@ -41,23 +42,26 @@ NEAREST_IN_CONE = """
     constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
 """
     + VIEWS
+    + LANES
     + NEAREST_IN_CONE
     + """
     const Floats x = elements(values), slopes = elements(friction), apexes = elements(cohesion);
     const Floats lows = elements(lower), highs = elements(upper);
     const Ints rows = elements(block_row), kinds = elements(block_kind);
-    for (int b = first; b < end; ++b) {
+    for (int b = first + lane; b < end; b += stride) {
         const int at = rows[b], kind = kinds[b];
         if (kind == CONTACT)
             nearest_in_cone(x[at], x[at + 1], x[at + 2], slopes[b], apexes[b], x + at);
         else if (kind == BOX)
             x[at] = wp::clamp(x[at], lows[at], highs[at]);
     }
+    meet_lanes();
 """
 )
 def project_simple(
     first: int, end: int, block_row: wp.array[int], block_kind: wp.array[int], friction: wp.array[float],
     cohesion: wp.array[float], lower: wp.array[float], upper: wp.array[float], values: wp.array[float],
+    lanes: int,
 ):  # fmt: skip
     """The rows of the BOX and CONTACT blocks in first..end-1 <- their projection."""
     ...
@@ -126,12 +130,13 @@ def project_blocks(problem: ConeProblem, values: wp.array[float], first: int, en
     """The rows of the blocks first..end-1 in `values` <- their projection onto the blocks' sets."""
     project_simple(
         first, end, problem.block_row, problem.block_kind, problem.friction, problem.cohesion, problem.lower,
-        problem.upper, values,
+        problem.upper, values, problem.lanes,
     )  # fmt: skip
     if problem.rolling_count > 0:
-        for block in range(first, end):
+        for block in range(first + lane_of(problem.lanes), end, stride_of(problem.lanes)):
             if problem.block_kind[block] == ROLLING:
                 project_rolling(values, problem.block_row[block], slopes_of(problem, block), problem.cohesion[block])
+        meet(problem.lanes)
 
 
 @wp.func

@@ -23,6 +23,7 @@ from simwarp.core.types import BlockKind
 from simwarp.kernels.cones.operator import natural_residual, refresh
 from simwarp.kernels.cones.problem import AX, BEST, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.vectors import copy
+from simwarp.kernels.core.lanes import LANES, lane_of, meet, stride_of
 from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
@@ -30,7 +31,7 @@ wp.set_module_options({"enable_backward": False})
 NEWTON_VECTORS = 8
 """Rows of `wide` that it uses: gamma_k, point, its projection p, Y z, Y dz; z, F, dz."""
 MOST_DOFS = 256
-"""Degrees of freedom of a tree, at most: the ends of rows are kept on the stack."""
+"""Degrees of freedom of a tree, at most."""
 NEWTON_ROWS = 8 * MOST_DOFS
 """Rows of a problem that it has room for, at most."""
 LARGEST = wp.constant(MOST_DOFS)
@@ -45,7 +46,7 @@ STALLS = wp.constant(3)  # proximal steps without progress before it gives up
 
 _NAMES = f"""
     constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
-""" + VIEWS + """
+""" + VIEWS + LANES + """
     const Doubles gamma = row(wide, 0), point = row(wide, 1), image = row(wide, 2), yz = row(wide, 3);
     const Doubles yd = row(wide, 4), z = row(wide, 5), f = row(wide, 6), dz = row(wide, 7);
     const Ints rows = elements(block_row);
@@ -55,7 +56,7 @@ _ROWS = """
     const Ints counts = elements(entries);
     // to <- Y from
     auto rows_of = [&](auto from, auto to) {
-        for (int b = 0; b < blocks; ++b) {
+        for (int b = lane; b < blocks; b += stride) {
             const Ints at = row(tree_dof, b);
             const int count = counts[b], r = rows[b];
             const Floats y0 = row(y, r);
@@ -75,6 +76,7 @@ _ROWS = """
             }
             to[r] = a0;
         }
+        meet_lanes();
     };
     // to <- to + sign Y^T from
     auto add_columns = [&](auto from, auto to, double sign) {
@@ -87,10 +89,11 @@ _ROWS = """
                 const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
                 const double x1 = sign * from[r + 1], x2 = sign * from[r + 2];
                 if (x0 == 0.0 && x1 == 0.0 && x2 == 0.0) continue;
-                for (int e = 0; e < count; ++e) to[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
+                for (int e = lane; e < count; e += stride) to[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
             } else {
-                for (int e = 0; e < count; ++e) to[at[e]] += y0[e] * x0;
+                for (int e = lane; e < count; e += stride) to[at[e]] += y0[e] * x0;
             }
+            meet_lanes();  // the next block has other degrees of freedom in these places
         }
     };
 """
@@ -101,16 +104,17 @@ _ROWS = """
     + _ROWS
     + """
     const Floats x = row(vectors, 0);
-    for (int r = 0; r < rows[blocks]; ++r) gamma[r] = x[r];
-    for (int i = 0; i < tree_dofs; ++i) z[i] = dz[i] = 0.0;
-    for (int r = 0; r < rows[blocks]; ++r) yd[r] = 0.0;
+    for (int r = lane; r < rows[blocks]; r += stride) gamma[r] = x[r];
+    for (int i = lane; i < tree_dofs; i += stride) z[i] = dz[i] = 0.0;
+    for (int r = lane; r < rows[blocks]; r += stride) yd[r] = 0.0;
+    meet_lanes();
     add_columns(gamma, z, 1.0);
     rows_of(z, yz);
 """
 )
 def begin(
     blocks: int, tree_dofs: int, block_row: wp.array[int], entries: wp.array[int], tree_dof: wp.array2d[int],
-    y: wp.array2d[float], vectors: wp.array2d[float], wide: wp.array2d[wp.float64],
+    y: wp.array2d[float], vectors: wp.array2d[float], wide: wp.array2d[wp.float64], lanes: int,
 ):  # fmt: skip
     """gamma_k <- X, z <- Y^T gamma_k, and Y z; no direction yet."""
     ...
@@ -123,8 +127,8 @@ def begin(
     const Floats apexes = elements(cohesion), lows = elements(lower), highs = elements(upper);
     const Ints kinds = elements(block_kind);
     double along = 0.0;
-    for (int i = 0; i < tree_dofs; ++i) along += (z[i] + length * dz[i]) * dz[i];
-    for (int b = 0; b < blocks; ++b) {
+    for (int i = lane; i < tree_dofs; i += stride) along += (z[i] + length * dz[i]) * dz[i];
+    for (int b = lane; b < blocks; b += stride) {
         const int first = rows[b], end = rows[b + 1];
         for (int r = first; r < end; ++r)
             point[r] = gamma[r] - (double)rho * scales[r] * (yz[r] + length * yd[r] + r_eff[r]);
@@ -148,13 +152,15 @@ def begin(
         }
         for (int r = first; r < end; ++r) along -= image[r] * yd[r];
     }
+    along = sum_of_lanes(along);
+    meet_lanes();
     return (float)along;
 """
 )
 def try_length(
     blocks: int, tree_dofs: int, block_row: wp.array[int], block_kind: wp.array[int], friction: wp.array[float],
     cohesion: wp.array[float], lower: wp.array[float], upper: wp.array[float], scale: wp.array[float],
-    vectors: wp.array2d[float], rho: float, length: float, wide: wp.array2d[wp.float64],
+    vectors: wp.array2d[float], rho: float, length: float, wide: wp.array2d[wp.float64], lanes: int,
 ) -> float:  # fmt: skip
     """Sets point and p at z + length dz; returns F . dz there: zero where the search along the line is done."""
     ...
@@ -164,24 +170,27 @@ def try_length(
     _NAMES
     + _ROWS
     + """
-    for (int i = 0; i < tree_dofs; ++i) {
+    for (int i = lane; i < tree_dofs; i += stride) {
         z[i] += length * dz[i];
         f[i] = z[i];
     }
-    for (int r = 0; r < rows[blocks]; ++r) yz[r] += length * yd[r];
+    for (int r = lane; r < rows[blocks]; r += stride) yz[r] += length * yd[r];
+    meet_lanes();
     add_columns(image, f, -1.0);
     rows_of(f, yd);
     double worst = 0.0;
-    for (int r = 0; r < rows[blocks]; ++r) {
+    for (int r = lane; r < rows[blocks]; r += stride) {
         const double size = yd[r] < 0.0 ? -yd[r] : yd[r];
         worst = size > worst ? size : worst;
     }
+    worst = greatest_of_lanes(worst);
+    meet_lanes();
     return (float)worst;
 """
 )
 def advance_newton(
     blocks: int, tree_dofs: int, length: float, block_row: wp.array[int], entries: wp.array[int],
-    tree_dof: wp.array2d[int], y: wp.array2d[float], wide: wp.array2d[wp.float64],
+    tree_dof: wp.array2d[int], y: wp.array2d[float], wide: wp.array2d[wp.float64], lanes: int,
 ) -> float:  # fmt: skip
     """Sets z <- z + length dz, F <- that of z; returns the greatest entry of Y F, a velocity [m/s]."""
     ...
@@ -199,7 +208,7 @@ _PIECES = """
         if (kinds[b] != CONTACT) {
             if (point[r] < lows[r] || point[r] > highs[r]) return 0;
             const float root = (float)sqrt(gain);
-            for (int e = 0; e < count; ++e) pieces[e] = root * y0[e];
+            for (int e = lane; e < count; e += stride) pieces[e] = root * y0[e];
             return 1;
         }
         const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
@@ -208,7 +217,7 @@ _PIECES = """
         if (slope * t <= -n) return 0;
         if (t <= slope * n) {
             const float root = (float)sqrt(gain);
-            for (int e = 0; e < count; ++e) {
+            for (int e = lane; e < count; e += stride) {
                 pieces[e] = root * y0[e];
                 pieces[most + e] = root * y1[e];
                 pieces[2 * most + e] = root * y2[e];
@@ -218,7 +227,7 @@ _PIECES = """
         const double normal = (n + slope * t) / (1.0 + slope * slope);
         const float out = (float)sqrt(gain / (1.0 + slope * slope)), s = (float)slope;
         const float around = (float)sqrt(gain * slope * normal / t), c1 = (float)(t1 / t), c2 = (float)(t2 / t);
-        for (int e = 0; e < count; ++e) {
+        for (int e = lane; e < count; e += stride) {
             pieces[e] = out * (y0[e] + s * (c1 * y1[e] + c2 * y2[e]));
             pieces[most + e] = around * (c1 * y2[e] - c2 * y1[e]);
         }
@@ -227,37 +236,46 @@ _PIECES = """
 """
 
 _FACTOR = """
-    // U^T U by rows: row j ends at column end[j], and zeros within are passed over
+    // U^T U by rows: row j ends at last_column[j], and zeros within are passed over
     for (int j = 0; j < tree_dofs; ++j) {
         const Floats pivot = row(factor, j);
-        const int last = end[j];
+        const int last = last_column[j];
         // The Hessian is 1 and something positive: what rounding takes is given back
         const float root = sqrtf(pivot[j] > 0.5f ? pivot[j] : 0.5f), inverse = 1.0f / root;
-        pivot[j] = root;
-        for (int k = j + 1; k <= last; ++k) pivot[k] *= inverse;
-        for (int i = j + 1; i <= last; ++i) {
+        meet_lanes();
+        if (lane == 0) pivot[j] = root;
+        for (int k = j + 1 + lane; k <= last; k += stride) pivot[k] *= inverse;
+        meet_lanes();
+        for (int i = j + 1 + lane; i <= last; i += stride) {
             const float share = pivot[i];
             if (share == 0.0f) continue;
             const Floats mine = row(factor, i);
-            if (last > end[i]) end[i] = last;
+            if (last > last_column[i]) last_column[i] = last;
             int k = i;
 #ifndef __CUDA_ARCH__
             for (; k + 8 <= last + 1; k += 8) *(lanes8*)(mine + k) -= share * *(const lanes8*)(pivot + k);
 #endif
             for (; k <= last; ++k) mine[k] -= share * pivot[k];
         }
+        meet_lanes();
     }
-    for (int i = 0; i < tree_dofs; ++i) dz[i] = -f[i];
+    for (int i = lane; i < tree_dofs; i += stride) dz[i] = -f[i];
+    meet_lanes();
     for (int j = 0; j < tree_dofs; ++j) {
         const Floats mine = row(factor, j);
-        dz[j] /= mine[j];
-        for (int k = j + 1; k <= end[j]; ++k) dz[k] -= mine[k] * dz[j];
+        const double value = dz[j] / mine[j];
+        meet_lanes();
+        if (lane == 0) dz[j] = value;
+        for (int k = j + 1 + lane; k <= last_column[j]; k += stride) dz[k] -= mine[k] * value;
+        meet_lanes();
     }
     for (int j = tree_dofs - 1; j >= 0; --j) {
         const Floats mine = row(factor, j);
-        double total = dz[j];
-        for (int k = j + 1; k <= end[j]; ++k) total -= mine[k] * dz[k];
-        dz[j] = total / mine[j];
+        double total = lane == 0 ? dz[j] : 0.0;
+        for (int k = j + 1 + lane; k <= last_column[j]; k += stride) total -= mine[k] * dz[k];
+        total = sum_of_lanes(total);
+        if (lane == 0) dz[j] = total / mine[j];
+        meet_lanes();
     }
 """
 
@@ -266,9 +284,6 @@ _FACTOR = """
     _NAMES
     + _ROWS
     + _PIECES
-    + f"""
-    int end[{MOST_DOFS}];
-"""
     + """
 #ifndef __CUDA_ARCH__
     typedef float lanes8 __attribute__((ext_vector_type(8), aligned(4)));
@@ -276,16 +291,20 @@ _FACTOR = """
 #endif
     const int room = tree_dofs * spread.shape[1];  // what these degrees of freedom have, whatever else is in the world
     const Floats pieces = flat(spread);
-    for (int i = 0; i < tree_dofs; ++i) {
+    const Ints last_column = elements(factor_end);
+    for (int i = lane; i < tree_dofs; i += stride) {
         for (int j = i + 1; j < tree_dofs; ++j) row(factor, i)[j] = 0.0f;
         row(factor, i)[i] = 1.0f;
-        end[i] = i;
+        last_column[i] = i;
     }
+    meet_lanes();
     for (int b = 0; b < blocks; ++b) {
         const Ints at = row(tree_dof, b);
         int last = 0;
         for (int e = 0; e < counts[b]; ++e) last = at[e] > last ? at[e] : last;
-        for (int e = 0; e < counts[b]; ++e) end[at[e]] = last > end[at[e]] ? last : end[at[e]];
+        for (int e = lane; e < counts[b]; e += stride)
+            last_column[at[e]] = last > last_column[at[e]] ? last : last_column[at[e]];
+        meet_lanes();
     }
     // Contacts of one pair of bodies share their places: their rows are gathered, and multiplied together.
     int held = 0;
@@ -296,7 +315,8 @@ _FACTOR = """
         bool together = b + 1 < blocks && counts[b + 1] == count && (held + 3) * most <= room;
         for (int e = 0; together && e < count; ++e) together = row(tree_dof, b + 1)[e] == at[e];
         if (together) continue;
-        for (int e = 0; e < count; ++e) {
+        meet_lanes();
+        for (int e = lane; e < count; e += stride) {
             const Floats mine = row(factor, at[e]);
             int from = 0;
 #ifndef __CUDA_ARCH__
@@ -323,6 +343,7 @@ _FACTOR = """
                 if (at[from] >= at[e]) mine[at[from]] += sum;
             }
         }
+        meet_lanes();
         held = 0;
     }
 """
@@ -330,7 +351,9 @@ _FACTOR = """
     + """
     rows_of(dz, yd);
     double along = 0.0;
-    for (int i = 0; i < tree_dofs; ++i) along += f[i] * dz[i];
+    for (int i = lane; i < tree_dofs; i += stride) along += f[i] * dz[i];
+    along = sum_of_lanes(along);
+    meet_lanes();
     return (float)along;
 """
 )
@@ -338,7 +361,8 @@ def set_direction(
     blocks: int, tree_dofs: int, block_row: wp.array[int], block_kind: wp.array[int], entries: wp.array[int],
     tree_dof: wp.array2d[int], y: wp.array2d[float], friction: wp.array[float], cohesion: wp.array[float],
     lower: wp.array[float], upper: wp.array[float], scale: wp.array[float], rho: float, most: int,
-    spread: wp.array2d[float], factor: wp.array2d[float], wide: wp.array2d[wp.float64],
+    spread: wp.array2d[float], factor: wp.array2d[float], factor_end: wp.array[int], wide: wp.array2d[wp.float64],
+    lanes: int,
 ) -> float:  # fmt: skip
     """Sets dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair,
     of `most` entries each.
@@ -378,6 +402,7 @@ def search_along(problem: ConeProblem, rho: float, steepness: float) -> float:
         slope = try_length(
             problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.friction,
             problem.cohesion, problem.lower, problem.upper, problem.scale, problem.vectors, rho, length, problem.wide,
+            problem.lanes,
         )  # fmt: skip
         trial += 1
         if wp.abs(slope) <= -0.3 * steepness or (trial == 1 and slope < 0.0) or trial == TRIALS:
@@ -397,25 +422,27 @@ def step_proximally(problem: ConeProblem, rho: float, goal: float) -> int:
     """Sets p <- the result of one proximal step from X, to a velocity of `goal` [m/s]; returns the Newton steps."""
     begin(
         problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_entries, problem.block_tree_dof,
-        problem.y, problem.vectors, problem.wide,
+        problem.y, problem.vectors, problem.wide, problem.lanes,
     )  # fmt: skip
     steps = int(0)
     length = float(0.0)
     try_length(
         problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.friction,
         problem.cohesion, problem.lower, problem.upper, problem.scale, problem.vectors, rho, 0.0, problem.wide,
+        problem.lanes,
     )  # fmt: skip
     while steps < INNER:
         error = advance_newton(
             problem.block_count, problem.tree_dof_count, length, problem.block_row, problem.block_entries,
-            problem.block_tree_dof, problem.y, problem.wide,
+            problem.block_tree_dof, problem.y, problem.wide, problem.lanes,
         )  # fmt: skip
         if steps > 0 and error < goal:
             return steps
         steepness = set_direction(
             problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.block_entries,
             problem.block_tree_dof, problem.y, problem.friction, problem.cohesion, problem.lower, problem.upper,
-            problem.scale, rho, problem.entry_count, problem.spread, problem.factor, problem.wide,
+            problem.scale, rho, problem.entry_count, problem.spread, problem.factor, problem.factor_end, problem.wide,
+            problem.lanes,
         )  # fmt: skip
         length = search_along(problem, rho, steepness)
         steps += 1
@@ -427,7 +454,7 @@ def solve_proximally(problem: ConeProblem, config: ConeConfig, most: int) -> Sol
     """BEST <- a better solution, from BEST, in at most about `most` Newton steps; scales are set."""
     n = problem.row_count
     report = SolveReport()
-    copy(n, problem.vectors, BEST, X)
+    copy(n, problem.vectors, BEST, X, problem.lanes)
     refresh(problem, X, AX)
     best = natural_residual(problem, X, AX, config.friction_law, 1)
     now = float(best)
@@ -435,15 +462,16 @@ def solve_proximally(problem: ConeProblem, config: ConeConfig, most: int) -> Sol
     stalls = int(0)
     while best > config.tolerance and report.iterations < most and stalls < STALLS:
         report.iterations += step_proximally(problem, rho, INNER_SHARE * wp.max(now, config.tolerance))
-        for row in range(n):
+        for row in range(lane_of(problem.lanes), n, stride_of(problem.lanes)):
             problem.vectors[X, row] = float(problem.wide[2, row])
+        meet(problem.lanes)
         refresh(problem, X, AX)
         now = natural_residual(problem, X, AX, config.friction_law, 1)
         stalls += 1
         if now < best:
             best = now
             stalls = 0
-            copy(n, problem.vectors, X, BEST)
+            copy(n, problem.vectors, X, BEST, problem.lanes)
         rho = wp.min(rho * GROWTH, LAST_RHO)
     report.residual = best
     return report

@@ -118,7 +118,7 @@ def solve_psor(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     # Matrix-free, this product also leaves tree_dof_sum and loop_sum up to date for the sweeps.
     refresh(problem, X, AX)
     best = natural_residual(problem, X, AX, config.friction_law, 0)
-    copy(n, problem.vectors, X, BEST)
+    copy(n, problem.vectors, X, BEST, problem.lanes)
     iteration = int(0)
     while iteration < config.max_iterations and best > config.tolerance:
         iteration += 1
@@ -128,7 +128,7 @@ def solve_psor(problem: ConeProblem, config: ConeConfig) -> SolveReport:
             now = natural_residual(problem, X, AX, config.friction_law, 0)
             if now < best:
                 best = now
-                copy(n, problem.vectors, X, BEST)
+                copy(n, problem.vectors, X, BEST, problem.lanes)
     for row in range(n):
         problem.gamma[row] = problem.vectors[BEST, row]
         problem.vectors[LOW, row] = 0.0

@@ -7,6 +7,7 @@ the same text is plain C++.
 
 import warp as wp
 
+from simwarp.kernels.core.lanes import LANES
 from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
@@ -14,8 +15,9 @@ wp.set_module_options({"enable_backward": False})
 GROUP = 4
 """Rows side by side in `spread`: the three of a contact, and one more to fill a vector register."""
 
-_LANES = (
+_ROWS = (
     VIEWS
+    + LANES
     + """
 #ifndef __CUDA_ARCH__
     typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
@@ -25,7 +27,7 @@ _LANES = (
 
 
 @wp.func_native(
-    _LANES
+    _ROWS
     + """
     const Floats v = elements(x), t = elements(sums);
     const Ints rows = elements(block_row), counts = elements(entries);
@@ -35,7 +37,7 @@ _LANES = (
         for (int r = rows[b]; r < end;) {
             const Floats y0 = row(y, r);
             if (r + 3 > end) {
-                for (int e = 0; e < count; ++e) t[at[e]] += y0[e] * v[r];
+                for (int e = lane; e < count; e += stride) t[at[e]] += y0[e] * v[r];
                 r += 1;
                 continue;
             }
@@ -43,7 +45,7 @@ _LANES = (
             const float x0 = v[r], x1 = v[r + 1], x2 = v[r + 2];
             r += 3;
             if (x0 == 0.0f && x1 == 0.0f && x2 == 0.0f) continue;
-            int e = 0;
+            int e = lane;
 #ifndef __CUDA_ARCH__
             for (; e + 4 <= count; e += 4) {
                 const lanes4 a = *(const lanes4*)(y0 + e) * x0 + *(const lanes4*)(y1 + e) * x1
@@ -51,26 +53,27 @@ _LANES = (
                 for (int i = 0; i < 4; ++i) t[at[e + i]] += a[i];
             }
 #endif
-            for (; e < count; ++e) t[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
+            for (; e < count; e += stride) t[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
         }
+        meet_lanes();  // the next block has other degrees of freedom in these places
     }
 """
 )
 def add_rows(
     blocks: int, block_row: wp.array[int], entries: wp.array[int], tree_dof: wp.array2d[int], y: wp.array2d[float],
-    x: wp.array[float], sums: wp.array[float],
+    x: wp.array[float], sums: wp.array[float], lanes: int,
 ):  # fmt: skip
     """Adds Y^T x to `sums`. An x of zeros, as of an open contact, costs next to nothing."""
     ...
 
 
 @wp.func_native(
-    _LANES
+    _ROWS
     + """
     const Floats t = elements(sums), v = elements(x), out = elements(ax), soft = elements(compliance);
     const Ints rows = elements(block_row), counts = elements(entries);
     float dot = 0.0f;
-    for (int b = 0; b < blocks; ++b) {
+    for (int b = lane; b < blocks; b += stride) {
         const Ints at = row(tree_dof, b);
         const int count = counts[b], end = rows[b + 1];
         for (int r = rows[b]; r < end;) {
@@ -110,12 +113,14 @@ def add_rows(
             r += 3;
         }
     }
+    dot = sum_of_lanes(dot);
+    meet_lanes();
     return dot;
 """
 )
 def sum_rows(
     blocks: int, block_row: wp.array[int], entries: wp.array[int], tree_dof: wp.array2d[int], y: wp.array2d[float],
-    compliance: wp.array[float], sums: wp.array[float], x: wp.array[float], ax: wp.array[float],
+    compliance: wp.array[float], sums: wp.array[float], x: wp.array[float], ax: wp.array[float], lanes: int,
 ) -> float:  # fmt: skip
     """Sets ax = Y sums + diag(compliance) x; returns x . ax."""
     ...
@@ -123,6 +128,7 @@ def sum_rows(
 
 _DOT = (
     VIEWS
+    + LANES
     + """
     auto dot = [](const Floats a, const Floats b, int n) {
         float part[4] = {0.0f, 0.0f, 0.0f, 0.0f};
@@ -148,7 +154,8 @@ _DOT = (
     + """
     const Floats v = elements(x), out = elements(ax), t = elements(sums);
     const Ints rows = elements(block_row);
-    for (int k = 0; k < loops; ++k) t[k] = 0.0f;
+    for (int k = lane; k < loops; k += stride) t[k] = 0.0f;
+    meet_lanes();
     for (int b = 0; b < blocks; ++b) {
         const Ints seen = row(block_loops, b);
         const int near = seen[1], far = seen[3];
@@ -160,15 +167,16 @@ _DOT = (
             const float f = v[r];
             if (f == 0.0f) continue;
 #pragma clang loop vectorize_width(4) interleave_count(2)
-            for (int k = 0; k < near; ++k) l[k] += mine[k] * f;
+            for (int k = lane; k < near; k += stride) l[k] += mine[k] * f;
 #ifdef __CUDA_ARCH__
 #pragma unroll 1
 #endif
-            for (int k = 0; k < far; ++k) m[k] += mine[near + k] * f;
+            for (int k = lane; k < far; k += stride) m[k] += mine[near + k] * f;
         }
+        meet_lanes();
     }
     float change = 0.0f;
-    for (int b = 0; b < blocks; ++b) {
+    for (int b = lane; b < blocks; b += stride) {
         const Ints seen = row(block_loops, b);
         const int near = seen[1], far = seen[3];
         if (near == 0) continue;
@@ -180,31 +188,35 @@ _DOT = (
             change += total * v[r];
         }
     }
+    change = sum_of_lanes(change);
+    meet_lanes();
     return change;
 """
 )
 def subtract_loops(
     blocks: int, loops: int, block_row: wp.array[int], block_loops: wp.array2d[int], w: wp.array2d[float],
-    x: wp.array[float], sums: wp.array[float], ax: wp.array[float],
+    x: wp.array[float], sums: wp.array[float], ax: wp.array[float], lanes: int,
 ) -> float:  # fmt: skip
     """Takes W W^T x from ax, with W^T x left in `sums`; returns what x . ax loses."""
     ...
 
 
 @wp.func_native(
-    _LANES
+    _ROWS
     + """
     const Floats t = flat(spread);
     const Ints rows = elements(block_row), counts = elements(entries);
-    for (int k = 0; k < 4 * tree_dofs; ++k) t[k] = 0.0f;
+    for (int k = lane; k < 4 * tree_dofs; k += stride) t[k] = 0.0f;
+    meet_lanes();
     for (int b = 0; b < blocks; ++b) {
         const Ints mine = row(tree_dof, b);
         const int own = counts[b], end = rows[b + 1];
         for (int r = rows[b]; r < end; r += 3) {
             const int group = end - r < 3 ? end - r : 3;
-            for (int e = 0; e < own; ++e)
+            for (int e = lane; e < own; e += stride)
                 for (int i = 0; i < group; ++i) t[4 * mine[e] + i] = row(y, r + i)[e];
-            for (int other = 0; other <= b; ++other) {
+            meet_lanes();
+            for (int other = lane; other <= b; other += stride) {
                 const Ints at = row(tree_dof, other);
                 const int count = counts[other], last = rows[other + 1];
                 for (int c = rows[other]; c < last; ++c) {
@@ -229,15 +241,17 @@ def subtract_loops(
                     }
                 }
             }
-            for (int e = 0; e < own; ++e)
+            meet_lanes();
+            for (int e = lane; e < own; e += stride)
                 for (int i = 0; i < group; ++i) t[4 * mine[e] + i] = 0.0f;
+            meet_lanes();
         }
     }
 """
 )
 def form_gram(
     blocks: int, tree_dofs: int, block_row: wp.array[int], entries: wp.array[int], tree_dof: wp.array2d[int],
-    y: wp.array2d[float], spread: wp.array2d[float], s: wp.array2d[float],
+    y: wp.array2d[float], spread: wp.array2d[float], s: wp.array2d[float], lanes: int,
 ):  # fmt: skip
     """Sets S = Y Y^T, exactly symmetric. `spread` holds up to three rows of one block, spread over the tree."""
     ...
@@ -250,7 +264,7 @@ def form_gram(
     const Floats soft = elements(compliance);
     for (int b = 0; b < blocks; ++b) {
         const Ints mine = row(block_loops, b);
-        for (int other = 0; other <= b && mine[1] > 0; ++other) {
+        for (int other = lane; other <= b && mine[1] > 0; other += stride) {
             const Ints seen = row(block_loops, other);
             int from[2], to[2], length[2], shared = 0;  // columns of the loop rows that both see
             for (int i = 0; i < 4; i += 2)
@@ -274,12 +288,14 @@ def form_gram(
             }
         }
     }
-    for (int r = 0; r < rows[blocks]; ++r) row(s, r)[r] += soft[r];
+    meet_lanes();
+    for (int r = lane; r < rows[blocks]; r += stride) row(s, r)[r] += soft[r];
+    meet_lanes();
 """
 )
 def finish_gram(
     blocks: int, block_row: wp.array[int], block_loops: wp.array2d[int], w: wp.array2d[float],
-    compliance: wp.array[float], s: wp.array2d[float],
+    compliance: wp.array[float], s: wp.array2d[float], lanes: int,
 ):  # fmt: skip
     """Takes W W^T from S and adds diag(compliance)."""
     ...

@@ -86,7 +86,7 @@ def solve_spg(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     project_all(problem, problem.vectors[X])
     refresh(problem, X, AX)
     best = natural_residual(problem, X, AX, config.friction_law, 1)
-    copy(n, problem.vectors, X, BEST)
+    copy(n, problem.vectors, X, BEST, problem.lanes)
     history = Values()
     value = float(0.0)
     alpha = float(1.0)
@@ -124,7 +124,7 @@ def solve_spg(problem: ConeProblem, config: ConeConfig) -> SolveReport:
             now = natural_residual(problem, X, AX, config.friction_law, 0)
         if now < best and (fresh or iteration < TRUSTED):
             best = now
-            copy(n, problem.vectors, X, BEST)
+            copy(n, problem.vectors, X, BEST, problem.lanes)
     for row in range(n):
         problem.gamma[row] = problem.vectors[BEST, row]
         problem.vectors[LOW, row] = 0.0

@@ -1,7 +1,8 @@
-"""Operations on the rows of an array of vectors."""
+"""Operations on the vectors of a problem, which its lanes share (core/lanes.py)."""
 
 import warp as wp
 
+from simwarp.kernels.core.lanes import LANES
 from simwarp.kernels.core.native_views import VIEWS
 
 wp.set_module_options({"enable_backward": False})
@@ -9,14 +10,30 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func_native(
     VIEWS
+    + LANES
     + """
     const Floats a = row(vectors, source), b = row(vectors, target);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = 0; i < n; ++i) b[i] = a[i];
+    for (int i = lane; i < n; i += stride) b[i] = a[i];
+    meet_lanes();
 """
 )
-def copy(n: int, vectors: wp.array2d[float], source: int, target: int):
+def copy(n: int, vectors: wp.array2d[float], source: int, target: int, lanes: int):
     """vectors[target] <- vectors[source]."""
+    ...
+
+
+@wp.func_native(
+    VIEWS
+    + LANES
+    + """
+    const Floats x = elements(values);
+    for (int i = lane; i < n; i += stride) x[i] = 0.0f;
+    meet_lanes();
+"""
+)
+def clear(n: int, values: wp.array[float], lanes: int):
+    """Sets the first n values to zero."""
     ...
 
 

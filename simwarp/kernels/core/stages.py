@@ -30,6 +30,7 @@ class Stage:
         reads, writes: what it needs and what it leaves to those that follow.
         when: device function of some arguments of the kernel, which tells on the host as well whether the model has
             this stage; None: every model has it.
+        lanes: threads of a GPU that share a world (lanes.py).
     """
 
     name: str
@@ -37,6 +38,7 @@ class Stage:
     reads: str
     writes: str
     when: Any = None
+    lanes: int = 1
 
     def is_due(self, arguments: Mapping[str, Any]) -> bool:
         """Whether a model with these arguments has the stage."""
@@ -62,10 +64,11 @@ class StageRoom:
 
 @dataclasses.dataclass(frozen=True)
 class StageKernel:
-    """A kernel, and the names of its arguments after the `WorldRange`."""
+    """A kernel, the names of its arguments after the `WorldRange`, and how many threads a world has."""
 
     kernel: wp.Kernel
     arguments: tuple[str, ...]
+    lanes: int = 1
 
 
 def parameters_of(function: Any) -> tuple[str, ...]:
@@ -139,11 +142,11 @@ def fused_kernel(name: str, stages: Sequence[Stage], room: StageRoom) -> StageKe
 
 
 def separate_kernel(stage: Stage, room: StageRoom) -> StageKernel:
-    """Make the kernel of one stage, with a thread for each world."""
+    """Make the kernel of one stage, with a thread for each world, or a row of lanes."""
     arguments = _arguments_of([stage.function], room)
     body = [
-        "world = worlds.first + wp.tid()", "if (state.world_status[world] & NON_FINITE) != 0:", "    return",
+        "k = wp.tid()" if stage.lanes == 1 else "k, lane = wp.tid()", "world = worlds.first + k", "if (state.world_status[world] & NON_FINITE) != 0:", "    return",
         *_local_lines([stage.function], "scratch_slot_of(world, worlds)", room),
         _call(f"stage_{stage.name}", stage.function),
     ]  # fmt: skip
-    return StageKernel(_make(stage.name, body, arguments, _scope([stage], room), room), arguments)
+    return StageKernel(_make(stage.name, body, arguments, _scope([stage], room), room), arguments, stage.lanes)

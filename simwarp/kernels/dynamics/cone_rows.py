@@ -228,9 +228,9 @@ def assemble_dense(cone: ConeProblem):
     blocks = cone.block_count
     form_gram(
         blocks, cone.tree_dof_count, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.spread,
-        cone.s,
+        cone.s, cone.lanes,
     )  # fmt: skip
-    finish_gram(blocks, cone.block_row, cone.block_loops, cone.w, cone.compliance, cone.s)
+    finish_gram(blocks, cone.block_row, cone.block_loops, cone.w, cone.compliance, cone.s, cone.lanes)
 
 
 @wp.func
@@ -260,7 +260,7 @@ def mark_due_groups(cone: ConeProblem, blocks: int, topology: Topology, work: Wo
 @wp.func
 def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
     """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
-    add_rows(blocks, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.gamma, work.xi)
+    add_rows(blocks, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.gamma, work.xi, cone.lanes)
     if topology.row_count > 0:
         mark_due_groups(cone, blocks, topology, work)
         for group in range(topology.group_count):

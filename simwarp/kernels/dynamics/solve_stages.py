@@ -18,6 +18,7 @@ from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveRep
 from simwarp.kernels.cones.psor import solve_psor
 from simwarp.kernels.cones.solve import FALLBACK_STEPS, INTERIOR_POINT, gradient_config, solve_with_fallback
 from simwarp.kernels.cones.spg import solve_spg
+from simwarp.kernels.core.lanes import lane_of
 from simwarp.kernels.core.stages import Stage
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
 from simwarp.kernels.dynamics.cone_rows import assemble_dense
@@ -32,8 +33,9 @@ WRITES = "impulses, iterations and residuals of islands"
 @wp.func
 def keep_report(island: int, solution: SolveReport, cone: ConeProblem):
     """For the stages that follow."""
-    cone.island_iterations[island] = solution.iterations
-    cone.island_residual[island] = solution.residual
+    if lane_of(cone.lanes) == 0:
+        cone.island_iterations[island] = solution.iterations
+        cone.island_residual[island] = solution.residual
 
 
 @wp.func
@@ -95,17 +97,8 @@ def if_not_factorised(problem: ConeProblem) -> bool:
     return not can_factorise(problem)
 
 
-@wp.func
-def descend(problem: ConeProblem, config: ConeConfig) -> SolveReport:
-    """Accelerated gradient descent until Newton steps are worth a try (`resume_stage`)."""
-    report = descend_first(problem, config)
-    keep_best(problem)
-    return report
-
-
 SOLVERS = {
-    ConeSolver.APGD: (always, descend), ConeSolver.PSOR: (always, solve_psor), ConeSolver.SPG: (always, solve_spg),
-    ConeSolver.PADMM: (if_dense, solve_padmm),
+    ConeSolver.PSOR: (always, solve_psor), ConeSolver.SPG: (always, solve_spg), ConeSolver.PADMM: (if_dense, solve_padmm)
 }  # fmt: skip
 STAND_INS = {ConeSolver.PADMM: if_not_dense, ConeSolver.INTERIOR_POINT: if_not_factorised}
 """Which problems of a solver accelerated gradient descent solves for it."""
@@ -136,21 +129,20 @@ those of worlds: they take half as many registers again (docs/decisions.md).
 """
 
 
-def _stage(name: str, function: object, several: bool) -> Stage:
+def _stage(name: str, function: object, several: bool, lanes: int = 1) -> Stage:
     name = f"{name}_of_islands" if several else name
-    return Stage(name=name, function=function, reads=READS, writes=WRITES, when=has_cones)
+    return Stage(name=name, function=function, reads=READS, writes=WRITES, when=has_cones, lanes=lanes)
 
 
 @functools.cache
-def solve_stage(solver: ConeSolver, stand_in: bool, several: bool) -> Stage:
-    """The stage of one solver, which is not the interior point, or of gradient descent where a solver cannot work.
+def solve_stage(solver: ConeSolver, several: bool) -> Stage:
+    """The stage of one solver of `SOLVERS`.
 
     Args:
         solver: that is chosen.
-        stand_in: for what it cannot solve.
         several: worlds have several units, which may be islands.
     """
-    applies, solve = (STAND_INS[solver], descend) if stand_in else SOLVERS[solver]
+    applies, solve = SOLVERS[solver]
     islands_of, problem_of = VIEWS[several]
 
     @wp.func(inline=True)
@@ -166,13 +158,47 @@ def solve_stage(solver: ConeSolver, stand_in: bool, several: bool) -> Stage:
                         assemble_dense(problem)
                     keep_report(island, solve(problem, numbers), cone)
 
-    name = solver.name.lower()
-    return _stage(f"descend_for_{name}" if stand_in else f"solve_by_{name}", solve_problems, several)
+    return _stage(f"solve_by_{solver.name.lower()}", solve_problems, several)
 
 
 @functools.cache
-def resume_stage(stand_in: ConeSolver | None, rest: bool, several: bool) -> Stage:
-    """The stage that goes on after gradient descent by proximal Newton steps, or with the `rest` of the descent."""
+def descent_stage(stand_in: ConeSolver | None, several: bool, lanes: int) -> Stage:
+    """The stage of gradient descent until Newton steps are worth a try (`resume_stage`).
+
+    Args:
+        stand_in: the solver for which it solves what that cannot; None: it is the solver.
+        several: worlds have several units, which may be islands.
+        lanes: of a warp, that share a world.
+    """
+    applies = always if stand_in is None else STAND_INS[stand_in]
+    islands_of, problem_of = VIEWS[several]
+
+    @wp.func(inline=True)
+    def descend(world: int, config: StepConfig, topology: Topology, progress: StepProgress, cone: ConeProblem):
+        """Solves the cone problems of a world, or begins to."""
+        if progress.blocks[world] > 0:
+            numbers = gradient_config(cone_config(config))
+            islands = islands_of(world, progress)
+            shared = cone
+            shared.lanes = wp.static(lanes)
+            for island in range(wp.max(islands, 1)):
+                problem = problem_of(island, islands, progress.blocks[world], topology, config, shared)
+                if applies(problem):
+                    if problem.dense == 1:
+                        assemble_dense(problem)
+                    solution = descend_first(problem, numbers)
+                    keep_best(problem)
+                    keep_report(island, solution, shared)
+
+    name = "solve_by_apgd" if stand_in is None else f"descend_for_{stand_in.name.lower()}"
+    return _stage(name, descend, several, lanes)
+
+
+@functools.cache
+def resume_stage(stand_in: ConeSolver | None, rest: bool, several: bool, lanes: int) -> Stage:
+    """The stage that goes on after gradient descent by proximal Newton steps, or with the `rest` of the descent, by
+    `lanes` of a warp for a world.
+    """
     applies = always if stand_in is None else STAND_INS[stand_in]
     go_on = descend_rest if rest else step_newton
     islands_of, problem_of = VIEWS[several]
@@ -183,17 +209,20 @@ def resume_stage(stand_in: ConeSolver | None, rest: bool, several: bool) -> Stag
         if progress.blocks[world] > 0:
             numbers = gradient_config(cone_config(config))
             islands = islands_of(world, progress)
+            shared = cone
+            shared.lanes = wp.static(lanes)
             for island in range(wp.max(islands, 1)):
-                problem = problem_of(island, islands, progress.blocks[world], topology, config, cone)
-                if applies(problem) and needs_newton(problem, numbers, cone.island_residual[island]):
-                    restore_dense(problem, islands)
-                    before = SolveReport()
-                    before.iterations = cone.island_iterations[island]
-                    solution = go_on(problem, numbers, before)
-                    keep_best(problem)
-                    keep_report(island, solution, cone)
+                if not cone.island_residual[island] <= numbers.tolerance:
+                    problem = problem_of(island, islands, progress.blocks[world], topology, config, shared)
+                    if applies(problem) and needs_newton(problem, numbers, cone.island_residual[island]):
+                        restore_dense(problem, islands)
+                        before = SolveReport()
+                        before.iterations = cone.island_iterations[island]
+                        solution = go_on(problem, numbers, before)
+                        keep_best(problem)
+                        keep_report(island, solution, shared)
 
-    return _stage("descend_on" if rest else "step_newton", resume_problems, several)
+    return _stage("descend_on" if rest else "step_newton", resume_problems, several, lanes)
 
 
 @wp.func
@@ -293,19 +322,30 @@ def refine_newton_stage(follows: bool, several: bool) -> Stage:
     return _stage("refine_following" if follows else "refine_newton", refine_newton, several)
 
 
-def solver_stages(solver: ConeSolver, *, several: bool, newton: bool, follows: bool) -> list[Stage]:
+def lanes_for(rows: int) -> int:
+    """How many lanes of a warp share the cone problem of a world, which has at most so many rows.
+
+    One thread would keep a step waiting: the few worlds with most iterations need some ten times those of the mean.
+    """
+    return next((lanes for lanes, most in ((1, 8), (8, 32), (16, 64)) if rows <= most), 32)
+
+
+def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool, follows: bool) -> list[Stage]:
     """The stages of the cone solve on a GPU.
 
     Args:
         solver: that is chosen.
+        rows: of a world, at most.
         several: worlds have several units, which may be islands.
         newton: proximal Newton steps may follow gradient descent: there is room for what they factorise.
         follows: the interior point solves what is left above the tolerance.
     """
 
+    lanes = lanes_for(rows)
+
     def descent(stand_in: ConeSolver | None) -> list[Stage]:
-        first = solve_stage(solver, stand_in is not None, several)
-        return [first, *(resume_stage(stand_in, rest, several) for rest in (False, True) if newton)]
+        first = descent_stage(stand_in, several, lanes)
+        return [first, *(resume_stage(stand_in, rest, several, lanes) for rest in (False, True) if newton)]
 
     stages = descent(solver) if solver in STAND_INS else []
     if solver == ConeSolver.INTERIOR_POINT:
@@ -313,7 +353,7 @@ def solver_stages(solver: ConeSolver, *, several: bool, newton: bool, follows: b
     elif solver == ConeSolver.APGD:
         stages += descent(None)
     else:
-        stages.append(solve_stage(solver, False, several))
+        stages.append(solve_stage(solver, several))
     if follows:
         stages += [follow_newton_stage(several), refine_newton_stage(True, several)]
     return stages
@@ -321,13 +361,13 @@ def solver_stages(solver: ConeSolver, *, several: bool, newton: bool, follows: b
 
 def stages_for_cuda_check() -> list[Stage]:
     """All solvers; those of islands stand for each other, but for the interior point."""
-    alone = [solve_stage(solver, False, False) for solver in SOLVERS]
-    stand_ins = [solve_stage(solver, True, False) for solver in STAND_INS]
-    on = [resume_stage(None, rest, False) for rest in (False, True)]
-    several = [solve_stage(ConeSolver.APGD, False, True), resume_stage(None, False, True)]
+    alone = [solve_stage(solver, False) for solver in SOLVERS]
+    descents = [descent_stage(stand_in, False, 8) for stand_in in (None, *STAND_INS)]
+    on = [resume_stage(None, rest, False, 8) for rest in (False, True)]
+    several = [descent_stage(None, True, 32), resume_stage(None, False, True, 32)]
     newton = [
         stage for each in (False, True)
         for stage in (start_newton_stage(each), follow_newton_stage(each),
                       refine_newton_stage(False, each), refine_newton_stage(True, each))
     ]  # fmt: skip
-    return [*alone, *stand_ins, *on, *several, *newton]
+    return [*alone, *descents, *on, *several, *newton]

@@ -151,9 +151,12 @@ void *emu_generic_pointer(C *c, uint64_t a, uint32_t n, int line, int access) {
 }
 
 /* Races: the last writer and the last readers of each word in a launch. Threads are numbers of the grid, from 1;
- * accesses of two threads of a block are in order if a barrier lies between them. */
+ * accesses of two threads of a block are in order if a barrier lies between them, of two lanes that wait for each other
+ * if that has happened in between. */
+typedef struct { uint32_t block, warp; } Epoch;
 typedef struct {
-    uint32_t launch, writer, reader, write_epoch, read_epoch;
+    uint32_t launch, writer, reader;
+    Epoch write_epoch, read_epoch;
     uint8_t readers; /* 0: one, 1: several of a block, 2: of several blocks */
     uint8_t atomic;
 } Word;
@@ -169,8 +172,16 @@ uint64_t emu_races(char *out, uint64_t n) { snprintf(out, n, "%s", first_race); 
 void emu_clear_races(void) { race_count = 0; first_race[0] = 0; }
 
 static uint32_t block_of(const C *c, uint32_t thread) { return (thread - 1) / (c->ntid[0] * c->ntid[1] * c->ntid[2]); }
-static int in_order(const C *c, uint32_t other, uint32_t epoch) {
-    return other == c->thread || (block_of(c, other) == block_of(c, c->thread) && epoch != c->epoch);
+static Epoch epoch_of(const C *c) { return (Epoch){c->epoch, c->warp_epoch}; }
+/* Whether another thread of the block has waited with this one since. */
+static int has_waited(const C *c, uint32_t other, Epoch epoch) {
+    if (epoch.block != c->epoch) return 1;
+    uint32_t first = block_of(c, c->thread) * (c->ntid[0] * c->ntid[1] * c->ntid[2]) + 1;
+    uint32_t lane = other - first, mine = c->thread - first;
+    return lane / 32 == mine / 32 && (c->members >> lane % 32 & 1) && epoch.warp != c->warp_epoch;
+}
+static int in_order(const C *c, uint32_t other, Epoch epoch) {
+    return other == c->thread || (block_of(c, other) == block_of(c, c->thread) && has_waited(c, other, epoch));
 }
 static void note_race(C *c, uint64_t a, int line, const char *what, uint32_t other) {
     if (race_count++) return;
@@ -187,7 +198,7 @@ static void race_of_word(C *c, Word *x, uint64_t a, uint32_t n, int line, int ac
             x->readers = kind > x->readers ? kind : x->readers;
         }
         x->reader = c->thread;
-        x->read_epoch = c->epoch;
+        x->read_epoch = epoch_of(c);
         return;
     }
     int atomics = access == 2 && x->atomic;
@@ -195,11 +206,11 @@ static void race_of_word(C *c, Word *x, uint64_t a, uint32_t n, int line, int ac
         note_race(c, a, line, access == 2 ? "atomic after the write" : "write after the write", x->writer);
     else if (x->reader && whole && access == 1) {
         int ordered = x->readers == 0 ? in_order(c, x->reader, x->read_epoch)
-                    : x->readers == 1 && block_of(c, x->reader) == block_of(c, c->thread) && x->read_epoch != c->epoch;
+                    : x->readers == 1 && block_of(c, x->reader) == block_of(c, c->thread) && has_waited(c, x->reader, x->read_epoch);
         if (!ordered) note_race(c, a, line, "write after the read", x->reader);
     }
     x->writer = c->thread;
-    x->write_epoch = c->epoch;
+    x->write_epoch = epoch_of(c);
     x->atomic = access == 2;
 }
 void emu_race(C *c, uint64_t a, uint32_t n, int line, int access) {

@@ -22,6 +22,7 @@ typedef struct C {
     uint64_t stack_top; /* of this thread's C stack */
     uint32_t thread; /* number in the grid, from 1 */
     uint32_t epoch; /* barriers of the block that this thread has passed */
+    uint32_t warp_epoch, members; /* the same of its warp, and the lanes that passed the last with it */
     void *fiber;
 } C;
 

@@ -14,6 +14,7 @@
 #define VOTE_ANY 1
 #define VOTE_BALLOT 2
 #define VOTE_UNIFORM 4
+#define VOTE_NONE 3 /* waits for the other lanes, no more */
 #define SHUFFLE 10
 
 const char *emu_kernel_name = "?";
@@ -119,6 +120,7 @@ static int answer_warp(int first, int last) {
         for (int j = first; j < last; ++j) /* its group waits for the same thing */
             if ((f->mask >> (j - first) & 1) && fibers[j].state == IN_WARP && (fibers[j].mode >= SHUFFLE) != (f->mode >= SHUFFLE))
                 emu_trap(&f->c, f->line, "deadlock: lanes of a warp wait for different things");
+        if (f->mode == VOTE_NONE) { ++f->c.warp_epoch; f->c.members = f->mask; }
         if (f->mode >= SHUFFLE) answer_shuffle(f, first, last);
         else answer_vote(f, first, last);
         answered |= 1u << (k - first);
@@ -228,7 +230,9 @@ int emu_launch(void (*kernel)(C *, void **), const char *name, void **params, co
             fiber_kernel = kernel;
             fiber_params = params;
             c.thread = 1 + b * threads;
+            if (emu_counting) emu_count_begin();
             run_block(&c, threads, thread_order);
+            if (emu_counting && !emu_count_warp(threads)) emu_trap(&c, 0, "the course of a warp was not understood");
             continue;
         }
         for (int j = 0; j < threads; ++j) {

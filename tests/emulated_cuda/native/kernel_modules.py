@@ -23,6 +23,7 @@ SHARED_MEMORY = 232448
 ARGUMENT_BYTES = 32764
 """Bytes of arguments that a kernel may have."""
 BLOCK_THREADS = 1024
+WARP = 32
 LONG = 3000
 """Lines of PTX above which it is compiled without optimisation."""
 TRANSLATOR = (
@@ -155,7 +156,8 @@ class KernelModules:
         name = kernel.name.encode()
 
         def launch() -> int:
-            self.device.counts.prepare(kernel.name, None if kernel.facts.barrier else kernel.flow, block)
+            waits = kernel.facts.barrier and block > WARP
+            self.device.counts.prepare(kernel.name, None if waits else kernel.flow, block)
             code: int = self.device.runtime.emu_launch(
                 ctypes.c_void_p(kernel.address), name, params, grid_values, block_values,
                 ctypes.c_uint32(kernel.shared_size), ctypes.c_uint32(shared), ctypes.c_uint64(self.device.next_seed()),

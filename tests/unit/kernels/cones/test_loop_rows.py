@@ -36,8 +36,8 @@ def take_loops(
     lost: wp.array[float],
 ):
     """Both functions, once each."""
-    lost[0] = subtract_loops(blocks, loops, block_row, block_loops, w, x, sums, ax)
-    finish_gram(blocks, block_row, block_loops, w, compliance, s)
+    lost[0] = subtract_loops(blocks, loops, block_row, block_loops, w, x, sums, ax, 1)
+    finish_gram(blocks, block_row, block_loops, w, compliance, s, 1)
 
 
 def blocks_with_loops(rng):
