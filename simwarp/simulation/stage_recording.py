@@ -51,7 +51,10 @@ def record_step(
             and `progress` for intermediate values, as kernels have them.
     """
     solve = solver_stages(
-        ConeSolver(arrays["config"].solver), rows=rows, several=model.topology.unit_count > 1, newton=newton,
+        ConeSolver(arrays["config"].solver),
+        rows=rows,
+        several=model.topology.unit_count > 1,
+        newton=newton,
         follows=all_solvers,
     )
     given = {"topology": model.topology, "parameters": model.parameters, **arrays}
@@ -68,10 +71,16 @@ def _record(
     """The launches of all stages together, or of each that the model has."""
     together = not shares.own_slots
     made = [fused()] if together else [separate(stage) for stage in stages if stage.is_due(given)]
-    on_gpu = shares.device.is_cuda
     return [
         shares.record(
-            each.kernel, None if each.lanes == 1 else each.lanes if on_gpu else 1, inputs=[given[name] for name in each.arguments],
-            in_turn=together,
-        ) for each in made
-    ]  # fmt: skip
+            each.kernel, _lanes(each, shares), inputs=[given[name] for name in each.arguments], in_turn=together
+        )
+        for each in made
+    ]
+
+
+def _lanes(kernel: StageKernel, shares: WorldShares) -> int | None:
+    """Threads of a world, as a second axis of the launch: on a CPU there is one."""
+    if kernel.lanes == 1:
+        return None
+    return kernel.lanes if shares.device.is_cuda else 1

@@ -11,8 +11,8 @@ from tests.emulated_cuda.shared_problems import CASES, LANES
 pytestmark = pytest.mark.slow  # kernels for three numbers of lanes compile for minutes
 
 BOUND = 2e-5
-"""Of velocities [m/s or rad/s], for each rad/s of the fastest body, eight steps on: sums of lanes are rounded in another
-order (1e-7), and solves that stop at 1e-6 m/s differ by some of that in each step."""
+"""Of velocities [m/s or rad/s], for each rad/s of the fastest body, eight steps on: sums of lanes are rounded in
+another order (1e-7), and solves that stop at 1e-6 m/s differ by some of that in each step."""
 
 
 @pytest.fixture(scope="session")

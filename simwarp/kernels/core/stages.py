@@ -145,7 +145,8 @@ def separate_kernel(stage: Stage, room: StageRoom) -> StageKernel:
     """Make the kernel of one stage, with a thread for each world, or a row of lanes."""
     arguments = _arguments_of([stage.function], room)
     body = [
-        "k = wp.tid()" if stage.lanes == 1 else "k, lane = wp.tid()", "world = worlds.first + k", "if (state.world_status[world] & NON_FINITE) != 0:", "    return",
+        "k = wp.tid()" if stage.lanes == 1 else "k, lane = wp.tid()", "world = worlds.first + k",
+        "if (state.world_status[world] & NON_FINITE) != 0:", "    return",
         *_local_lines([stage.function], "scratch_slot_of(world, worlds)", room),
         _call(f"stage_{stage.name}", stage.function),
     ]  # fmt: skip

@@ -98,7 +98,9 @@ def if_not_factorised(problem: ConeProblem) -> bool:
 
 
 SOLVERS = {
-    ConeSolver.PSOR: (always, solve_psor), ConeSolver.SPG: (always, solve_spg), ConeSolver.PADMM: (if_dense, solve_padmm)
+    ConeSolver.PSOR: (always, solve_psor),
+    ConeSolver.SPG: (always, solve_spg),
+    ConeSolver.PADMM: (if_dense, solve_padmm),
 }  # fmt: skip
 STAND_INS = {ConeSolver.PADMM: if_not_dense, ConeSolver.INTERIOR_POINT: if_not_factorised}
 """Which problems of a solver accelerated gradient descent solves for it."""
@@ -340,7 +342,6 @@ def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool,
         newton: proximal Newton steps may follow gradient descent: there is room for what they factorise.
         follows: the interior point solves what is left above the tolerance.
     """
-
     lanes = lanes_for(rows)
 
     def descent(stand_in: ConeSolver | None) -> list[Stage]:

@@ -80,7 +80,9 @@ class _Sums:
 
 
 class LaunchCounts:
-    """Counts launches between `start` and `stop` by kernel, without kernels in which several warps of a block wait for each other.
+    """Counts launches between `start` and `stop` by kernel.
+
+    Those in which several warps of a block wait for each other are left out.
 
     Args:
         runtime: library of the runtime of device code.
