@@ -43,7 +43,7 @@ MOST_NEWTON = wp.constant(30)
     const Floats y = row(vectors, 6), ay = row(vectors, 7), r = row(vectors, 3), x_new = row(vectors, 8);
     const Floats p = elements(scale);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = lane; i < n; i += stride) x_new[i] = y[i] - inverse * p[i] * (ay[i] + r[i]);
+    ROLLED for (int i = lane; i < n; i += stride) x_new[i] = y[i] - inverse * p[i] * (ay[i] + r[i]);
     meet_lanes();
 """
 )
@@ -63,7 +63,7 @@ def descend(n: int, vectors: wp.array2d[float], scale: wp.array[float], inverse:
     const Floats d = row(vectors, 9);
     float square = 0.0f, along = 0.0f;
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = lane; i < n; i += stride) {
+    ROLLED for (int i = lane; i < n; i += stride) {
         const float di = x_new[i] - y[i];
         const float wd = w[i] * di;
         d[i] = di;
@@ -88,7 +88,7 @@ def difference(n: int, vectors: wp.array2d[float], lanes: int) -> wp.vec2:
     const Floats x = row(vectors, 0), ax = row(vectors, 1), y = row(vectors, 6), ay = row(vectors, 7);
     const Floats x_new = row(vectors, 8), ad = row(vectors, 10);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = lane; i < n; i += stride) {
+    ROLLED for (int i = lane; i < n; i += stride) {
         const float xi = x_new[i];
         const float axi = ay[i] + ad[i];
         y[i] = xi + beta * (xi - x[i]);
@@ -221,7 +221,7 @@ def descend_rest(problem: ConeProblem, config: ConeConfig, before: SolveReport) 
     + """
     const Floats out = elements(gamma), best = row(vectors, 2), low = row(vectors, 5);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = lane; i < n; i += stride) {
+    ROLLED for (int i = lane; i < n; i += stride) {
         out[i] = best[i];
         low[i] = 0.0f;
     }

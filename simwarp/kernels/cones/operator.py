@@ -63,12 +63,12 @@ wp.set_module_options({"enable_backward": False})
         *(lanes4*)(out + i) = a + b;
     }
 #endif
-    for (; i < n; i += stride) {
+    ROLLED for (; i < n; i += stride) {
         float a = 0.0f;
         for (int j = 0; j < n; ++j) a += row(s, j)[i] * x[j];
         out[i] = a;
     }
-    for (int k = lane; k < n; k += stride) dot += x[k] * out[k];
+    ROLLED for (int k = lane; k < n; k += stride) dot += x[k] * out[k];
     dot = sum_of_lanes(dot);
     meet_lanes();
     return dot;
@@ -100,7 +100,7 @@ def multiply_dense(
         *(lanes4*)(out + i) = __builtin_convertvector(a, lanes4);
     }
 #endif
-    for (; i < n; i += stride) {
+    ROLLED for (; i < n; i += stride) {
         double a = 0.0;
         for (int j = 0; j < n; ++j) a += (double)row(s, j)[i] * x[j];
         out[i] = (float)a;
@@ -108,9 +108,7 @@ def multiply_dense(
     meet_lanes();
 """
 )
-def multiply_dense_wide(
-    n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int, lanes: int
-):
+def multiply_dense_wide(n: int, s: wp.array2d[float], vectors: wp.array2d[float], source: int, target: int, lanes: int):
     """As `multiply_dense`, summed in double precision: impulses of 100 N·s cancel to velocities of 1e-5 m/s."""
     ...
 
@@ -271,7 +269,7 @@ def sliding(t1: float, t2: float, bound: float) -> float:
     const Floats scales = elements(scale), lows = elements(lower), highs = elements(upper);
     const Ints rows = elements(block_row), kinds = elements(block_kind);
     float worst = 0.0f, poison = 0.0f;
-    for (int b = lane; b < blocks; b += stride) {
+    ROLLED for (int b = lane; b < blocks; b += stride) {
         const int at = rows[b], kind = kinds[b];
         if (!(scales[at] > 0.0f)) continue;
         float square;

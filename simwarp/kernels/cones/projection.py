@@ -48,7 +48,7 @@ NEAREST_IN_CONE = """
     const Floats x = elements(values), slopes = elements(friction), apexes = elements(cohesion);
     const Floats lows = elements(lower), highs = elements(upper);
     const Ints rows = elements(block_row), kinds = elements(block_kind);
-    for (int b = first + lane; b < end; b += stride) {
+    ROLLED for (int b = first + lane; b < end; b += stride) {
         const int at = rows[b], kind = kinds[b];
         if (kind == CONTACT)
             nearest_in_cone(x[at], x[at + 1], x[at + 2], slopes[b], apexes[b], x + at);

@@ -56,7 +56,7 @@ _ROWS = """
     const Ints counts = elements(entries);
     // to <- Y from
     auto rows_of = [&](auto from, auto to) {
-        for (int b = lane; b < blocks; b += stride) {
+        ROLLED for (int b = lane; b < blocks; b += stride) {
             const Ints at = row(tree_dof, b);
             const int count = counts[b], r = rows[b];
             const Floats y0 = row(y, r);
@@ -89,9 +89,9 @@ _ROWS = """
                 const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
                 const double x1 = sign * from[r + 1], x2 = sign * from[r + 2];
                 if (x0 == 0.0 && x1 == 0.0 && x2 == 0.0) continue;
-                for (int e = lane; e < count; e += stride) to[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
+                ROLLED for (int e = lane; e < count; e += stride) to[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
             } else {
-                for (int e = lane; e < count; e += stride) to[at[e]] += y0[e] * x0;
+                ROLLED for (int e = lane; e < count; e += stride) to[at[e]] += y0[e] * x0;
             }
             meet_lanes();  // the next block has other degrees of freedom in these places
         }
@@ -104,9 +104,9 @@ _ROWS = """
     + _ROWS
     + """
     const Floats x = row(vectors, 0);
-    for (int r = lane; r < rows[blocks]; r += stride) gamma[r] = x[r];
-    for (int i = lane; i < tree_dofs; i += stride) z[i] = dz[i] = 0.0;
-    for (int r = lane; r < rows[blocks]; r += stride) yd[r] = 0.0;
+    ROLLED for (int r = lane; r < rows[blocks]; r += stride) gamma[r] = x[r];
+    ROLLED for (int i = lane; i < tree_dofs; i += stride) z[i] = dz[i] = 0.0;
+    ROLLED for (int r = lane; r < rows[blocks]; r += stride) yd[r] = 0.0;
     meet_lanes();
     add_columns(gamma, z, 1.0);
     rows_of(z, yz);
@@ -127,8 +127,8 @@ def begin(
     const Floats apexes = elements(cohesion), lows = elements(lower), highs = elements(upper);
     const Ints kinds = elements(block_kind);
     double along = 0.0;
-    for (int i = lane; i < tree_dofs; i += stride) along += (z[i] + length * dz[i]) * dz[i];
-    for (int b = lane; b < blocks; b += stride) {
+    ROLLED for (int i = lane; i < tree_dofs; i += stride) along += (z[i] + length * dz[i]) * dz[i];
+    ROLLED for (int b = lane; b < blocks; b += stride) {
         const int first = rows[b], end = rows[b + 1];
         for (int r = first; r < end; ++r)
             point[r] = gamma[r] - (double)rho * scales[r] * (yz[r] + length * yd[r] + r_eff[r]);
@@ -170,16 +170,16 @@ def try_length(
     _NAMES
     + _ROWS
     + """
-    for (int i = lane; i < tree_dofs; i += stride) {
+    ROLLED for (int i = lane; i < tree_dofs; i += stride) {
         z[i] += length * dz[i];
         f[i] = z[i];
     }
-    for (int r = lane; r < rows[blocks]; r += stride) yz[r] += length * yd[r];
+    ROLLED for (int r = lane; r < rows[blocks]; r += stride) yz[r] += length * yd[r];
     meet_lanes();
     add_columns(image, f, -1.0);
     rows_of(f, yd);
     double worst = 0.0;
-    for (int r = lane; r < rows[blocks]; r += stride) {
+    ROLLED for (int r = lane; r < rows[blocks]; r += stride) {
         const double size = yd[r] < 0.0 ? -yd[r] : yd[r];
         worst = size > worst ? size : worst;
     }
@@ -208,7 +208,7 @@ _PIECES = """
         if (kinds[b] != CONTACT) {
             if (point[r] < lows[r] || point[r] > highs[r]) return 0;
             const float root = (float)sqrt(gain);
-            for (int e = lane; e < count; e += stride) pieces[e] = root * y0[e];
+            ROLLED for (int e = lane; e < count; e += stride) pieces[e] = root * y0[e];
             return 1;
         }
         const Floats y1 = row(y, r + 1), y2 = row(y, r + 2);
@@ -217,7 +217,7 @@ _PIECES = """
         if (slope * t <= -n) return 0;
         if (t <= slope * n) {
             const float root = (float)sqrt(gain);
-            for (int e = lane; e < count; e += stride) {
+            ROLLED for (int e = lane; e < count; e += stride) {
                 pieces[e] = root * y0[e];
                 pieces[most + e] = root * y1[e];
                 pieces[2 * most + e] = root * y2[e];
@@ -227,7 +227,7 @@ _PIECES = """
         const double normal = (n + slope * t) / (1.0 + slope * slope);
         const float out = (float)sqrt(gain / (1.0 + slope * slope)), s = (float)slope;
         const float around = (float)sqrt(gain * slope * normal / t), c1 = (float)(t1 / t), c2 = (float)(t2 / t);
-        for (int e = lane; e < count; e += stride) {
+        ROLLED for (int e = lane; e < count; e += stride) {
             pieces[e] = out * (y0[e] + s * (c1 * y1[e] + c2 * y2[e]));
             pieces[most + e] = around * (c1 * y2[e] - c2 * y1[e]);
         }
@@ -244,9 +244,9 @@ _FACTOR = """
         const float root = sqrtf(pivot[j] > 0.5f ? pivot[j] : 0.5f), inverse = 1.0f / root;
         meet_lanes();
         if (lane == 0) pivot[j] = root;
-        for (int k = j + 1 + lane; k <= last; k += stride) pivot[k] *= inverse;
+        ROLLED for (int k = j + 1 + lane; k <= last; k += stride) pivot[k] *= inverse;
         meet_lanes();
-        for (int i = j + 1 + lane; i <= last; i += stride) {
+        ROLLED for (int i = j + 1 + lane; i <= last; i += stride) {
             const float share = pivot[i];
             if (share == 0.0f) continue;
             const Floats mine = row(factor, i);
@@ -259,20 +259,20 @@ _FACTOR = """
         }
         meet_lanes();
     }
-    for (int i = lane; i < tree_dofs; i += stride) dz[i] = -f[i];
+    ROLLED for (int i = lane; i < tree_dofs; i += stride) dz[i] = -f[i];
     meet_lanes();
     for (int j = 0; j < tree_dofs; ++j) {
         const Floats mine = row(factor, j);
         const double value = dz[j] / mine[j];
         meet_lanes();
         if (lane == 0) dz[j] = value;
-        for (int k = j + 1 + lane; k <= last_column[j]; k += stride) dz[k] -= mine[k] * value;
+        ROLLED for (int k = j + 1 + lane; k <= last_column[j]; k += stride) dz[k] -= mine[k] * value;
         meet_lanes();
     }
     for (int j = tree_dofs - 1; j >= 0; --j) {
         const Floats mine = row(factor, j);
         double total = lane == 0 ? dz[j] : 0.0;
-        for (int k = j + 1 + lane; k <= last_column[j]; k += stride) total -= mine[k] * dz[k];
+        ROLLED for (int k = j + 1 + lane; k <= last_column[j]; k += stride) total -= mine[k] * dz[k];
         total = sum_of_lanes(total);
         if (lane == 0) dz[j] = total / mine[j];
         meet_lanes();
@@ -292,7 +292,7 @@ _FACTOR = """
     const int room = tree_dofs * spread.shape[1];  // what these degrees of freedom have, whatever else is in the world
     const Floats pieces = flat(spread);
     const Ints last_column = elements(factor_end);
-    for (int i = lane; i < tree_dofs; i += stride) {
+    ROLLED for (int i = lane; i < tree_dofs; i += stride) {
         for (int j = i + 1; j < tree_dofs; ++j) row(factor, i)[j] = 0.0f;
         row(factor, i)[i] = 1.0f;
         last_column[i] = i;
@@ -302,7 +302,7 @@ _FACTOR = """
         const Ints at = row(tree_dof, b);
         int last = 0;
         for (int e = 0; e < counts[b]; ++e) last = at[e] > last ? at[e] : last;
-        for (int e = lane; e < counts[b]; e += stride)
+        ROLLED for (int e = lane; e < counts[b]; e += stride)
             last_column[at[e]] = last > last_column[at[e]] ? last : last_column[at[e]];
         meet_lanes();
     }
@@ -316,7 +316,7 @@ _FACTOR = """
         for (int e = 0; together && e < count; ++e) together = row(tree_dof, b + 1)[e] == at[e];
         if (together) continue;
         meet_lanes();
-        for (int e = lane; e < count; e += stride) {
+        ROLLED for (int e = lane; e < count; e += stride) {
             const Floats mine = row(factor, at[e]);
             int from = 0;
 #ifndef __CUDA_ARCH__
@@ -351,7 +351,7 @@ _FACTOR = """
     + """
     rows_of(dz, yd);
     double along = 0.0;
-    for (int i = lane; i < tree_dofs; i += stride) along += f[i] * dz[i];
+    ROLLED for (int i = lane; i < tree_dofs; i += stride) along += f[i] * dz[i];
     along = sum_of_lanes(along);
     meet_lanes();
     return (float)along;

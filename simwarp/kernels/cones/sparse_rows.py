@@ -37,7 +37,7 @@ _ROWS = (
         for (int r = rows[b]; r < end;) {
             const Floats y0 = row(y, r);
             if (r + 3 > end) {
-                for (int e = lane; e < count; e += stride) t[at[e]] += y0[e] * v[r];
+                ROLLED for (int e = lane; e < count; e += stride) t[at[e]] += y0[e] * v[r];
                 r += 1;
                 continue;
             }
@@ -53,7 +53,7 @@ _ROWS = (
                 for (int i = 0; i < 4; ++i) t[at[e + i]] += a[i];
             }
 #endif
-            for (; e < count; e += stride) t[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
+            ROLLED for (; e < count; e += stride) t[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
         }
         meet_lanes();  // the next block has other degrees of freedom in these places
     }
@@ -73,7 +73,7 @@ def add_rows(
     const Floats t = elements(sums), v = elements(x), out = elements(ax), soft = elements(compliance);
     const Ints rows = elements(block_row), counts = elements(entries);
     float dot = 0.0f;
-    for (int b = lane; b < blocks; b += stride) {
+    ROLLED for (int b = lane; b < blocks; b += stride) {
         const Ints at = row(tree_dof, b);
         const int count = counts[b], end = rows[b + 1];
         for (int r = rows[b]; r < end;) {
@@ -154,7 +154,7 @@ _DOT = (
     + """
     const Floats v = elements(x), out = elements(ax), t = elements(sums);
     const Ints rows = elements(block_row);
-    for (int k = lane; k < loops; k += stride) t[k] = 0.0f;
+    ROLLED for (int k = lane; k < loops; k += stride) t[k] = 0.0f;
     meet_lanes();
     for (int b = 0; b < blocks; ++b) {
         const Ints seen = row(block_loops, b);
@@ -167,16 +167,16 @@ _DOT = (
             const float f = v[r];
             if (f == 0.0f) continue;
 #pragma clang loop vectorize_width(4) interleave_count(2)
-            for (int k = lane; k < near; k += stride) l[k] += mine[k] * f;
+            ROLLED for (int k = lane; k < near; k += stride) l[k] += mine[k] * f;
 #ifdef __CUDA_ARCH__
 #pragma unroll 1
 #endif
-            for (int k = lane; k < far; k += stride) m[k] += mine[near + k] * f;
+            ROLLED for (int k = lane; k < far; k += stride) m[k] += mine[near + k] * f;
         }
         meet_lanes();
     }
     float change = 0.0f;
-    for (int b = lane; b < blocks; b += stride) {
+    ROLLED for (int b = lane; b < blocks; b += stride) {
         const Ints seen = row(block_loops, b);
         const int near = seen[1], far = seen[3];
         if (near == 0) continue;
@@ -206,17 +206,17 @@ def subtract_loops(
     + """
     const Floats t = flat(spread);
     const Ints rows = elements(block_row), counts = elements(entries);
-    for (int k = lane; k < 4 * tree_dofs; k += stride) t[k] = 0.0f;
+    ROLLED for (int k = lane; k < 4 * tree_dofs; k += stride) t[k] = 0.0f;
     meet_lanes();
     for (int b = 0; b < blocks; ++b) {
         const Ints mine = row(tree_dof, b);
         const int own = counts[b], end = rows[b + 1];
         for (int r = rows[b]; r < end; r += 3) {
             const int group = end - r < 3 ? end - r : 3;
-            for (int e = lane; e < own; e += stride)
+            ROLLED for (int e = lane; e < own; e += stride)
                 for (int i = 0; i < group; ++i) t[4 * mine[e] + i] = row(y, r + i)[e];
             meet_lanes();
-            for (int other = lane; other <= b; other += stride) {
+            ROLLED for (int other = lane; other <= b; other += stride) {
                 const Ints at = row(tree_dof, other);
                 const int count = counts[other], last = rows[other + 1];
                 for (int c = rows[other]; c < last; ++c) {
@@ -242,7 +242,7 @@ def subtract_loops(
                 }
             }
             meet_lanes();
-            for (int e = lane; e < own; e += stride)
+            ROLLED for (int e = lane; e < own; e += stride)
                 for (int i = 0; i < group; ++i) t[4 * mine[e] + i] = 0.0f;
             meet_lanes();
         }
@@ -264,7 +264,7 @@ def form_gram(
     const Floats soft = elements(compliance);
     for (int b = 0; b < blocks; ++b) {
         const Ints mine = row(block_loops, b);
-        for (int other = lane; other <= b && mine[1] > 0; other += stride) {
+        ROLLED for (int other = lane; other <= b && mine[1] > 0; other += stride) {
             const Ints seen = row(block_loops, other);
             int from[2], to[2], length[2], shared = 0;  // columns of the loop rows that both see
             for (int i = 0; i < 4; i += 2)
@@ -289,7 +289,7 @@ def form_gram(
         }
     }
     meet_lanes();
-    for (int r = lane; r < rows[blocks]; r += stride) row(s, r)[r] += soft[r];
+    ROLLED for (int r = lane; r < rows[blocks]; r += stride) row(s, r)[r] += soft[r];
     meet_lanes();
 """
 )

@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False})
     + """
     const Floats a = row(vectors, source), b = row(vectors, target);
 #pragma clang loop vectorize_width(4) interleave_count(1)
-    for (int i = lane; i < n; i += stride) b[i] = a[i];
+    ROLLED for (int i = lane; i < n; i += stride) b[i] = a[i];
     meet_lanes();
 """
 )
@@ -28,7 +28,7 @@ def copy(n: int, vectors: wp.array2d[float], source: int, target: int, lanes: in
     + LANES
     + """
     const Floats x = elements(values);
-    for (int i = lane; i < n; i += stride) x[i] = 0.0f;
+    ROLLED for (int i = lane; i < n; i += stride) x[i] = 0.0f;
     meet_lanes();
 """
 )

@@ -3,7 +3,7 @@
 Device functions take `lanes`, how many share the problem: 2, 4, 8, 16 or 32 neighbours in a warp; 0 or 1 is a thread by
 itself, as every one of a CPU is. A native text begins with `VIEWS + LANES` and then uses, for all of these:
 
-    for (int i = lane; i < n; i += stride) ...  // the lane's share of a loop
+    ROLLED for (int i = lane; i < n; i += stride) ...  // the lane's share of a loop, which is short: not unrolled
     total = sum_of_lanes(total);                // of all lanes, which all get it, the same bits
     worst = greatest_of_lanes(worst);
     meet_lanes();                               // what lanes have written before, all may read after
@@ -17,6 +17,7 @@ wp.set_module_options({"enable_backward": False})
 
 LANES = """
 #ifdef __CUDA_ARCH__
+#define ROLLED _Pragma("unroll 1")
     const int stride = lanes > 1 ? lanes : 1, lane = lanes > 1 ? (int)threadIdx.x & (lanes - 1) : 0;
     const unsigned members = stride < 32 ? ((1u << stride) - 1) << ((threadIdx.x & 31) - lane) : ~0u;
     auto meet_lanes = [=]() {
@@ -34,6 +35,7 @@ LANES = """
         return value;
     };
 #else
+#define ROLLED
     constexpr int stride = 1, lane = 0;
     auto meet_lanes = []() {};
     auto sum_of_lanes = [](auto value) { return value; };

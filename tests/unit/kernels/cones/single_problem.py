@@ -85,7 +85,7 @@ class Single:
         p.lower, p.upper, p.r = floats(lower), floats(upper), floats(r)
         p.diagonal, p.s, p.gamma = floats(np.diag(n)), floats(n), floats(np.zeros(rows))
         p.scale, p.vectors = floats(np.full(rows, np.nan)), floats(np.full((SOLVER_VECTORS, rows), np.nan))
-        p.factor = floats(np.full(n.shape, np.nan))
+        p.factor, p.factor_end = floats(np.full(n.shape, np.nan)), ints(np.zeros(len(n)))
         p.wide = wp.array(np.full((WIDE_VECTORS, rows), np.nan), dtype=wp.float64, device="cpu")
         if entries is not None:
             y, slots, w, compliance = entries
@@ -98,6 +98,7 @@ class Single:
             p.block_loops = ints(table)
             p.tree_dof_sum, p.loop_sum = floats(np.zeros(p.tree_dof_count)), floats(np.zeros(max(loops, 1)))
             p.s, p.factor = floats(np.zeros((1, 1))), floats(np.full((p.tree_dof_count, p.tree_dof_count), np.nan))
+            p.factor_end = ints(np.zeros(p.tree_dof_count))
             p.spread = floats(np.full((p.tree_dof_count, GROUP), np.nan))
         self.problem = p
 
