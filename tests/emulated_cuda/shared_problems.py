@@ -20,7 +20,7 @@ from tests.reference.mechanisms import random_mechanism
 from tests.reference.yards import PARTS, yard
 
 WORLDS, STEPS = 3, 8
-LANES = (1, 4, 32)
+LANES = (1, 8, 32)
 SEEDS = (1, 7)
 
 

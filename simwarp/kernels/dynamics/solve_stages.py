@@ -329,7 +329,7 @@ def lanes_for(rows: int) -> int:
 
     One thread would keep a step waiting: the few worlds with most iterations need some ten times those of the mean.
     """
-    return next((lanes for lanes, most in ((1, 8), (4, 32), (8, 64), (16, 128)) if rows <= most), 32)
+    return next((lanes for lanes, most in ((1, 8), (8, 32), (16, 128)) if rows <= most), 32)
 
 
 def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool, follows: bool) -> list[Stage]:
@@ -363,8 +363,8 @@ def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool,
 def stages_for_cuda_check() -> list[Stage]:
     """All solvers; those of islands stand for each other, but for the interior point."""
     alone = [solve_stage(solver, False) for solver in SOLVERS]
-    descents = [descent_stage(stand_in, False, 4) for stand_in in (None, *STAND_INS)]
-    on = [resume_stage(None, rest, False, 4) for rest in (False, True)]
+    descents = [descent_stage(stand_in, False, 8) for stand_in in (None, *STAND_INS)]
+    on = [resume_stage(None, rest, False, 8) for rest in (False, True)]
     several = [descent_stage(None, True, 32), resume_stage(None, False, True, 32)]
     newton = [
         stage for each in (False, True)
