@@ -44,6 +44,17 @@ def reads_another_lane(a: wp.array(dtype=float), b: wp.array(dtype=float), lanes
 
 
 @wp.kernel
+def changes_what_lanes_read(a: wp.array(dtype=float), b: wp.array(dtype=float), waits: int):  # type: ignore[valid-type]
+    """All lanes read a word, which one of them changes then, having read it again."""
+    i = wp.tid()
+    b[i] = a[0]
+    if waits == 1:
+        meet(32)
+    if i == 5:
+        a[0] = a[0] + 1.0  # type: ignore[operator]
+
+
+@wp.kernel
 def adds_up_lanes(a: wp.array(dtype=float), b: wp.array(dtype=float), lanes: int):  # type: ignore[valid-type]
     """Each lane gets the sum of all, where half of the groups take no part."""
     i = wp.tid()
@@ -83,7 +94,8 @@ def no_race() -> str:
     """Each thread has words of its own."""
     a, b = arrays()
     wp.launch(doubles, dim=64, inputs=[a, b], device=CUDA)
-    return f"races {device().races()[0]}, {b.numpy()[0]}"
+    value = b.numpy()[0]  # which waits for the launch
+    return f"races {device().races()[0]}, {value}"
 
 
 def _races_of_lanes(lanes: int, apart: int) -> str:
@@ -109,6 +121,25 @@ def lanes_that_do_not_meet() -> str:
 def lanes_of_other_groups() -> str:
     """Lanes meet by eight, and read what the next eight write."""
     return _races_of_lanes(8, 8)
+
+
+def _changed_by_a_lane(waits: int) -> str:
+    a, b = arrays(32)
+    wp.launch(changes_what_lanes_read, dim=32, inputs=[a, b, waits], device=CUDA, block_dim=32)
+    most = b.numpy().max()  # which waits for the launch
+    return f"raced {device().races()[0] > 0}, {most}"
+
+
+@program
+def a_lane_changes_what_all_have_read() -> str:
+    """After they have met."""
+    return _changed_by_a_lane(1)
+
+
+@program
+def a_lane_changes_what_others_read() -> str:
+    """Without waiting for them."""
+    return _changed_by_a_lane(0)
 
 
 @program

@@ -13,6 +13,8 @@ EXPECTED = {
     "lanes_that_meet": "races 0, [16, 17, 18, 19, 20, 21, 22, 23]races 0, [5, 4, 7, 6, 1, 0, 3, 2]",
     "lanes_that_do_not_meet": "races 64",
     "lanes_of_other_groups": "races 64",
+    "a_lane_changes_what_all_have_read": "raced False, 1.0",
+    "a_lane_changes_what_others_read": "raced True",
     "sums_of_lanes": "[[0.0, 4.0], [0.0, 32.0]]",
     "out_of_bounds": "error 700",
     "host_read_in_a_warp_capture": "capture failed",

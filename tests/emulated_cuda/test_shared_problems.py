@@ -11,7 +11,7 @@ from tests.emulated_cuda.shared_problems import CASES, LANES
 pytestmark = pytest.mark.slow  # kernels for three numbers of lanes compile for minutes
 
 BOUND = 2e-5
-"""Of velocities [m/s or rad/s], for each rad/s of the fastest body, eight steps on: sums of lanes are rounded in
+"""Of velocities [m/s or rad/s], for each rad/s of the fastest body, a dozen steps on: sums of lanes are rounded in
 another order (1e-7), and solves that stop at 1e-6 m/s differ by some of that in each step."""
 
 
@@ -19,7 +19,7 @@ another order (1e-7), and solves that stop at 1e-6 m/s differ by some of that in
 def found(tmp_path_factory):
     """What tests/emulated_cuda/shared_problems.py found, races checked."""
     program = str(HERE / "shared_problems.py")
-    return once_per_run(tmp_path_factory, "shared", lambda: run_emulated(program, check=Check.RACE))
+    return once_per_run(tmp_path_factory, "shared", lambda: run_emulated(program, check=Check.RACE, timeout=5400))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -29,7 +29,7 @@ def test_lanes_find_what_a_thread_finds(found, name):
         row = rows[str(lanes)]
         assert row["difference"] <= BOUND * max(1.0, row["speed"]), lanes
         assert max(row["iterations"]) > 0
-        assert row["residual"] <= 1e-6
+        assert row["residual"] <= CASES[name][2].get("tolerance", 1e-6)
         assert row["same"], "whatever the order of threads"
 
 

@@ -155,9 +155,9 @@ void *emu_generic_pointer(C *c, uint64_t a, uint32_t n, int line, int access) {
  * if that has happened in between. */
 typedef struct { uint32_t block, warp; } Epoch;
 typedef struct {
-    uint32_t launch, writer, reader;
-    Epoch write_epoch, read_epoch;
-    uint8_t readers; /* 0: one, 1: several of a block, 2: of several blocks */
+    uint32_t launch, writer, reader, earlier; /* the last reader, and the last before it that was another */
+    Epoch write_epoch, read_epoch, earlier_epoch;
+    uint8_t apart; /* readers are of several blocks */
     uint8_t atomic;
 } Word;
 static Word *words;
@@ -194,8 +194,9 @@ static void race_of_word(C *c, Word *x, uint64_t a, uint32_t n, int line, int ac
     if (access == 0) {
         if (x->writer && whole && !in_order(c, x->writer, x->write_epoch)) note_race(c, a, line, "read after the write", x->writer);
         if (x->reader && x->reader != c->thread) {
-            int kind = block_of(c, x->reader) == block_of(c, c->thread) ? 1 : 2;
-            x->readers = kind > x->readers ? kind : x->readers;
+            x->apart |= block_of(c, x->reader) != block_of(c, c->thread);
+            x->earlier = x->reader;
+            x->earlier_epoch = x->read_epoch;
         }
         x->reader = c->thread;
         x->read_epoch = epoch_of(c);
@@ -205,9 +206,9 @@ static void race_of_word(C *c, Word *x, uint64_t a, uint32_t n, int line, int ac
     if (x->writer && whole && !atomics && !in_order(c, x->writer, x->write_epoch))
         note_race(c, a, line, access == 2 ? "atomic after the write" : "write after the write", x->writer);
     else if (x->reader && whole && access == 1) {
-        int ordered = x->readers == 0 ? in_order(c, x->reader, x->read_epoch)
-                    : x->readers == 1 && block_of(c, x->reader) == block_of(c, c->thread) && has_waited(c, x->reader, x->read_epoch);
-        if (!ordered) note_race(c, a, line, "write after the read", x->reader);
+        if (x->apart || !in_order(c, x->reader, x->read_epoch)) note_race(c, a, line, "write after the read", x->reader);
+        else if (x->earlier && !in_order(c, x->earlier, x->earlier_epoch))
+            note_race(c, a, line, "write after the read", x->earlier);
     }
     x->writer = c->thread;
     x->write_epoch = epoch_of(c);
