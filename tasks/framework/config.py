@@ -152,14 +152,15 @@ class TaskConfig(Settings):
     def __new__(cls, *values: Any, **fields: Any) -> Self:
         """Note which fields are given: the variant sets the others."""
         made = super().__new__(cls)
-        names = [field.name for field in dataclasses.fields(cls)]
-        object.__setattr__(made, "_given", {*names[: len(values)], *fields})
+        if values or fields:
+            names = [field.name for field in dataclasses.fields(cls)]
+            object.__setattr__(made, "_given", {*names[: len(values)], *fields})
         return made
 
     def __post_init__(self) -> None:
         """Set the fields of the variant that are not given, and hold all to their types."""
         given = vars(self).pop("_given", None)
-        if given is not None:  # by the schema, which reads files, all are
+        if given is not None:  # where none is noted all are at their defaults, or read from a file
             variant = getattr(self, "variant", "")
             for name, value in self.fields_of(str(getattr(variant, "value", variant))).items():
                 if name not in given:

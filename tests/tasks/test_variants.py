@@ -1,7 +1,10 @@
 """Variants of tasks: the same class, as the thesis has it; held to what it prints, and to slow references."""
 
+import copy
 import dataclasses
 import math
+import pickle
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +14,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from scipy import stats
 
+from simwarp.cli.options import CommonOptions, option_names, task_options
 from simwarp.core.interop import to_torch
 from simwarp.tasks import (
     InputError,
@@ -132,6 +136,8 @@ def test_it_sets_the_fields_that_are_not_given(name):
     assert given == replace_fields(kind(), {"variant": "thesis", "max_episode_steps": steps})
     assert given == dataclasses.replace(whole, max_episode_steps=steps)
     assert replace_fields(whole, {"variant": "simwarp"}) == kind()
+    assert copy.deepcopy(whole) == pickle.loads(pickle.dumps(whole)) == whole
+    assert vars(whole).keys() == vars(kind()).keys() == {field.name for field in dataclasses.fields(kind)}
     weight = next(iter(whole.reward_weights()))
     read = config_from_plain(kind, {"variant": "thesis", "rewards": {weight: 0.25}})
     assert read == replace_fields(whole, {f"rewards.{weight}": 0.25})
@@ -159,6 +165,19 @@ def test_training_has_its_own_defaults(name):
     assert seen.network.critic.value == "same"
     if name in DRIVING:  # by state there is nothing to see
         assert default_config(cls, kind(variant="thesis", obs="state")).network.kind.value == "mlp"
+
+
+@pytest.mark.parametrize("name", VARIED)
+def test_what_a_variant_sets_is_an_option_that_a_page_names(name):
+    kind: Any = task_class(name).config_type
+    options = option_names(task_options("Options", CommonOptions, task=kind(variant="thesis")))
+    page = Path(__file__).parents[2].joinpath("docs", "driving.md").read_text(encoding="utf-8")
+    for key, value in kind.VARIANTS["thesis"].items():
+        option = f"--task.{key.replace('_', '-')}"
+        assert option in options
+        if isinstance(value, bool):  # numbers stand in the table of the variant
+            assert f"`{option}`" in page
+    assert f"| `{name}`" in page.partition("## As in the thesis")[2] or f", `{name}`" in page
 
 
 # ---- spaces, actions, time -------------------------------------------------------------------------------------------
