@@ -38,7 +38,7 @@ def reads_its_neighbour(a: wp.array(dtype=float), b: wp.array(dtype=float)):  # 
 def reads_another_lane(a: wp.array(dtype=float), b: wp.array(dtype=float), lanes: int, apart: int):  # type: ignore[valid-type]
     """Lanes that meet write a word each; then each reads the word of the lane that is `apart`."""
     i = wp.tid()
-    a[i] = float(lane_of(lanes))  # type: ignore[arg-type]
+    a[i] = float(lane_of(lanes))
     meet(lanes)
     b[i] = a[i ^ apart]  # type: ignore[operator]
 
@@ -51,7 +51,7 @@ def changes_what_lanes_read(a: wp.array(dtype=float), b: wp.array(dtype=float), 
     if waits == 1:
         meet(32)
     if i == 5:
-        a[0] = a[0] + 1.0  # type: ignore[operator]
+        a[0] = a[0] + 1.0
 
 
 @wp.kernel
