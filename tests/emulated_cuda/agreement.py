@@ -1,4 +1,4 @@
-"""A task, a robot and a camera on the CPU and on the emulated device; prints as JSON how they agree.
+"""A task, a robot, a camera and a lidar on the CPU and on the emulated device; prints as JSON how they agree.
 
 `python -m tests.emulated_cuda tests/emulated_cuda/agreement.py [NAME ...]`
 """
@@ -14,23 +14,30 @@ import torch
 import warp as wp
 
 import simwarp as sw
+from simwarp.kernels.core import scratch
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.ranging.beams import BeamTable
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.scene import Visuals
 from tests.emulated_cuda.device import device
 from tests.emulated_cuda.settings import StreamOrder
 
 CUDA = "cuda:0"
+SENSORS = ("camera", "lidar")
 WORLDS, STEPS = 3, 4
 Arrays = dict[str, np.ndarray]
+LONGEST = scratch.LONGEST_STRIDE
 VARIANTS = {
-    "eager": (1, False, StreamOrder.EAGER),
-    "captured": (7, True, StreamOrder.EAGER),
-    "lazy": (3, True, StreamOrder.LAZY),
-    "random": (5, True, StreamOrder.RANDOM),
+    "eager": (1, False, StreamOrder.EAGER, LONGEST),
+    "captured": (7, True, StreamOrder.EAGER, LONGEST),
+    "lazy": (3, True, StreamOrder.LAZY, LONGEST),
+    "random": (5, True, StreamOrder.RANDOM, LONGEST),
+    "slot by slot": (9, False, StreamOrder.EAGER, 0),
 }
-"""Seed of threads, whether control steps are captured, and order of streams."""
+"""Seed of threads, whether control steps are captured, order of streams, and the longest stride of scratch [bytes]:
+with 0 it lies slot by slot, as where worlds innermost would need longer strides than there are."""
 
 
 def arrays_of(value: Any, path: str = "") -> Arrays:
@@ -57,8 +64,8 @@ def run_task(name: str, where: str, *, capture: bool) -> Arrays:
     return found
 
 
-def run_camera(where: str, *, capture: bool) -> Arrays:
-    """Pictures of a body that turns among boxes."""
+def run_sensor(name: str, where: str, *, capture: bool) -> Arrays:
+    """Pictures or ranges of a body that turns among boxes, at another place in each world."""
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     builder.add_body("car", mass=1.0, inertia=(1, 1, 1), velocity=(1.0, 0.5, 0.0), omega=(0.0, 0.0, 2.0))
     visuals = Visuals(builder)
@@ -67,10 +74,16 @@ def run_camera(where: str, *, capture: bool) -> Arrays:
         place = np.array([4.0 * np.cos(index), 4.0 * np.sin(index), 0.0])
         color = draws.uniform(0.1, 1.0, 3)
         visuals.add_box(sw.WORLD, half=draws.uniform(0.2, 0.6, 3), pose=sw.pose(place), color=color)
-    model = builder.finalize(1, where)
-    config = CameraConfig(schedule=Schedule(rate=100.0), width=16, height=10, lens=Pinhole(fov=1.2))
-    camera = Camera(visuals.finalize(model), Mount("car", sw.pose((0.3, 0.1, 0.2))), config)
-    sim = sw.Simulation(model, 0.01, sensors=[camera])
+    model = builder.finalize(WORLDS, where)
+    scene, mount, schedule = visuals.finalize(model), Mount("car", sw.pose((0.3, 0.1, 0.2))), Schedule(rate=100.0)
+    sensor: Any
+    if name == "camera":
+        sensor = Camera(scene, mount, CameraConfig(schedule=schedule, width=16, height=10, lens=Pinhole(fov=1.2)))
+    else:
+        beams = BeamTable(azimuth=np.linspace(1.5, -1.5, 30), elevation=(0.1, 0.0, -0.1))
+        sensor = Lidar(scene, mount, LidarConfig(schedule=schedule, beams=beams, outputs="ranges"))
+    sim = sw.Simulation(model, 0.01, sensors=[sensor])
+    sim.state.body_x.assign(sim.state.body_x.numpy() + np.linspace(0.0, 0.5, WORLDS)[:, None, None])
     sim.step()
     if capture:
         with wp.ScopedCapture(where) as captured:
@@ -78,12 +91,14 @@ def run_camera(where: str, *, capture: bool) -> Arrays:
         wp.capture_launch(captured.graph)
     else:
         sim.step()
-    return {"picture": camera.data.numpy().copy(), "body": sim.state.body_x.numpy().copy()}
+    return {"data": sensor.data.numpy().copy(), "body": sim.state.body_x.numpy().copy()}
 
 
 def run(name: str, where: str, *, capture: bool = False) -> Arrays:
     """Arrays of one case on one device."""
-    return run_camera(where, capture=capture) if name == "camera" else run_task(name, where, capture=capture)
+    if name in SENSORS:
+        return run_sensor(name, where, capture=capture)
+    return run_task(name, where, capture=capture)
 
 
 def difference(a: Arrays, b: Arrays) -> dict[str, float]:
@@ -111,8 +126,8 @@ def main(names: list[str]) -> None:
     for name in names:
         host = run(name, "cpu")
         variants = {}
-        for variant, (seed, capture, streams) in VARIANTS.items():
-            target.seed, target.streams.order = seed, streams
+        for variant, (seed, capture, streams, longest) in VARIANTS.items():
+            target.seed, target.streams.order, scratch.LONGEST_STRIDE = seed, streams, longest
             variants[variant] = run(name, CUDA, capture=capture)
             target.streams.finish_all()
         eager = variants["eager"]

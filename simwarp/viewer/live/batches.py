@@ -14,6 +14,7 @@ from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
 from simwarp.viewer.live import page_meshes
 from simwarp.viewer.live.page_meshes import Triangles
+from simwarp.viewer.live.shown_bodies import ShownBodies
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -94,19 +95,17 @@ class Batches:
         self.revision += 1
         return True
 
-    def poses(self, state: State) -> tuple[Array, Array]:
+    def poses(self, bodies: ShownBodies) -> tuple[Array, Array]:
         """Positions (S, I, 3) [m] and orientations (S, I, 4) xyzw of all instances in world axes."""
-        places = np.concatenate([body_positions(state, self.worlds), np.zeros((len(self.worlds), 1, 3))], axis=1)
-        turns = np.concatenate(
-            [body_rotations(state, self.worlds), np.tile((0.0, 0.0, 0.0, 1.0), (len(self.worlds), 1, 1))], axis=1
-        )
+        places = np.concatenate([bodies.positions, np.zeros((len(self.worlds), 1, 3))], axis=1)
+        turns = np.concatenate([bodies.rotations, np.tile((0.0, 0.0, 0.0, 1.0), (len(self.worlds), 1, 1))], axis=1)
         body = self.scene.body  # -1, of the world, is the last row
         carrier = turns[:, body]
         return places[:, body] + turned(carrier, self._x), multiplied(carrier, self._rot)
 
-    def extent(self, state: State, *, moving: bool = True) -> Array:
+    def extent(self, shown: ShownBodies, *, moving: bool = True) -> Array:
         """(S, 2, 3) corners of what bodies carry, or of all but endless planes [m]; of bodies where nothing is seen."""
-        places, _ = self.poses(state)
+        places, _ = self.poses(shown)
         reach = np.abs(self._size).max(axis=-1)
         for index, kind in enumerate(self._kinds):
             if kind in (ShapeType.HULL, ShapeType.MESH, ShapeType.HEIGHT_FIELD):
@@ -119,7 +118,7 @@ class Batches:
         counted = counted[None] & (self._enabled > 0)
         low = np.where(counted[..., None], places - reach[..., None], np.inf).min(axis=1, initial=np.inf)
         high = np.where(counted[..., None], places + reach[..., None], -np.inf).max(axis=1, initial=-np.inf)
-        bodies = body_positions(state, self.worlds)
+        bodies = shown.positions
         empty = ~np.isfinite(low).all(axis=-1, keepdims=True)
         if bodies.shape[1]:
             low = np.where(empty, bodies.min(axis=1), low)
@@ -270,11 +269,6 @@ def mean_color(texture: Any) -> Array:
 def body_positions(state: State, worlds: Ints) -> Array:
     """(S, B, 3) centres of mass in these worlds [m]."""
     return rows_on_host(state.body_x, worlds)
-
-
-def body_velocities(state: State, worlds: Ints) -> Array:
-    """(S, B, 3) velocities of the centres of mass in these worlds [m/s]."""
-    return rows_on_host(state.body_v, worlds)
 
 
 def body_rotations(state: State, worlds: Ints) -> Array:

@@ -87,8 +87,8 @@ class LiveView(Readable):
         self.server = open_server(host, port, self.subject.name) if server is None else server
         self.server.sockets[DRIVE] = self.wheel.handle
         self.page = Page(self.server, self.subject, chosen[:1], Layout.ONE)
-        extent, state = self.page.batches.extent, self.subject.simulation.state
-        natural = natural_layout(extent(state), extent(state, moving=False))
+        extent, bodies = self.page.batches.extent, self.page.bodies
+        natural = natural_layout(extent(bodies), extent(bodies, moving=False))
         chosen_layout = natural if layout is None else Layout(layout)
         if chosen_layout is not Layout.ONE:
             self.page.layout = chosen_layout
@@ -222,7 +222,7 @@ class LiveView(Readable):
         for recorder in list(self.recorders):
             recorder.begin_frame()
         with self.server.viser.atomic():
-            self.page.frame()
+            self.page.frame(waits=bool(self.recorders))
             self._each(self.page.overlays, lambda draw: draw())
         if self._clients and now >= self._next_panels:
             self._next_panels = now + 1.0 / PANELS

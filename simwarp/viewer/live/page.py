@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from simwarp.core.types import WORLD
 from simwarp.sensors.scene import Scene
-from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities, turned
+from simwarp.viewer.live.batches import Batch, Batches, turned
 from simwarp.viewer.live.page_light import DAY, NIGHT
 from simwarp.viewer.live.page_meshes import linear_bytes
+from simwarp.viewer.live.shown_bodies import ShownBodies
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import WebServer, run_script
 from simwarp.viewer.live.world_layout import Layout, offsets
@@ -64,6 +65,7 @@ class Page:
         """Recordings that run: poses are rounded for them, since numbers that are alike make small files."""
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
+        self.bodies = ShownBodies(subject.simulation.state, self.worlds)
         self.batches = self._batches()
         self._sun_at = np.array([-4.0, -5.0, 10.0])
         self._handles: dict[Any, Any] = {}
@@ -93,14 +95,15 @@ class Page:
         self.layout = layout
         self.batches = self._batches()
         self._sent = -1
-        state = self.subject.simulation.state
-        moving = self.batches.extent(state)
-        whole = self.batches.extent(state, moving=False)
+        self.bodies.read()
+        moving = self.batches.extent(self.bodies)
+        whole = self.batches.extent(self.bodies, moving=False)
         self.offsets = offsets(layout, moving, whole)
 
     def show_worlds(self, worlds: Sequence[int]) -> None:
         """Others of the simulation's worlds instead of those that were shown."""
         self.worlds = np.asarray(worlds, np.int64)
+        self.bodies = ShownBodies(self.subject.simulation.state, self.worlds)
         self.chosen = min(self.chosen, len(self.worlds) - 1)
         self.arrange(self.layout)
 
@@ -143,10 +146,13 @@ class Page:
         """Reads the scenery again; unchanged it is not sent."""
         self.batches.read_scenery()
 
-    def frame(self) -> None:
-        """Sends the present state."""
-        state = self.subject.simulation.state
-        places, turns = self.batches.poses(state)
+    def frame(self, *, waits: bool = True) -> None:
+        """Sends the present state; without waiting a GPU's newest that has arrived, and nothing where that was sent."""
+        if waits:
+            self.bodies.read()
+        elif not self.bodies.read_on():
+            return
+        places, turns = self.batches.poses(self.bodies)
         places = places + (self.offsets - self._origin)[:, None]
         if self.following:
             self._move_under_camera()
@@ -173,15 +179,15 @@ class Page:
         """Place of the body that the camera goes with, in the scene [m]."""
         if self.body() == WORLD:
             return np.zeros(3)
-        return np.asarray(self._of_body(body_positions) + self.offsets[self.chosen] - self._origin)
+        return np.asarray(self._of_body(self.bodies.positions) + self.offsets[self.chosen] - self._origin)
 
     def velocity(self) -> Array:
         """Velocity of the body that the camera goes with [m/s]."""
-        return np.zeros(3) if self.body() == WORLD else self._of_body(body_velocities)
+        return np.zeros(3) if self.body() == WORLD else self._of_body(self.bodies.velocities)
 
-    def _of_body(self, read: Callable[[Any, Any], Array]) -> Array:
-        """What is read of the body that the camera goes with, in the chosen world."""
-        return np.asarray(read(self.subject.simulation.state, np.array([self.world]))[0, self.body()])
+    def _of_body(self, values: Array) -> Array:
+        """What the body has that the camera goes with, in the chosen world."""
+        return np.asarray(values[self.chosen, self.body()])
 
     def follow(self, on: bool) -> None:
         """Moves the scene under the camera, or lets it rest."""
@@ -242,7 +248,7 @@ class Page:
     def aim(self) -> None:
         """Camera of those who come: as the subject's shot has it, at one world or at all of them."""
         shot = self.subject.shot or Shot()
-        extent = self.batches.extent(self.subject.simulation.state) + self.offsets[:, None] - self._origin
+        extent = self.batches.extent(self.bodies) + self.offsets[:, None] - self._origin
         if self.layout is not Layout.GRID or len(self.worlds) == 1:
             extent = extent[self.chosen : self.chosen + 1]
         low, high = extent[:, 0].min(axis=0), extent[:, 1].max(axis=0)
@@ -274,8 +280,7 @@ class Page:
     def _heading(self) -> float:
         """Of the body that the camera goes with, in the chosen world [rad]."""
         body = self.body()
-        rotations = self.subject.simulation.state.body_rot.numpy()[self.world, body]
-        return 0.0 if body == WORLD else float(headings([rotations])[0])
+        return 0.0 if body == WORLD else float(headings([self.bodies.rotations[self.chosen, body]])[0])
 
     def _send_all(self, places: Array, wxyz: Array) -> None:
         wanted = {batch.key for batch in self.batches.batches}

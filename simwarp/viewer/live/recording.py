@@ -102,6 +102,7 @@ class Recorder:
         """Whether time went on and the places of bodies were not sent since."""
         page = view.page
         page.recorded += 1
+        page.bodies.read()
         self._label = page.scene.add_label(
             NODE, self._text(), position=self._place(), anchor="bottom-center", font_screen_scale=1.1
         )
@@ -177,6 +178,7 @@ class Recorder:
         self._label.remove()
 
     def _move_on(self) -> None:
+        self.view.page.bodies.read()
         now = self._now()
         gone = self._gone(now)
         self._serializer.insert_sleep(gone)
@@ -236,7 +238,7 @@ class Recorder:
         page = self.view.page
         if self.frames and page.layout is Layout.GRID and len(page.worlds) > 1:
             return self._label.position
-        extent = page.batches.extent(page.subject.simulation.state) + page.offsets[:, None]
+        extent = page.batches.extent(page.bodies) + page.offsets[:, None]
         if page.layout is Layout.GRID and len(page.worlds) > 1:
             low, high = extent[:, 0].min(axis=0), extent[:, 1].max(axis=0)
             return np.array([*(0.5 * (low + high))[:2], high[2] + 0.1 * float(np.max(high - low))])

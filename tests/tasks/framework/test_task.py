@@ -93,10 +93,10 @@ class Fragile(Counter):
 
     def setup(self):
         super().setup()
-        self._status = torch.zeros(self.num_worlds, dtype=torch.int32)  # as a simulation tells it
+        self._status = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)  # as of a simulation
 
     def broken(self):
-        return (self.count[:, 0] == 2.0) & (torch.arange(self.num_worlds) == 1)
+        return (self.count[:, 0] == 2.0) & (torch.arange(self.num_worlds, device=self.device) == 1)
 
     def fog(self):
         return torch.where(self.broken(), torch.nan, 0.0)
@@ -148,7 +148,7 @@ class Fickle(Counter):
     more: bool = False
 
     def rewards(self):
-        return super().rewards() | ({"late": torch.ones(self.num_worlds)} if self.more else {})
+        return super().rewards() | ({"late": torch.ones(self.num_worlds, device=self.device)} if self.more else {})
 
 
 class Swapped(Counter):
@@ -179,7 +179,7 @@ def test_terms_that_change_after_the_build_are_named(kind, message):
     ("members", "message"),
     [
         (
-            {"metrics": lambda self: {"success": torch.ones(self.num_worlds)}},
+            {"metrics": lambda self: {"success": torch.ones(self.num_worlds, device=self.device)}},
             "metric 'success' must be bool, got torch.fl",
         ),
         ({"success_reasons": ["time_limit"]}, r"success_reasons must be a set of names, got \['time_limit'\]"),
@@ -197,7 +197,7 @@ class Breaking(Counter):
     name = "breaking"
 
     def rewards(self):
-        bad = (self.count[:, 0] > 1.0) & (torch.arange(self.num_worlds) == 1)
+        bad = (self.count[:, 0] > 1.0) & (torch.arange(self.num_worlds, device=self.device) == 1)
         return {"one": torch.where(bad, torch.nan, 1.0)}
 
 

@@ -100,8 +100,10 @@ class Dragging:
         hold = self._hand.hold
         if hold is None:
             return
-        ends = np.stack([self._hand.grabbed(*self._pose(hold.world, hold.body)), self._hand.pointer])
-        points = (ends + self._view.page.shifts[self._row])[None].astype(np.float32)
+        page = self._view.page
+        pose = page.bodies.positions[self._row, hold.body], page.bodies.rotations[self._row, hold.body]
+        ends = np.stack([self._hand.grabbed(*pose), self._hand.pointer])
+        points = (ends + page.shifts[self._row])[None].astype(np.float32)
         if self._line is None:
             scene: Any = self._view.server.viser.scene
             self._line = scene.add_line_segments(

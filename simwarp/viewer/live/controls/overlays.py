@@ -15,7 +15,7 @@ import numpy.typing as npt
 from simwarp.core.types import WORLD, RowKind
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
-from simwarp.viewer.live.batches import body_positions, body_rotations, rows_on_host, turned
+from simwarp.viewer.live.batches import rows_on_host, turned
 from simwarp.viewer.live.page import MOVING, ROOT, Page
 
 Array = npt.NDArray[np.float64]
@@ -34,17 +34,15 @@ GREEN: Final = (30, 150, 70)
 
 def body_poses(page: Page) -> tuple[Array, Array]:
     """Positions (S, B + 1, 3) [m] and rotations (S, B + 1, 4) of the bodies under the camera; the world is last."""
-    state = page.subject.simulation.state
-    places, turns = body_positions(state, page.worlds), body_rotations(state, page.worlds)
     count = len(page.worlds)
-    places = np.concatenate([places, np.zeros((count, 1, 3))], axis=1) + page.shifts[:, None]
-    turns = np.concatenate([turns, np.tile((0.0, 0.0, 0.0, 1.0), (count, 1, 1))], axis=1)
+    places = np.concatenate([page.bodies.positions, np.zeros((count, 1, 3))], axis=1) + page.shifts[:, None]
+    turns = np.concatenate([page.bodies.rotations, np.tile((0.0, 0.0, 0.0, 1.0), (count, 1, 1))], axis=1)
     return page.under_camera(places, turns)
 
 
 def typical_size(page: Page) -> float:
     """Of what moves in a world [m]: for lengths of axes and widths of arrows."""
-    extent = page.batches.extent(page.subject.simulation.state)
+    extent = page.batches.extent(page.bodies)
     return float(np.clip(np.ptp(extent[0], axis=0).max(), 0.05, 10.0))
 
 

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from simwarp.viewer.live.batches import body_positions, body_rotations
-
 if TYPE_CHECKING:
     from simwarp.vehicle.vehicle import Vehicle
     from simwarp.viewer.live.page import Page
@@ -49,8 +47,7 @@ class Chase:
         self.eye = Eye.BEHIND
         self._seen: float | None = None
         self._at = 0.0
-        world = page.worlds[page.chosen : page.chosen + 1]
-        places = body_positions(page.subject.simulation.state, world)[0]
+        places = page.bodies.positions[page.chosen]
         wheels = places[[side.spindle for side in vehicle.parts.sides]]
         middle = places[vehicle.parts.chassis]
         self._height = float(np.mean(wheels[:, 2]) - middle[2])
@@ -80,9 +77,7 @@ class Chase:
     def heading(self) -> float:
         """Heading of the vehicle, as the camera comes round to it [rad]."""
         page = self._page
-        x, y, z, w = body_rotations(page.subject.simulation.state, page.worlds[page.chosen : page.chosen + 1])[
-            0, self._vehicle.parts.chassis
-        ]
+        x, y, z, w = page.bodies.rotations[page.chosen, self._vehicle.parts.chassis]
         true = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         now = time.perf_counter()
         if self._seen is None or self.eye is Eye.HOOD:

@@ -271,7 +271,7 @@ def test_the_scene_turns_and_moves_under_the_camera(view, eye):
     back = np.array(view.page._root.wxyz)[[1, 2, 3, 0]] * [-1.0, -1.0, -1.0, 1.0]
     world = turned(back, place - np.array(view.page._root.position))
     batch = next(batch for batch in view.page.batches.batches if batch.moving)
-    true = view.page.batches.poses(state)[0][0, batch.instances[0]] + view.page.offsets[0]
+    true = view.page.batches.poses(view.page.bodies)[0][0, batch.instances[0]] + view.page.offsets[0]
     assert world == pytest.approx(true, abs=1e-4)
     chase.leave()
     view.page.follow(False)

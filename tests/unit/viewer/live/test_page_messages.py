@@ -70,7 +70,7 @@ def torso(view: LiveView) -> tuple[str, int]:
 def test_instances_are_worlds_times_things_at_the_bodies(view):
     with connect(view.url) as page:
         opened(page, view)
-        places, turns = view.page.batches.poses(view.subject.simulation.state)
+        places, turns = view.page.batches.poses(view.page.bodies)
         for batch in view.page.batches.batches:
             if not batch.moving:
                 continue

@@ -53,7 +53,7 @@ def run(view: LiveView, steps: int) -> None:
 def instances(view: LiveView) -> dict[str, np.ndarray]:
     """Places of all moving instances as they are now, by the node that shows them."""
     page = view.page
-    places, _ = page.batches.poses(view.subject.simulation.state)
+    places, _ = page.batches.poses(page.bodies)
     places = places + page.offsets[:, None]
     moving = [batch for batch in page.batches.batches if batch.moving]
     return {page._handles[batch.key].name: places[batch.rows, batch.instances] for batch in moving}

@@ -35,7 +35,7 @@ def view() -> Any:
 
 def test_nothing_is_sent_while_nobody_looks(view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
     frames: list[int] = []
-    monkeypatch.setattr(view.page, "frame", lambda: frames.append(1))
+    monkeypatch.setattr(view.page, "frame", lambda **_: frames.append(1))
     for _ in range(20):
         view.subject.simulation.step()
         view.step()
@@ -79,7 +79,7 @@ def test_being_looked_at_changes_no_bit() -> None:
 def test_a_frame_has_all_instances_where_the_bodies_are(view: LiveView) -> None:
     view.subject.simulation.advance(40)
     view.page.frame()
-    places, _ = view.page.batches.poses(view.subject.simulation.state)
+    places, _ = view.page.batches.poses(view.page.bodies)
     sent = 0
     for batch in view.page.batches.batches:
         handle = view.page._handles[batch.key]
