@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import pytest
 
 from tests.emulated_cuda.emulated_runs import HERE, once_per_run, run_emulated
@@ -91,6 +93,35 @@ def test_what_is_not_synchronised_comes_too_late(found, name):
 def test_eager_streams_hide_a_missing_synchronisation(found_eagerly, name):
     """It is the order of streams that shows it."""
     assert found_eagerly[name]["seen"] == WRONG[name]
+
+
+IN_SIMWARP = {
+    "steps_as_they_are": ("same True, captured True", ""),
+    "stream_is_not_shared": ("same False", ""),
+    "scratch_as_it_is": ("races False", ""),
+    "scratch_is_shared": ("races True", ""),
+    "a_captured_step_reads_the_host": ("not captured: CUDA error", "error 900"),
+    "a_step_gets_an_array_of_the_host": ("error 700", "host memory: read"),
+}
+"""What is seen with a part of simwarp taken out, and part of the first fault; nothing where all is there."""
+
+
+@pytest.fixture(scope="session")
+def found_in_simwarp(tmp_path_factory):
+    """What all programs saw on lazy streams, races checked."""
+    program = str(HERE / "planted_in_simwarp.py")
+    run = functools.partial(run_emulated, program, check=Check.RACE, streams=StreamOrder.LAZY)
+    return once_per_run(tmp_path_factory, "planted-in-simwarp", run)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IN_SIMWARP)
+def test_what_is_taken_out_of_simwarp_is_missed(found_in_simwarp, name):
+    """A stream that is not shared, a race, a host read in a capture, an array of the host."""
+    seen, fault = IN_SIMWARP[name]
+    row = found_in_simwarp[name]
+    assert seen in row["seen"]
+    assert fault in row["faults"][0] if fault else row["faults"] == []
 
 
 @pytest.mark.slow

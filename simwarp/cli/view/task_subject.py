@@ -49,6 +49,7 @@ class TaskLoop:
         self.ended = torch.zeros(task.num_worlds, dtype=torch.bool, device=task.device)
         self.rewards: dict[str, torch.Tensor] = {}
         self._begun = self.ended.clone()
+        self._ended_since = self.ended.clone()
         self.result: StepResult | None = None
         self.resetting: list[Callable[[Mask | None], None]] = []
         """Called before worlds of a mask begin anew."""
@@ -68,11 +69,18 @@ class TaskLoop:
         self.returns += result.rewards
         self.ended = result.terminated | result.truncated
         self._begun = self.ended
+        self._ended_since |= self.ended
         reset_memory(self.policy, self.ended)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Observation groups as the policy gets them next."""
         return self._observations
+
+    def ended_since(self) -> Mask:
+        """(W,) worlds whose episode ended since this was called last; waits for the steps."""
+        found = np.asarray(_host(self._ended_since).copy(), bool)
+        self._ended_since.zero_()
+        return found
 
     def reset(self, mask: Mask | None) -> None:
         """New episodes, in the worlds of a mask or in all."""
@@ -119,7 +127,7 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
     subject = Subject(
         task.name, simulation, scene, float(task.config.control_dt), advance, reset, shot,
         paths=lambda: lines_of(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
-        ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task), series=_series(task, loop),
+        ended=loop.ended_since, elements=_elements(task), series=_series(task, loop),
         details={GOAL: lambda world: _metrics(task, world), "commands": task.commands},
     )  # fmt: skip
     return subject, loop

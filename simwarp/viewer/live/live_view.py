@@ -184,7 +184,6 @@ class LiveView(Readable):
             for preparer in self.preparers:
                 preparer()
             self.subject.advance()
-            self._note_failures()
             for listener in self.listeners:
                 listener()
         except Exception as error:  # noqa: BLE001  told in the page, which lives on
@@ -216,6 +215,7 @@ class LiveView(Readable):
             self._draw(time.perf_counter())
 
     def _draw(self, now: float) -> None:
+        self._note_failures()
         if now >= self._next_scenery:
             self._next_scenery = now + 1.0 / SCENERY
             self.page.refresh_scenery()

@@ -71,7 +71,7 @@ class Subject:
         actions: that may be taken over.
         series: named numbers of one world, for plots: name -> (world index -> number).
         returns: returns (W,), rewards summed over the running episodes.
-        ended: returns (W,) bool, worlds whose episode ended in the last `advance`.
+        ended: returns (W,) bool, worlds whose episode ended since it was called last.
         elements: force elements and sensors by name, as the simulation has them.
         details: further callables of single panels, by their names.
     """

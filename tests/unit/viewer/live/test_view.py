@@ -45,6 +45,25 @@ def test_nothing_is_sent_while_nobody_looks(view: LiveView, monkeypatch: pytest.
     assert frames == [1]
 
 
+def test_steps_between_frames_are_not_waited_for(view: LiveView) -> None:
+    """Reading what ended would wait for a GPU: it is done with a frame, for all steps since the last one."""
+    asked: list[int] = []
+
+    def ended() -> Any:
+        asked.append(1)
+        return np.array([False, True, False, False])
+
+    view.subject.ended = ended
+    view._clients = {0: view}
+    view._next_frame = np.inf
+    for _ in range(5):
+        view.advance()
+    assert (asked, view.last_failed) == ([], None)
+    view._next_frame = 0.0
+    view.advance()
+    assert (asked, view.last_failed) == ([1], 1)
+
+
 class Onlooker:
     """Takes every frame."""
 
@@ -238,6 +257,9 @@ def test_a_task_without_bodies_has_a_page_and_a_clock(tmp_path):
     assert loop.ended.all()
     subject.advance()
     assert times() == pytest.approx(subject.dt)
+    assert subject.ended is not None
+    assert subject.ended().all()  # a step ago, and not asked for until now
+    assert not subject.ended().any()
     subject.advance()
     subject.reset(np.array([True, False]))
     assert times() == pytest.approx([0.0, 2.0 * subject.dt])
