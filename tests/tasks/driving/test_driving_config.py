@@ -278,7 +278,7 @@ def test_another_vehicle_brings_its_own_measures():
 def test_a_setup_without_its_parents_is_named():
     class Forgetful(OffRoadTask):
         def setup(self):
-            self.mine = torch.zeros(self.num_worlds)
+            self.mine = torch.zeros(self.num_worlds, device=self.device)
 
     with pytest.raises(TaskError, match=r"task 'Forgetful': its setup\(\) must call super\(\).setup\(\) first"):
         Forgetful(OffRoadConfig(), 1)

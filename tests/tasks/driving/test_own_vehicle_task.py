@@ -35,7 +35,7 @@ class MuleTask(DrivingTask[DrivingConfig]):
     def setup(self):
         self.hills.bind(self.simulation.model)
         super().setup()
-        self.shown = torch.zeros(self.num_worlds, 2)
+        self.shown = torch.zeros(self.num_worlds, 2, device=self.device)
 
     def draw_world(self, world_mask):
         field = self.random.integers("field", 0, FIELDS)[:, 0]
@@ -45,9 +45,9 @@ class MuleTask(DrivingTask[DrivingConfig]):
         self.shown = torch.where(world_mask[:, None], drawn, self.shown)
 
     def start(self, world_mask):
-        spot = torch.zeros(self.num_worlds, 2)
+        spot = torch.zeros(self.num_worlds, 2, device=self.device)
         place = torch.cat([spot, self.hills.height(spot[:, None])], dim=1)
-        self.place_vehicle(world_mask, place, torch.zeros(self.num_worlds), self.hills.normal(spot))
+        self.place_vehicle(world_mask, place, torch.zeros(self.num_worlds, device=self.device), self.hills.normal(spot))
 
     def measured(self):
         return self.motion()
@@ -56,7 +56,7 @@ class MuleTask(DrivingTask[DrivingConfig]):
         return self.motion()
 
     def rewards(self):
-        return {"alive": torch.ones(self.num_worlds)}
+        return {"alive": torch.ones(self.num_worlds, device=self.device)}
 
     def terminations(self):
         return {}

@@ -148,7 +148,7 @@ def test_a_saved_task_goes_on_exactly_with_the_same_agents_done():
     task = pair(start=0.02)
     until_over(task, 1, worlds=[0])
     saved = task.state_dict()
-    ahead = [task.step(torch.full((3, 2, 1), 0.1)) for _ in range(30)]
+    ahead = [copy.deepcopy(task.step(torch.full((3, 2, 1), 0.1))) for _ in range(30)]  # a graph overwrites results
     other = pair(start=0.02, seed=9)
     other.load_state_dict(saved)
     for wanted in ahead:
@@ -215,7 +215,7 @@ class Staggered(Task):
     agents, action_size, physics = 2, 1, False
 
     def setup(self):
-        self.place = torch.zeros(self.num_worlds, 3)
+        self.place = torch.zeros(self.num_worlds, 3, device=self.device)
 
     def begin_step(self):
         self.place[:, 0] += 1.0
@@ -227,12 +227,13 @@ class Staggered(Task):
         return {"policy": self.place[:, None, :].expand(-1, 2, -1).contiguous()}
 
     def rewards(self):
-        return {"one": torch.ones(self.num_worlds, 2)}
+        return {"one": torch.ones(self.num_worlds, 2, device=self.device)}
 
     def terminations(self):
-        end = 2 + 10 * torch.arange(self.num_worlds)[:, None] + torch.arange(2)
+        end = 2 + 10 * torch.arange(self.num_worlds, device=self.device)[:, None] + torch.arange(2, device=self.device)
         late = self.episode_steps[:, None] >= end
-        return {"first": late & torch.tensor([True, False]), "second": late & torch.tensor([False, True])}
+        first = torch.arange(2, device=self.device) == 0
+        return {"first": late & first, "second": late & ~first}
 
     def map_position(self):
         return self.place
@@ -312,7 +313,7 @@ def test_wrong_shapes_numbers_and_rest_are_one_line():
 
     class Flat(PairTask):
         def rewards(self):
-            return {"alive": torch.ones(self.num_worlds)}
+            return {"alive": torch.ones(self.num_worlds, device=self.device)}
 
     with pytest.raises(TaskError, match="must have 3 worlds and 2 agents in front, got shape"):
         Flat(PairConfig(), 3)

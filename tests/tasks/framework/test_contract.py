@@ -42,7 +42,8 @@ class Faulty(Counter):
         return self.pass_on("observations", {"policy": self.count.expand(-1, 2).clone()})
 
     def rewards(self):
-        return self.pass_on("rewards", {"one": torch.ones(self.num_worlds), "two": torch.ones(self.num_worlds)})
+        one = torch.ones(self.num_worlds, device=self.device)
+        return self.pass_on("rewards", {"one": one, "two": one.clone()})
 
     def terminations(self):
         return self.pass_on("terminations", {"fell": self.fail.clone(), "won": self.fail.clone()})

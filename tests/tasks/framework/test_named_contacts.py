@@ -46,7 +46,7 @@ class BallsTask(Task[BallsConfig]):
         return {"policy": self.felt.time_in_air}
 
     def rewards(self):
-        return {"none": torch.zeros(self.num_worlds)}
+        return {"none": torch.zeros(self.num_worlds, device=self.device)}
 
     def terminations(self):
         return {}

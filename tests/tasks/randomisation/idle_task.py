@@ -21,7 +21,7 @@ class IdleTask(Task):
         return {"policy": self.views.joint_q}
 
     def rewards(self):
-        return {"none": torch.zeros(self.num_worlds)}
+        return {"none": torch.zeros(self.num_worlds, device=self.device)}
 
     def terminations(self):
         return {}
