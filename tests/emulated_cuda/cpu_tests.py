@@ -6,7 +6,7 @@ NATIVE = "a step of a CPU is native code; a GPU's consists of launches"
 THREADS = "threads and recordings of a CPU"
 
 CPU_TESTS: dict[str, str] = {
-    "tests/tasks/framework/test_capture.py": "graphs are emulated on a CPU; those of a GPU are in its test marked `cuda`",
+    "tests/tasks/framework/test_capture.py": "graphs are emulated on a CPU; a GPU's have a test marked `cuda`",
     "tests/unit/simulation/test_attachments.py::test_a_field_is_what_a_sensor_publishes": "its text names the CPU",
     "tests/unit/simulation/test_building_in_threads.py::test_a_step_is_recorded_whole_whatever_its_threads": THREADS,
     "tests/unit/simulation/test_building_in_threads.py::test_each_thread_records_at_a_time_with_the_others": THREADS,

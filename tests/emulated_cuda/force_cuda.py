@@ -61,8 +61,8 @@ def read_tests_otherwise() -> None:
             _Elsewhere().visit(tree)
         rewrite_asserts(tree, source, module_path, config)
 
-    loader.source_to_code = source_to_code  # type: ignore[method-assign, assignment]
-    rewrite.rewrite_asserts = rewrite_there
+    loader.source_to_code = source_to_code  # type: ignore[method-assign]
+    rewrite.rewrite_asserts = rewrite_there  # type: ignore[assignment]
 
 
 class HostReads(TorchFunctionMode):
@@ -110,8 +110,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         make_task(self, *args, **kwargs)
 
     ModelBuilder.finalize = finalize_there  # type: ignore[method-assign]
-    Task.__init__ = make_task_there  # type: ignore[assignment, method-assign]
-    registry.resolve_device = lambda name: resolve(CUDA if name == "cpu" else name)  # type: ignore[attr-defined]
+    Task.__init__ = make_task_there  # type: ignore[method-assign]
+    registry.resolve_device = lambda name: resolve(CUDA if name == "cpu" else name)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

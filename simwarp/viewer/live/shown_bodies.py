@@ -30,7 +30,7 @@ class ShownBodies:
 
     def __init__(self, state: State, worlds: npt.NDArray[np.int64]) -> None:
         self._state, self._worlds = state, worlds
-        self._device = state.body_x.device
+        self._device = wp.get_device(str(state.body_x.device))
         if self._device.is_cpu:
             return
         shape = (len(worlds), state.body_x.shape[1], NUMBERS)

@@ -54,7 +54,8 @@ def test_steps_between_frames_are_not_waited_for(view: LiveView) -> None:
         return np.array([False, True, False, False])
 
     view.subject.ended = ended
-    view._clients = {0: view}
+    clients: Any = {0: view}
+    view._clients = clients
     view._next_frame = np.inf
     for _ in range(5):
         view.advance()
