@@ -21,15 +21,17 @@ import pytest
 import torch
 from _pytest.assertion import rewrite
 from torch.overrides import TorchFunctionMode
+from torch.utils._pytree import tree_leaves, tree_map
 
 from tests.emulated_cuda.cpu_tests import CPU_TESTS
 from tests.emulated_cuda.device import device
+from tests.emulated_cuda.torch_calls.torch_tensor import CudaTensor
 
 CUDA = "cuda:0"
 TESTS = str(Path(__file__).resolve().parents[1])
 HERE = str(Path(__file__).resolve().parent)
-LIBRARIES = ("numpy", "torch", "_pytest", "contextlib")
-"""Packages through which a test's line may call torch."""
+LIBRARIES = ("numpy", "torch", "_pytest", "contextlib", "tests.emulated_cuda.")
+"""Beginnings of names of modules through which a test's line may call torch."""
 
 
 class _Elsewhere(ast.NodeTransformer):
@@ -65,26 +67,24 @@ def read_tests_otherwise() -> None:
     rewrite.rewrite_asserts = rewrite_there  # type: ignore[assignment]
 
 
-class HostReads(TorchFunctionMode):
-    """What a test's line reads from the device is copied; tensors of both that it brings together meet there."""
+class Together(TorchFunctionMode):
+    """Tensors of the host that a test's line brings together with the device's are moved to it."""
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         """Call a function of torch."""
-        kwargs, name = kwargs or {}, getattr(func, "__name__", "")
-        tensors = [each for each in (*args, *kwargs.values()) if isinstance(each, torch.Tensor)]
-        if name in ("numpy", "__array__"):
-            if args[0].is_cuda and _called_by_a_test():
-                args = (args[0].detach().cpu(), *args[1:])
-        elif name != "copy_" and len({each.is_cuda for each in tensors if each.dim()}) > 1 and _called_by_a_test():
-            args = tuple(each.to(CUDA) if isinstance(each, torch.Tensor) else each for each in args)
-            kwargs = {key: each.to(CUDA) if isinstance(each, torch.Tensor) else each for key, each in kwargs.items()}
+        kwargs = kwargs or {}
+        tensors = [each for each in tree_leaves((args, kwargs)) if isinstance(each, torch.Tensor)]
+        mixed = len({each.is_cuda for each in tensors if each.dim()}) > 1
+        if mixed and getattr(func, "__name__", "") != "copy_" and _called_by_a_test():
+            move = lambda each: each.to(CUDA) if isinstance(each, torch.Tensor) else each  # noqa: E731
+            args, kwargs = tree_map(move, (args, kwargs))
         return func(*args, **kwargs)
 
 
 def _called_by_a_test() -> bool:
-    """Whether the first line outside of libraries that called is a test's."""
+    """Whether the first line outside of libraries and the device that called is a test's."""
     frame = sys._getframe(2)
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in LIBRARIES:
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith(LIBRARIES):
         frame = frame.f_back
     return is_a_tests(frame.f_code.co_filename)
 
@@ -109,6 +109,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             kwargs["device"] = CUDA
         make_task(self, *args, **kwargs)
 
+    numpy = CudaTensor.numpy
+
+    def numpy_here(self: CudaTensor, *, force: bool = False) -> Any:
+        return numpy(self, force=force or _called_by_a_test())
+
+    CudaTensor.numpy = numpy_here  # type: ignore[method-assign]
     ModelBuilder.finalize = finalize_there  # type: ignore[method-assign]
     Task.__init__ = make_task_there  # type: ignore[method-assign]
     registry.resolve_device = lambda name: resolve(CUDA if name == "cpu" else name)
@@ -127,7 +133,7 @@ def _on_device() -> Iterator[None]:
     faults = device().faults
     faults.clear()
     before = len(faults.violations)
-    with HostReads():
+    with Together():
         yield
     for text, _ in faults.violations[before:]:
         print("emulated CUDA:", text)

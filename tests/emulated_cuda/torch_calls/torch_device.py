@@ -56,7 +56,7 @@ def _replace_functions(cuda: Any) -> None:
         "reset_peak_memory_stats": lambda of=None: None, "manual_seed": lambda seed: None,
         "manual_seed_all": lambda seed: None, "get_rng_state": lambda of=None: torch.get_rng_state(),
         "set_rng_state": lambda state, of=None: torch.set_rng_state(state),
-        "get_rng_state_all": lambda: [torch.get_rng_state()], "device": lambda of: contextlib.nullcontext(),
+        "get_rng_state_all": lambda: [torch.get_rng_state()], "device": contextlib.nullcontext,
     }  # fmt: skip
     for name, value in replaced.items():
         setattr(cuda, name, value)

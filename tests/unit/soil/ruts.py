@@ -51,7 +51,7 @@ class Rut:
         if not hilly:
             visuals.add_plane(name="ground", color=(0.5, 0.4, 0.3), label=3)
         self.model = builder.finalize(2, "cpu")
-        under = ground(kind=ShapeType.HEIGHT_FIELD, x=MIDDLE, rotation=turn) if hilly else None
+        under = ground("cpu", kind=ShapeType.HEIGHT_FIELD, x=MIDDLE, rotation=turn) if hilly else None
         wheels = [SoilWheel(body=self.wheel, radius=RADIUS, width=WIDTH)]
         self.soil = Soil(self.model, wheels, "mid", ground=under, **options)
         # float32 about the origin, not about the wheel: pictures before and after have the same roundings
