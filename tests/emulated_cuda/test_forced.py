@@ -1,4 +1,4 @@
-"""Tests of the engine, sensors, vehicles, soil and tasks, with all that they make on the emulated device."""
+"""Tests of the engine, sensors, vehicles and tasks, with all that they make on the emulated device."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tests.emulated_cuda.cpu_tests import CPU_TESTS
 from tests.emulated_cuda.emulated_runs import ROOT, run_emulated, skip_where_unavailable
 
 FOLDERS = (
-    "tests/unit/simulation", "tests/unit/sensors", "tests/unit/vehicle", "tests/unit/soil", "tests/tasks/framework",
+    "tests/unit/simulation", "tests/unit/sensors", "tests/unit/vehicle", "tests/tasks/framework",
     "tests/tasks/actuation", "tests/tasks/randomisation",
 )  # fmt: skip
 FORCED = ("-m", "pytest", "-p", "tests.emulated_cuda.force_cuda", "-p", "no:cacheprovider", "-q")
