@@ -43,6 +43,7 @@ class Row:
         iterations: of the solver per world, there.
         penetration: deepest contact there [m].
         launches_per_step: kernel launches that a step asks for, counted; those of the motion are left out.
+        launches_beside_graph: of a control step that is captured, with torch's operations; null of other steps.
         bytes_per_world: growth of all device arrays with one more world.
         bytes_shared: device arrays that all worlds share.
         compile_s: from a model to the end of its first step [s].
@@ -73,6 +74,7 @@ class Row:
     iterations: float | None = None
     penetration: float | None = None
     launches_per_step: int | None = None
+    launches_beside_graph: int | None = None
     bytes_per_world: int | None = None
     bytes_shared: int | None = None
     compile_s: float | None = None

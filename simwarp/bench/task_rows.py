@@ -17,7 +17,7 @@ from simwarp.bench.measure import Row, bytes_of, check_memory, judge
 from simwarp.bench.timing import counted_launches, measure_speed
 from simwarp.core.memory import check_fits
 from simwarp.simulation.step_program import StepProgram
-from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
+from simwarp.tasks import TaskError, check_step, make, replace_fields, resolve_device, task_class
 from simwarp.tasks.framework.task import NON_FINITE
 
 _HORIZON_STEPS = 1000
@@ -155,7 +155,7 @@ def _launch(commands: Sequence[Any]) -> None:
 
 
 def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds: float, obs: str | None = None) -> Row:
-    """Times a task; `launches_per_step` and the rates are those of a control step.
+    """Times a task; launches and rates are those of a control step.
 
     Raises:
         InputError: no such device, or the task refuses the configuration.
@@ -183,6 +183,9 @@ def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds:
     with counted_launches() as launches:
         single.step()
     row.launches_per_step = launches.total
+    if not single.task.not_captured:
+        beside = check_step(single.task).total
+        row.launches_beside_graph = None if single.task.not_captured else round(beside)
     verdicts: list[Health] = []
     speed = measure_speed(run, worlds, seconds, lambda: verdicts.append(run.examine()))
     row.set_rates(speed)

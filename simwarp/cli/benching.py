@@ -315,6 +315,8 @@ def _costs(row: Row) -> str:
     """Costs that do not depend on the number of worlds."""
     parts = [] if row.tolerance is None else [f"solved to {row.tolerance:g}"]
     parts.append(f"{row.launches_per_step} launch{'es' if row.launches_per_step != 1 else ''} per step")
+    if row.launches_beside_graph is not None:
+        parts[-1] += f", in one graph with {row.launches_beside_graph} beside it"
     if row.bytes_per_world is not None:
         parts.append(f"{row.bytes_per_world:,} B per world and {row.bytes_shared:,} B shared")
     parts.append(f"model to first step {row.compile_s:.2f} s in {_SOURCES[row.compile_source]}")

@@ -1,7 +1,7 @@
 """Check of a control step: what in it makes the host wait, takes memory, or is launched anew; and how much it launches.
 
-A step that passes can be captured into one CUDA graph, and costs a GPU as many launches as are counted here. Nothing
-needs a GPU: on a CPU the same calls are made.
+A step that passes can be captured into one CUDA graph, of as many launches as are counted here. Nothing needs a GPU: on
+a CPU the same calls are made. On a GPU what a captured step launches beside its graph is counted.
 """
 
 from __future__ import annotations
@@ -87,24 +87,29 @@ class StepReport:
         return lines + [f"{name} is another object or number after a step" for name in self.rebound]
 
 
-def check_step(task: Task[Any], *, steps: int = 2, warm: int = 3) -> StepReport:
+def check_step(
+    task: Task[Any], *, steps: int = 2, warm: int = 3, step: Callable[[torch.Tensor], Any] | None = None
+) -> StepReport:  # fmt: skip
     """Return what control steps of a task do, with random actions.
 
     Args:
-        task: on a CPU; it goes on from where it is.
+        task: it goes on from where it is. On a CPU all of a step is looked at; on a GPU, where steps are captured, what
+            is launched beside the graph.
         steps: control steps looked at; numbers of the report are per step.
         warm: steps before, in which what is made once is made.
+        step: takes actions (W, A) and steps the task, such as an adapter's; None: the task's own.
     """
     generator = torch.Generator().manual_seed(0)
     shape = (steps + warm, *lead_of(task), task.action_size)
     actions = (2.0 * torch.rand(shape, generator=generator) - 1.0).to(task.device)
+    step = step or task.step
     for action in actions[:warm]:
-        task.step(action)
+        step(action)
     watch = _Watch()
     before = state_of(task)
     with watch.patched(), watch.functions, watch.dispatches:
         for action in actions[warm:]:
-            task.step(action)
+            step(action)
     rebound = changed_state(before, state_of(task))
 
     def each(counter: Counter[str]) -> dict[str, float]:

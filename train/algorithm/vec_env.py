@@ -104,7 +104,7 @@ class TaskVecEnv(VecEnv):
         self.broken = self.broken | result.non_finite
         means = result.reward_terms.mean(dim=0)
         extras: dict[str, Any] = {
-            "time_outs": result.truncated.clone(),
+            "time_outs": result.truncated,
             # Kept by reference until the iteration ends: new tensors in every step
             "log": {f"/reward/{name}": means[index] for index, name in enumerate(self.task.reward_terms)},
         }

@@ -10,14 +10,17 @@ from typing import Any
 import pytest
 import torch
 
-from simwarp.tasks import Curriculum, Driver, Range, Sensing, make
+from simwarp.tasks import Curriculum, Driver, Range, Sensing, check_step, make
 from simwarp.tasks.arms.reaching import ReachActions
 from simwarp.tasks.framework.capture import recorder_of
+from simwarp.train.algorithm.vec_env import TaskVecEnv
 from tests.tasks.framework.graph_emulation import Emulator
 from tests.tasks.framework.samples import Counter, SampleConfig, counter
 from tests.tasks.framework.test_step_check import BUDGETS
 
 WARM = 2
+BESIDE = {"fast": (5, 9), "pendulum": (2, 6), "ant": (5, 9)}
+"""Launches of a control step beside its graph: called by a program, and by rsl-rl. Copies in and out, nothing more."""
 
 
 def emulated(task):
@@ -243,6 +246,18 @@ def test_steps_of_a_gpu_are_captured(name):
     eager, captured = ([{key: cpu(value) for key, value in row.items()} for row in roll(task, 9)] for task in tasks)
     assert tasks[1].not_captured == ""
     assert same(eager, captured)
+
+
+@pytest.mark.cuda
+@pytest.mark.parametrize("name", BESIDE)
+def test_a_captured_step_launches_little_beside_its_graph(name):
+    task = make(name, 2, device="cuda")
+    own, of_rsl_rl = BESIDE[name]
+    report = check_step(task)
+    assert task.not_captured == ""
+    assert report.problems() == []
+    assert report.total <= own
+    assert check_step(task, step=TaskVecEnv(task).step).total <= of_rsl_rl
 
 
 def cpu(value):
