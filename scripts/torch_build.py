@@ -9,6 +9,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,12 +53,27 @@ def has_cuda() -> bool:
     if wish:
         raise TorchError(f"SIMWARP_TORCH is {wish!r}; it must be 'cpu' or 'cuda'")
     if shutil.which("nvidia-smi") is None:
-        return False
+        return _driver_answers()
     try:
         listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=30, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return False
     return listed.returncode == 0 and "GPU" in listed.stdout
+
+
+def _driver_answers() -> bool:
+    """Whether the driver's library counts a device: containers may have it without nvidia-smi. Asked in a process of
+    its own, since a driver that does not work may end it.
+    """
+    ask = (
+        "import ctypes; cuda, count = ctypes.CDLL('libcuda.so.1'), ctypes.c_int(); "
+        "assert cuda.cuInit(0) == 0 and cuda.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0"
+    )
+    try:
+        asked = subprocess.run([sys.executable, "-I", "-c", ask], capture_output=True, timeout=30, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return asked.returncode == 0
 
 
 def choose(version: str, *, cuda: bool, linux: bool, offers: Callable[..., list[str]], target: str) -> Build:

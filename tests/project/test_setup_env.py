@@ -219,6 +219,86 @@ def test_what_pip_wrote_in_one_line(output, expected):
         raise setup_env.SetupError(pip_calls.pip_reason(output))
 
 
+def stand_in(folder, name, text):
+    """A program of this name, found first."""
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+    (folder / name).chmod(0o755)
+
+
+NO_SMI = None
+SMI = {
+    "a GPU": ("echo 'GPU 0: NVIDIA H100 (UUID: GPU-1)'", True),
+    "no GPU": ("echo 'No devices were found'", False),
+    "a driver that fails": ("echo 'GPU 0?' && exit 9", False),
+    "no nvidia-smi": (NO_SMI, False),
+}
+
+
+@pytest.fixture
+def without_driver(monkeypatch, tmp_path):
+    """Neither a driver nor a wish; the folder of stand-ins is the only one on PATH."""
+    (tmp_path / "programs").mkdir()
+    monkeypatch.delenv("SIMWARP_TORCH", raising=False)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'programs'}:/usr/bin:/bin")
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path / "programs"))
+    if torch_build.has_cuda():
+        pytest.skip("this machine has a CUDA driver")
+    return tmp_path / "programs"
+
+
+@pytest.mark.parametrize("machine", SMI)
+def test_a_driver_is_known_by_its_program(without_driver, monkeypatch, machine):
+    text, expected = SMI[machine]
+    if text is not NO_SMI:
+        stand_in(without_driver, "nvidia-smi", text)
+    assert torch_build.has_cuda() is expected
+    for wish in ("cpu", "cuda"):
+        monkeypatch.setenv("SIMWARP_TORCH", wish)
+        assert torch_build.has_cuda() is (wish == "cuda")
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@pytest.mark.parametrize(
+    ("init", "devices", "expected"),
+    [("return 0", 1, True), ("return 0", 0, False), ("return 100", 1, False), ("return *(volatile int *)0", 1, False)],
+    ids=["a GPU", "no GPU", "no device", "a driver that crashes"],
+)
+def test_without_nvidia_smi_the_drivers_library_is_asked(without_driver, init, devices, expected):
+    text = f"int cuInit(unsigned flags) {{ {init}; }}\nint cuDeviceGetCount(int *n) {{ *n = {devices}; return 0; }}\n"
+    (without_driver / "driver.c").write_text(text)
+    command = ["gcc", "-shared", "-fPIC", "-o", "libcuda.so.1", "driver.c"]
+    subprocess.run(command, cwd=without_driver, check=True)
+    assert torch_build.has_cuda() is expected
+
+
+PIP = """
+echo "$@" >> {log}
+case "$*" in
+    *===0*) echo "ERROR: Could not find a version (from versions: {offers})" >&2; exit 1 ;;
+esac
+"""
+
+
+@pytest.mark.parametrize(("machine", "expected"), [("a GPU", TORCH), ("no GPU", CPU), ("no nvidia-smi", CPU)])
+def test_set_up_asks_pip_for_the_build_of_the_machine(without_driver, monkeypatch, tmp_path, machine, expected):
+    """The whole set-up, with stand-ins for the driver and for a Python that writes the calls of pip down."""
+    text, _ = SMI[machine]
+    if text is not NO_SMI:
+        stand_in(without_driver, "nvidia-smi", text)
+    log = tmp_path / "calls"
+    folder = tmp_path / ".venv"
+    folder.mkdir()
+    stand_in(folder / "bin", "python", PIP.format(log=log, offers=f"{TORCH}, {CPU}"))
+    monkeypatch.setattr(setup_env, "make_venv", lambda where: where / "bin" / "python")
+    setup_env.set_up(folder)
+    installs = [line for line in log.read_text().splitlines() if " install -q " in line]
+    assert installs[0].endswith(f" torch==={expected}")
+    assert [line.split()[-1] for line in installs[1:]] == ["setuptools>=77", ".[dev]"]
+    assert f"torch==={expected}" in (folder / "constraints.txt").read_text()
+    assert (folder / ".setup-done").exists()
+
+
 @pytest.fixture
 def checkout(tmp_path, monkeypatch):
     """A folder that set-up takes for its checkout."""
