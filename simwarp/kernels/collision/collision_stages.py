@@ -35,7 +35,7 @@ from simwarp.kernels.collision.ground import (
 from simwarp.kernels.collision.placement import CollisionScratch, pack_grid, pack_manifold, pack_raw
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
-from simwarp.kernels.core.stages import Stage, StageKernel, StageRoom, fused_kernel, separate_kernel
+from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
 from simwarp.kernels.core.tables import StepConfig, Topology
 
 ROOM = StageRoom(
@@ -45,9 +45,10 @@ ROOM = StageRoom(
         "scratch": CollisionScratch, "lists": ContactLists, "contacts": ContactArrays,
     },
     locals={
-        "grid": (pack_grid, "scratch"), "manifold": (pack_manifold, "scratch"), "raw": (pack_raw, "scratch"),
-        "pairs": (pack_pairs, "lists"), "triangles": (pack_triangles, "lists"), "clipped": (pack_clipped, "lists"),
-        "valid": (pack_valid, "lists"), "found": (pack_found, "lists"),
+        "grid": StageLocal(pack_grid, "scratch"), "manifold": StageLocal(pack_manifold, "scratch"),
+        "raw": StageLocal(pack_raw, "scratch"), "pairs": StageLocal(pack_pairs, "lists"),
+        "triangles": StageLocal(pack_triangles, "lists"), "clipped": StageLocal(pack_clipped, "lists"),
+        "valid": StageLocal(pack_valid, "lists"), "found": StageLocal(pack_found, "lists"),
     },
 )  # fmt: skip
 

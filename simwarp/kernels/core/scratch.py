@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import linecache
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from typing import Any, ClassVar
 
 import warp as wp
@@ -192,7 +192,9 @@ def _view(memory: Any, start: int, shape: tuple[int, ...], strides: tuple[int, .
     return slots
 
 
-def slot_function(name: str, module: str, group: type[ScratchGroup], struct: Any, memory: Any) -> Any:
+def slot_function(
+    name: str, module: str, group: type[ScratchGroup], struct: Any, memory: Any, *, only: Set[str] | None = None
+) -> Any:  # fmt: skip
     """Return the device function `name(scratch, slot)` that finds the arrays of one slot.
 
     Its text is written from the declarations: Warp compiles functions from their source.
@@ -203,12 +205,14 @@ def slot_function(name: str, module: str, group: type[ScratchGroup], struct: Any
         group: the declarations.
         struct: what it returns, `group.struct(...)`.
         memory: what it takes, a `memory_struct` with that group.
+        only: names of the arrays that it finds, others stay empty; None: all.
     """
     lines = [f"def {name}(scratch: Memory, slot: int) -> Slot:", "    found = Slot()"]
     for key, block in group.blocks().items():
         for index, each in enumerate(block.arrays):
             place = "slot" if len(block.arrays) == 1 else f"slot, {index}"
-            lines.append(f"    found.{each} = scratch.{key}[{place}]")
+            if only is None or each in only:
+                lines.append(f"    found.{each} = scratch.{key}[{place}]")
     source = "\n".join([*lines, "    return found", ""])
     file = f"<{module}.{name}>"
     linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)

@@ -7,10 +7,12 @@ take minutes to compile, spill its registers and overflow the instruction cache.
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import linecache
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import Any
 
 import warp as wp
@@ -45,6 +47,21 @@ class Stage:
         return self.when is None or bool(self.when.func(*(arguments[name] for name in parameters_of(self.when))))
 
 
+@dataclasses.dataclass(frozen=True)
+class StageLocal:
+    """A value that a kernel finds once, by a device function of an argument and a slot of that.
+
+    Attributes:
+        function: the device function.
+        argument: its name.
+        part: makes a function of a name that finds only the attributes of some names; None: the whole is found.
+    """
+
+    function: Any
+    argument: str
+    part: Callable[[str, Set[str]], Any] | None = None
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StageRoom:
     """Arguments that functions of stages may have by name, beside `world` and `scratch_slot`.
@@ -53,13 +70,13 @@ class StageRoom:
         module: that their kernels belong to.
         options: of that module.
         arguments: of the kernels, by name, with their types, in their order.
-        locals: found once in a kernel, by name: a device function of an argument and a slot of that, and its name.
+        locals: found once in a kernel, by name.
     """
 
     module: str
     options: Mapping[str, Any]
     arguments: Mapping[str, Any]
-    locals: Mapping[str, tuple[Any, str]]
+    locals: Mapping[str, StageLocal]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,10 +93,28 @@ def parameters_of(function: Any) -> tuple[str, ...]:
     return tuple(inspect.signature(function.func).parameters)
 
 
+def attributes_of(function: Any) -> frozenset[str]:
+    """Names of all attributes that a device function asks for, of whatever, and those that it calls."""
+    found: set[str] = set()
+    pending, seen = [function], set()
+    while pending:
+        each = pending.pop()
+        if each in seen or each.is_builtin():
+            continue
+        seen.add(each)
+        found |= set(re.findall(r"\.(\w+)", each.native_snippet or ""))
+        body = ast.Module(each.adj.tree.body[0].body, [])
+        found |= {node.attr for node in ast.walk(body) if isinstance(node, ast.Attribute)}
+        used = inspect.getclosurevars(each.func)
+        values = [*used.globals.values(), *used.nonlocals.values()]
+        pending += [value for value in values if isinstance(value, wp.Function)]
+    return frozenset(found)
+
+
 def _arguments_of(functions: Iterable[Any], room: StageRoom) -> tuple[str, ...]:
     """What a kernel of these functions takes, in the room's order."""
     asked = {name for function in functions for name in parameters_of(function)}
-    names = {room.locals[name][1] if name in room.locals else name for name in asked}
+    names = {room.locals[name].argument if name in room.locals else name for name in asked}
     names = (names - {"world", "scratch_slot"}) | {"state"}
     unknown = names - set(room.arguments)
     if unknown:
@@ -109,12 +144,12 @@ def _local_lines(functions: Iterable[Any], slot: str, room: StageRoom) -> list[s
     asked = {name for function in functions for name in parameters_of(function)}
     lines = [f"scratch_slot = {slot}"]
     return lines + [
-        f"{name} = make_{name}({memory}, scratch_slot)" for name, (_, memory) in room.locals.items() if name in asked
+        f"{name} = make_{name}({each.argument}, scratch_slot)" for name, each in room.locals.items() if name in asked
     ]
 
 
 def _scope(stages: Sequence[Stage], room: StageRoom) -> dict[str, Any]:
-    names = {f"make_{name}": function for name, (function, _) in room.locals.items()}
+    names = {f"make_{name}": each.function for name, each in room.locals.items()}
     for stage in stages:
         names[f"stage_{stage.name}"] = stage.function
         if stage.when is not None:
@@ -142,7 +177,17 @@ def fused_kernel(name: str, stages: Sequence[Stage], room: StageRoom) -> StageKe
 
 
 def separate_kernel(stage: Stage, room: StageRoom) -> StageKernel:
-    """Make the kernel of one stage, with a thread for each world, or a row of lanes."""
+    """Make the kernel of one stage, with a thread for each world, or a row of lanes.
+
+    It finds only the attributes of locals that the stage asks for: compilers spend most of their time on the others.
+    """
+    asked = attributes_of(stage.function)
+    parts = {
+        name: dataclasses.replace(each, function=each.part(f"{name}_for_{stage.name}", asked))
+        for name, each in room.locals.items()
+        if each.part is not None and name in parameters_of(stage.function)
+    }
+    room = dataclasses.replace(room, locals={**room.locals, **parts})
     arguments = _arguments_of([stage.function], room)
     body = [
         "k = wp.tid()" if stage.lanes == 1 else "k, lane = wp.tid()", "world = worlds.first + k",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import warp as wp
 
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
-from simwarp.kernels.core.stages import Stage, StageKernel, StageRoom, fused_kernel, separate_kernel
+from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, reduce_contacts, respond_to_contacts
 from simwarp.kernels.dynamics.solve_stages import cone_solve, stages_for_cuda_check
@@ -38,7 +38,15 @@ from simwarp.kernels.dynamics.step import (
     publish_joints,
     solve_bilateral,
 )
-from simwarp.kernels.dynamics.world import MODULE_OPTIONS, Scratch, kept_rows, pack, pack_cone
+from simwarp.kernels.dynamics.world import (
+    MODULE_OPTIONS,
+    Scratch,
+    kept_rows,
+    pack,
+    pack_cone,
+    part_of_cone,
+    part_of_work,
+)
 
 ROOM = StageRoom(
     module=__name__, options=MODULE_OPTIONS,
@@ -47,7 +55,10 @@ ROOM = StageRoom(
         "scratch": Scratch, "state": StateArrays, "contacts": ContactArrays, "progress": StepProgress,
         "reports": Reports,
     },
-    locals={"work": (pack, "scratch"), "cone": (pack_cone, "scratch"), "kept": (kept_rows, "scratch")},
+    locals={
+        "work": StageLocal(pack, "scratch", part_of_work), "cone": StageLocal(pack_cone, "scratch", part_of_cone),
+        "kept": StageLocal(kept_rows, "scratch"),
+    },
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ packed under names as a `Work`: a world writes everything that it reads there, s
 """
 
 import dataclasses
+from collections.abc import Set
 from typing import Any
 
 import warp as wp
@@ -108,6 +109,16 @@ GROUPS = (WorkScratch, ConeScratch, KeptScratch)
 Scratch = memory_struct("Scratch", __name__, GROUPS)
 pack = slot_function("pack", __name__, WorkScratch, Work, Scratch)
 pack_cone = slot_function("pack_cone", __name__, ConeScratch, ConeProblem, Scratch)
+
+
+def part_of_work(name: str, only: Set[str]) -> Any:
+    """`pack` that finds only the arrays of these names."""
+    return slot_function(name, f"{__name__}.parts", WorkScratch, Work, Scratch, only=only)
+
+
+def part_of_cone(name: str, only: Set[str]) -> Any:
+    """`pack_cone` that finds only the arrays of these names."""
+    return slot_function(name, f"{__name__}.parts", ConeScratch, ConeProblem, Scratch, only=only)
 
 
 def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+from collections.abc import Set
 from typing import Any
 
 import numpy as np
@@ -10,21 +13,36 @@ import warp as wp
 
 from simwarp.core.types import ArrayLayout, ConeSolver, WorldStatus
 from simwarp.kernels.collision.collision_stages import STAGES
+from simwarp.kernels.cones.problem import ConeScratch
 from simwarp.kernels.core.scratch import make_memory, slot_function
-from simwarp.kernels.core.stages import Stage, StageRoom, fused_kernel, parameters_of, separate_kernel
+from simwarp.kernels.core.stages import (
+    Stage,
+    StageLocal,
+    StageRoom,
+    attributes_of,
+    fused_kernel,
+    parameters_of,
+    separate_kernel,
+)
+from simwarp.kernels.core.tables import WorkScratch
 from simwarp.kernels.dynamics.solve_stages import cone_solve, solver_stages, stages_for_cuda_check
-from simwarp.kernels.dynamics.step_stages import step_stages
+from simwarp.kernels.dynamics.step_stages import stage_kernel, step_stages
 from simwarp.simulation.world_launches import WorldShares
 from tests.unit.kernels.core.toy_stages import NUMBERS, TOY_MEMORY, Options, State, Toy, ToyScratch
 
 WORLDS = 5
 
 
+def pack_toy(name: str, only: Set[str] | None = None) -> wp.Function:
+    function: wp.Function = slot_function(name, "toy", ToyScratch, NUMBERS, TOY_MEMORY, only=only)
+    return function
+
+
 def toy_room() -> StageRoom:
     return StageRoom(
         module="toy", options={"enable_backward": False},
         arguments={"options": Options, "scratch": TOY_MEMORY, "state": State},
-        locals={"numbers": (slot_function("pack_toy", "toy", ToyScratch, NUMBERS, TOY_MEMORY), "scratch")},
+        locals={"numbers": StageLocal(pack_toy("pack_toy"), "scratch", pack_toy)},
     )  # fmt: skip
 
 
@@ -76,6 +94,42 @@ def test_a_kernel_has_the_arguments_of_its_functions_alone():
     assert separate_kernel(square, room).arguments == ("scratch", "state")
     assert fused_kernel("toy", [double, publish], room).arguments == ("scratch", "state")
     assert fused_kernel("toy", [double, square, publish], room).arguments == ("options", "scratch", "state")
+
+
+def test_a_kernel_of_one_stage_finds_what_the_stage_and_what_it_calls_ask_for():
+    assert attributes_of(Toy.publish) == {"number", "value"}
+    assert attributes_of(Toy.publish_sum) == {"number", "value", "other", "colour"}, "the last in native code"
+    asked: list[tuple[str, Set[str] | None]] = []
+
+    def part(name: str, only: Set[str] | None = None) -> wp.Function:
+        asked.append((name, only))
+        return pack_toy(name, only)
+
+    room = dataclasses.replace(toy_room(), locals={"numbers": StageLocal(pack_toy("pack_toy"), "scratch", part)})
+    separate_kernel(toy_stages()[1], room)
+    assert asked == [("numbers_for_square", {"number"})]
+
+
+GPU_STAGES = {stage.name: stage for stage in step_stages(stages_for_cuda_check())}
+FOUND = re.compile(r"static CUDA_CALLABLE \w+ \w+_for_\w+\(.*?^\}", re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.quick("collect_bounds", "publish_bodies")
+@pytest.mark.parametrize("name", GPU_STAGES)
+def test_a_kernel_of_a_gpu_finds_all_arrays_that_its_code_asks_for(monkeypatch, tmp_path, name):
+    """In the code that Warp writes: an array that was not found would be a null pointer."""
+    monkeypatch.setattr("warp._src.build.build_cuda", lambda *given, **options: None)
+    kernel = stage_kernel(GPU_STAGES[name]).kernel
+    wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=tmp_path, use_ptx=True)
+    code = next(tmp_path.rglob("*.cu")).read_text(encoding="utf-8")
+    own = "".join(FOUND.findall(code))
+    found = set(re.findall(r"// found\.(\w+) = ", own))
+    asked = set(re.findall(r"\(\(?var_\w+\)\.(\w+)\)", FOUND.sub("", code)))
+    for group, local in ((WorkScratch, "work"), (ConeScratch, "cone")):
+        if f"{local}_for_{name}" in own:
+            arrays = {key for key, each in group.ARRAYS.items() if each.lengths}
+            assert asked & arrays <= found
+            assert len(found & arrays) < len(arrays)
 
 
 def test_what_no_kernel_has_is_named():

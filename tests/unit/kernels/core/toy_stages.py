@@ -53,6 +53,20 @@ def publish(world: int, state: State, numbers: NUMBERS):
     state.value[world] = numbers.number[0]
 
 
+@wp.func_native("return view.colour;")
+def colour_of(view: Options) -> float: ...
+
+
+@wp.func
+def other_of(numbers: NUMBERS) -> float:
+    return numbers.other[0]
+
+
+@wp.func
+def publish_sum(world: int, state: State, options: Options, numbers: NUMBERS):
+    state.value[world] = numbers.number[0] + other_of(numbers) + colour_of(options)
+
+
 @wp.func
 def lost(world: int, colour: int):
     pass
@@ -61,4 +75,5 @@ def lost(world: int, colour: int):
 class Toy:
     """The functions of the stages."""
 
-    double, has_squares, square, publish, lost = double, has_squares, square, publish, lost
+    double, has_squares, square, lost = double, has_squares, square, lost
+    publish, publish_sum = publish, publish_sum
