@@ -56,7 +56,6 @@ def publish(world: int, state: State, numbers: NUMBERS):
 @wp.func_native("return view.colour;")
 def colour_of(view: Options) -> float:  # type: ignore[empty-body]
     """A number of the options, asked for in C++."""
-    ...
 
 
 @wp.func
