@@ -8,8 +8,8 @@ from tests.emulated_cuda.cpu_tests import CPU_TESTS
 from tests.emulated_cuda.emulated_runs import ROOT, run_emulated, skip_where_unavailable
 
 FOLDERS = (
-    "tests/unit/simulation", "tests/unit/sensors", "tests/unit/vehicle", "tests/tasks/framework",
-    "tests/tasks/actuation", "tests/tasks/randomisation",
+    "tests/unit/simulation", "tests/unit/sensors", "tests/unit/vehicle", "tests/unit/soil",
+    "tests/tasks/framework", "tests/tasks/actuation", "tests/tasks/randomisation",
 )  # fmt: skip
 FORCED = ("-m", "pytest", "-p", "tests.emulated_cuda.force_cuda", "-p", "no:cacheprovider", "-q")
 
