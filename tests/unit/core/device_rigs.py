@@ -561,6 +561,7 @@ APART: Final[dict[str, str]] = {
     "TensorLaunch.on": "see test_a_launch_over_tensors_refuses_those_of_another_device",
     "LiveView.reset": "hands the mask to Simulation.reset",
     "draw_lines": "pictures of NumPy",
+    "check_step": "makes its actions on the task's device",
     "portrait": "coordinates of a picture, of NumPy",
     "FollowCamera.floors": "places of NumPy",
     "travel_table": "travels of NumPy",
