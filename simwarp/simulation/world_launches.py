@@ -18,6 +18,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
 from simwarp.core.threads import Workers, number_from_environment, thread_count
+from simwarp.core.types import ModelError
 from simwarp.kernels.core.world_range import WorldRange
 
 CHUNKS_PER_THREAD: Final = 4
@@ -35,15 +36,23 @@ BLOCK_VARIABLE: Final = "SIMWARP_BLOCK_DIM"
 """Environment variable of another number, to be measured."""
 MOST_IN_BLOCK: Final = 1024
 """Most threads that CUDA allows in a block."""
+WARP: Final = 32
+"""Threads of a warp."""
 
 
 def block_threads() -> int:
     """Threads of a block on a GPU: of the environment variable, where it is set.
 
     Raises:
-        ModelError: the variable is no whole number from 1 to 1024.
+        ModelError: the variable is no whole number from 1 to 1024, or no multiple of 32: lanes that share a world are
+            neighbours in one warp.
     """
-    return number_from_environment(BLOCK_VARIABLE, MOST_IN_BLOCK, f"unset it for {BLOCK}") or BLOCK
+    number = number_from_environment(BLOCK_VARIABLE, MOST_IN_BLOCK, f"unset it for {BLOCK}") or BLOCK
+    if number % WARP:
+        raise ModelError(
+            f"{BLOCK_VARIABLE} must be a multiple of {WARP}, whole warps, got {number}; unset it for {BLOCK}"
+        )
+    return number
 
 
 def has_own_slots(device: Any) -> bool:

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -47,52 +47,32 @@ def run_emulated(
     seed: int = 1,
     folder: Path = ROOT,
     timeout: float = 1200.0,
+    cleanly: bool = False,
 ) -> str:
     """Run Python with these arguments on the emulated device; what it prints.
+
+    Args:
+        arguments: of Python.
+        check, streams, seed: of the device.
+        folder: in which it runs.
+        timeout: [s].
+        cleanly: for a program that does not look for faults itself: the device must have been used, without a fault, a
+            hazard of captures, or a race.
 
     Raises:
         AssertionError: it failed.
     """
-    return _done(arguments, check, streams, seed, folder, timeout, report=False).stdout
-
-
-def run_cleanly(
-    *arguments: str,
-    check: Check = Check.MEMORY,
-    streams: StreamOrder = StreamOrder.EAGER,
-    seed: int = 1,
-    folder: Path = ROOT,
-    timeout: float = 1200.0,
-) -> str:
-    """As `run_emulated`, of a program that does not look for faults itself.
-
-    Raises:
-        AssertionError: it failed, or the device has noted a fault, a hazard of captures, or a race.
-    """
-    done = _done(arguments, check, streams, seed, folder, timeout, report=True)
-    report = [line for line in done.stderr.splitlines() if line.startswith(REPORTED)]
-    assert any(" kernels, " in line for line in report), "the device was not used"
-    assert not any(line[len(REPORTED) :].startswith(WRONG) for line in report), "\n".join(report)
-    return done.stdout
-
-
-def _done(
-    arguments: Sequence[str],
-    check: Check,
-    streams: StreamOrder,
-    seed: int,
-    folder: Path,
-    timeout: float,
-    *,
-    report: bool,
-) -> subprocess.CompletedProcess[str]:
     environment = {
         **os.environ, f"{SWITCH}_CHECK": check, f"{SWITCH}_STREAMS": streams, f"{SWITCH}_SEED": str(seed),
-        f"{SWITCH}_REPORT": str(int(report)),
+        f"{SWITCH}_REPORT": str(int(cleanly)),
     }  # fmt: skip
     command = [sys.executable, str(HERE), *arguments]
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout, check=False
     )
     assert done.returncode == 0, f"{' '.join(arguments)}: {done.stderr[-3000:]}"
-    return done
+    if cleanly:
+        report = [line for line in done.stderr.splitlines() if line.startswith(REPORTED)]
+        assert any(" kernels, " in line for line in report), "the device was not used"
+        assert not any(line[len(REPORTED) :].startswith(WRONG) for line in report), "\n".join(report)
+    return done.stdout

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import torch
 
-from tests.emulated_cuda.emulated_runs import HERE, ROOT, run_cleanly, skip_where_unavailable
+from tests.emulated_cuda.emulated_runs import HERE, ROOT, run_emulated, skip_where_unavailable
 from tests.emulated_cuda.settings import Check, StreamOrder
 from tests.reference.imported_robots import ROBOTS
 
@@ -60,9 +60,10 @@ def test_a_command_runs_cleanly_and_alike_in_another_order(name, tmp_path):
     for seed, check, streams in ((1, Check.RACE, StreamOrder.EAGER), (7, Check.MEMORY, StreamOrder.LAZY)):
         folder = tmp_path / str(seed)
         folder.mkdir()
-        run_cleanly(
-            "-m", "simwarp", *words, "--device", "cuda:0", check=check, streams=streams, seed=seed, folder=folder
-        )
+        run_emulated(
+            "-m", "simwarp", *words, "--device", "cuda:0", check=check, streams=streams, seed=seed, folder=folder,
+            cleanly=True,
+        )  # fmt: skip
         found.append({path.name: numbers(path) for path in sorted(folder.glob(results))} if results else {})
     assert found[0] == found[1]
     assert bool(found[0]) == bool(results)
@@ -77,7 +78,7 @@ BOUND = 2e-5
 def test_imported_robots_move_as_on_the_cpu(tmp_path):
     skip_where_unavailable()
     files = [str(ROBOTS / name) for name in ROBOT_FILES]
-    printed = run_cleanly(str(HERE / "robots_on_device.py"), *files, check=Check.RACE)
+    printed = run_emulated(str(HERE / "robots_on_device.py"), *files, check=Check.RACE, cleanly=True)
     for row in json.loads(printed.splitlines()[-1]).values():
         assert row["moved"] > 1e-4
         assert row["difference"] <= BOUND

@@ -137,8 +137,7 @@ def train(
                 lock = held.enter_context(writing(resume, take_over))
                 if lock.took_over:
                     console.print(lock.took_over, highlight=False, markup=False, soft_wrap=True)
-            _refuse_other_variant(resume, task_name, task_config)
-            saved = _saved_run(resume, task_name, config)
+            saved = _saved_run(resume, task_name, config, task_config)
             if saved is None:
                 console.print("the run has no checkpoint yet: it begins at iteration 0", highlight=False)
                 start = _start_of_run(resume, task_name)
@@ -270,8 +269,11 @@ def _start_of_run(resume: Path, task_name: str) -> dict[str, Any] | None:
     return None if named is None else _start_policy(Path(named), task_name)
 
 
-def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path, dict[str, Any]] | None:
+def _saved_run(
+    resume: Path, task_name: str, config: TrainConfig, task_config: TaskConfig
+) -> tuple[Path, dict[str, Any]] | None:
     """Return the newest checkpoint and its content; None of a run that was prepared, or ended before its first one."""
+    _refuse_other_variant(resume, task_name, task_config)
     folder = open_run(resume)
     if not folder.checkpoint_files():
         saved = folder.load_config()["task"]

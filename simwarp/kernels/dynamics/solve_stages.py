@@ -97,7 +97,16 @@ def if_not_factorised(problem: ConeProblem) -> bool:
     return not can_factorise(problem)
 
 
+@wp.func
+def descend(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """Accelerated gradient descent until Newton steps are worth a try (`resume_stage`)."""
+    report = descend_first(problem, config)
+    keep_best(problem)
+    return report
+
+
 SOLVERS = {
+    ConeSolver.APGD: (always, descend),
     ConeSolver.PSOR: (always, solve_psor),
     ConeSolver.SPG: (always, solve_spg),
     ConeSolver.PADMM: (if_dense, solve_padmm),
@@ -137,47 +146,21 @@ def _stage(name: str, function: object, several: bool, lanes: int = 1) -> Stage:
 
 
 @functools.cache
-def solve_stage(solver: ConeSolver, several: bool) -> Stage:
-    """The stage of one solver of `SOLVERS`.
+def solve_stage(solver: ConeSolver, stand_in: bool, several: bool, lanes: int = 1) -> Stage:
+    """The stage of one solver, which is not the interior point, or of gradient descent where a solver cannot work.
 
     Args:
         solver: that is chosen.
+        stand_in: for what it cannot solve.
         several: worlds have several units, which may be islands.
+        lanes: of a warp, that share a world: gradient descent knows them.
     """
-    applies, solve = SOLVERS[solver]
+    applies, solve = (STAND_INS[solver], descend) if stand_in else SOLVERS[solver]
     islands_of, problem_of = VIEWS[several]
 
     @wp.func(inline=True)
     def solve_problems(world: int, config: StepConfig, topology: Topology, progress: StepProgress, cone: ConeProblem):
         """Solves the cone problems of a world that are for this solver."""
-        if progress.blocks[world] > 0:
-            numbers = gradient_config(cone_config(config))
-            islands = islands_of(world, progress)
-            for island in range(wp.max(islands, 1)):
-                problem = problem_of(island, islands, progress.blocks[world], topology, config, cone)
-                if applies(problem):
-                    if problem.dense == 1:
-                        assemble_dense(problem)
-                    keep_report(island, solve(problem, numbers), cone)
-
-    return _stage(f"solve_by_{solver.name.lower()}", solve_problems, several)
-
-
-@functools.cache
-def descent_stage(stand_in: ConeSolver | None, several: bool, lanes: int) -> Stage:
-    """The stage of gradient descent until Newton steps are worth a try (`resume_stage`).
-
-    Args:
-        stand_in: the solver for which it solves what that cannot; None: it is the solver.
-        several: worlds have several units, which may be islands.
-        lanes: of a warp, that share a world.
-    """
-    applies = always if stand_in is None else STAND_INS[stand_in]
-    islands_of, problem_of = VIEWS[several]
-
-    @wp.func(inline=True)
-    def descend(world: int, config: StepConfig, topology: Topology, progress: StepProgress, cone: ConeProblem):
-        """Solves the cone problems of a world, or begins to."""
         if progress.blocks[world] > 0:
             numbers = gradient_config(cone_config(config))
             islands = islands_of(world, progress)
@@ -188,12 +171,10 @@ def descent_stage(stand_in: ConeSolver | None, several: bool, lanes: int) -> Sta
                 if applies(problem):
                     if problem.dense == 1:
                         assemble_dense(problem)
-                    solution = descend_first(problem, numbers)
-                    keep_best(problem)
-                    keep_report(island, solution, shared)
+                    keep_report(island, solve(problem, numbers), shared)
 
-    name = "solve_by_apgd" if stand_in is None else f"descend_for_{stand_in.name.lower()}"
-    return _stage(name, descend, several, lanes)
+    name = solver.name.lower()
+    return _stage(f"descend_for_{name}" if stand_in else f"solve_by_{name}", solve_problems, several, lanes)
 
 
 @functools.cache
@@ -345,7 +326,7 @@ def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool,
     lanes = lanes_for(rows)
 
     def descent(stand_in: ConeSolver | None) -> list[Stage]:
-        first = descent_stage(stand_in, several, lanes)
+        first = solve_stage(solver, stand_in is not None, several, lanes)
         return [first, *(resume_stage(stand_in, rest, several, lanes) for rest in (False, True) if newton)]
 
     stages = descent(solver) if solver in STAND_INS else []
@@ -354,7 +335,7 @@ def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool,
     elif solver == ConeSolver.APGD:
         stages += descent(None)
     else:
-        stages.append(solve_stage(solver, several))
+        stages.append(solve_stage(solver, False, several))
     if follows:
         stages += [follow_newton_stage(several), refine_newton_stage(True, several)]
     return stages
@@ -362,13 +343,13 @@ def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool,
 
 def stages_for_cuda_check() -> list[Stage]:
     """All solvers; those of islands stand for each other, but for the interior point."""
-    alone = [solve_stage(solver, False) for solver in SOLVERS]
-    descents = [descent_stage(stand_in, False, 8) for stand_in in (None, *STAND_INS)]
+    alone = [solve_stage(solver, False, False, 8 if solver == ConeSolver.APGD else 1) for solver in SOLVERS]
+    stand_ins = [solve_stage(solver, True, False, 8) for solver in STAND_INS]
     on = [resume_stage(None, rest, False, 8) for rest in (False, True)]
-    several = [descent_stage(None, True, 32), resume_stage(None, False, True, 32)]
+    several = [solve_stage(ConeSolver.APGD, False, True, 32), resume_stage(None, False, True, 32)]
     newton = [
         stage for each in (False, True)
         for stage in (start_newton_stage(each), follow_newton_stage(each),
                       refine_newton_stage(False, each), refine_newton_stage(True, each))
     ]  # fmt: skip
-    return [*alone, *descents, *on, *several, *newton]
+    return [*alone, *stand_ins, *on, *several, *newton]

@@ -13,8 +13,8 @@ from simwarp.core.types import ShapeType
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
 from simwarp.viewer.live import page_meshes
+from simwarp.viewer.live.body_readback import BodyReadback
 from simwarp.viewer.live.page_meshes import Triangles
-from simwarp.viewer.live.shown_bodies import ShownBodies
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -95,7 +95,7 @@ class Batches:
         self.revision += 1
         return True
 
-    def poses(self, bodies: ShownBodies) -> tuple[Array, Array]:
+    def poses(self, bodies: BodyReadback) -> tuple[Array, Array]:
         """Positions (S, I, 3) [m] and orientations (S, I, 4) xyzw of all instances in world axes."""
         places = np.concatenate([bodies.positions, np.zeros((len(self.worlds), 1, 3))], axis=1)
         turns = np.concatenate([bodies.rotations, np.tile((0.0, 0.0, 0.0, 1.0), (len(self.worlds), 1, 1))], axis=1)
@@ -103,7 +103,7 @@ class Batches:
         carrier = turns[:, body]
         return places[:, body] + turned(carrier, self._x), multiplied(carrier, self._rot)
 
-    def extent(self, shown: ShownBodies, *, moving: bool = True) -> Array:
+    def extent(self, shown: BodyReadback, *, moving: bool = True) -> Array:
         """(S, 2, 3) corners of what bodies carry, or of all but endless planes [m]; of bodies where nothing is seen."""
         places, _ = self.poses(shown)
         reach = np.abs(self._size).max(axis=-1)

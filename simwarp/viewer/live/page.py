@@ -14,9 +14,9 @@ import numpy.typing as npt
 from simwarp.core.types import WORLD
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, turned
+from simwarp.viewer.live.body_readback import BodyReadback
 from simwarp.viewer.live.page_light import DAY, NIGHT
 from simwarp.viewer.live.page_meshes import linear_bytes
-from simwarp.viewer.live.shown_bodies import ShownBodies
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import WebServer, run_script
 from simwarp.viewer.live.world_layout import Layout, offsets
@@ -65,7 +65,7 @@ class Page:
         """Recordings that run: poses are rounded for them, since numbers that are alike make small files."""
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
-        self.bodies = ShownBodies(subject.simulation.state, self.worlds)
+        self.bodies = BodyReadback(subject.simulation.state, self.worlds)
         self.batches = self._batches()
         self._sun_at = np.array([-4.0, -5.0, 10.0])
         self._handles: dict[Any, Any] = {}
@@ -103,7 +103,7 @@ class Page:
     def show_worlds(self, worlds: Sequence[int]) -> None:
         """Others of the simulation's worlds instead of those that were shown."""
         self.worlds = np.asarray(worlds, np.int64)
-        self.bodies = ShownBodies(self.subject.simulation.state, self.worlds)
+        self.bodies = BodyReadback(self.subject.simulation.state, self.worlds)
         self.chosen = min(self.chosen, len(self.worlds) - 1)
         self.arrange(self.layout)
 

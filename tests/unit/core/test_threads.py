@@ -88,7 +88,15 @@ def test_sizes_of_blocks_that_are_refused(text: str, monkeypatch: pytest.MonkeyP
     assert str(caught.value).endswith("; unset it for 32")
 
 
-@pytest.mark.parametrize(("text", "threads"), [(None, 32), ("", 32), ("1", 1), ("128", 128), ("1024", 1024)])
+@pytest.mark.parametrize("text", ["1", "16", "48", "1000"])
+def test_blocks_are_whole_warps(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lanes that share a world would be in two warps, or wait for lanes that are not there."""
+    monkeypatch.setenv(BLOCK_VARIABLE, text)
+    with pytest.raises(sw.ModelError, match=f"^SIMWARP_BLOCK_DIM must be a multiple of 32, whole warps, got {text}; "):
+        sw.Simulation(scenes.pendulum().finalize(1, "cpu"), 1e-3)
+
+
+@pytest.mark.parametrize(("text", "threads"), [(None, 32), ("", 32), ("32", 32), ("128", 128), ("1024", 1024)])
 def test_sizes_of_blocks(text: str | None, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(BLOCK_VARIABLE, raising=False)
     if text is not None:

@@ -17,7 +17,7 @@ pytest.importorskip("viser")
 
 from simwarp.viewer.live import page_meshes
 from simwarp.viewer.live.batches import HIDDEN, Batches, multiplied, turned
-from simwarp.viewer.live.shown_bodies import ShownBodies
+from simwarp.viewer.live.body_readback import BodyReadback
 from simwarp.viewer.live.world_layout import Layout, natural_layout, offsets
 from tests.reference.mechanisms import random_mechanism
 
@@ -50,7 +50,7 @@ def test_instances_are_where_rays_meet_them() -> None:
     sim, scene = furnished()
     tables = scene.tables()
     scene.place(sim.state, tables)
-    places, turns = Batches(scene, [2, 0]).poses(ShownBodies(sim.state, np.array([2, 0])))
+    places, turns = Batches(scene, [2, 0]).poses(BodyReadback(sim.state, np.array([2, 0])))
     for row, world in enumerate((2, 0)):
         expected = tables.place_x.numpy()[world] + tables.origin.numpy()[world]
         # float32 places of rays, at distances of some metres
@@ -71,7 +71,7 @@ def test_scaled_triangles_are_as_large_as_the_shapes() -> None:
     tables = scene.tables()
     scene.place(sim.state, tables)
     batches = Batches(scene, [0])
-    places, turns = batches.poses(ShownBodies(sim.state, batches.worlds))
+    places, turns = batches.poses(BodyReadback(sim.state, batches.worlds))
     seen = set()
     for batch in batches.batches:
         for row, instance, scale in zip(batch.rows, batch.instances, batch.scales, strict=True):

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.simulation.state import State
-from simwarp.viewer.live.shown_bodies_kernels import gather_bodies
+from simwarp.viewer.live.body_readback_kernels import gather_bodies
 
 Array = npt.NDArray[np.float64]
 
@@ -17,7 +17,7 @@ NUMBERS: Final = 10
 """Of a body: centre of mass, orientation, velocity."""
 
 
-class ShownBodies:
+class BodyReadback:
     """Centres of mass, orientations and velocities of some worlds' bodies.
 
     A CPU's are read where they are. A GPU's are copied to pinned memory behind the steps in its stream, and used when
