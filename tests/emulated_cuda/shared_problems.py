@@ -14,7 +14,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
-from simwarp.kernels.dynamics import solve_stages
+from simwarp.kernels.dynamics import solve_stages, world
 from tests.emulated_cuda.device import device
 from tests.reference.yards import PARTS, yard
 
@@ -54,7 +54,7 @@ CASES: dict[str, tuple[Callable[[], sw.ModelBuilder], int, dict[str, Any]]] = {
 
 def moved(name: str, lanes: int) -> dict[str, np.ndarray]:
     """Velocities after some steps, and what the solver says of the last."""
-    solve_stages.lanes_for = lambda rows: lanes
+    solve_stages.lanes_for = world.lanes_for = lambda rows: lanes
     build, steps, options = CASES[name]
     model = build().finalize(WORLDS, "cuda:0")
     sim = sw.Simulation(model, 2e-3, solver=sw.SolverOptions(**{"tolerance": 1e-6, **options}), check_start=False)

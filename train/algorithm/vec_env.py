@@ -108,5 +108,5 @@ class TaskVecEnv(VecEnv):
             # Kept by reference until the iteration ends: new tensors in every step
             "log": {f"/reward/{name}": means[index] for index, name in enumerate(self.task.reward_terms)},
         }
-        rewards, done = self._reward_scale * result.rewards, result.terminated | result.truncated
-        return self.hand_out(result.observations), rewards, done, extras
+        rewards = result.rewards if self._reward_scale == 1.0 else self._reward_scale * result.rewards
+        return self.hand_out(result.observations), rewards, result.terminated | result.truncated, extras

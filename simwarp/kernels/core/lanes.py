@@ -15,6 +15,15 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+
+def lanes_for(rows: int) -> int:
+    """How many lanes of a warp share the cone problem of a world, which has at most so many rows.
+
+    One thread would keep a step waiting: the few worlds with most iterations need some ten times those of the mean.
+    """
+    return next((lanes for lanes, most in ((1, 8), (8, 32), (16, 128)) if rows <= most), 32)
+
+
 LANES = """
 #ifdef __CUDA_ARCH__
 #define ROLLED _Pragma("unroll 1")

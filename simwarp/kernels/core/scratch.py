@@ -142,18 +142,25 @@ def memory_layouts(groups: Sequence[type[ScratchGroup]], slots: int, sizes: Any)
     return {name: ArrayLayout((slots, *block.shape(sizes)), block.dtype) for name, block in blocks.items()}
 
 
-def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any) -> Any:
+def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any, *, of_lanes: Set[str] = frozenset()) -> Any:
     """Allocate a `memory_struct`, zero.
 
     On a GPU the slot is the innermost axis in memory: the lanes of a warp, a world each, read neighbours. Slots of a
-    CPU, which threads write side by side, are contiguous and share no cache line.
+    CPU, which threads write side by side, are contiguous and share no cache line; so are those of a GPU where several
+    lanes have a slot together, and read neighbours in it.
+
+    Args:
+        struct: the `memory_struct`.
+        layouts: of its arrays, by name.
+        device: where it lies.
+        of_lanes: names of the arrays of which lanes share a slot.
     """
     memory = struct()
     on_gpu = wp.get_device(device).is_cuda
     for name, layout in layouts.items():
         make: Any = wp.zeros
         if layout.shape[0] > 1:
-            make = _slots_innermost if on_gpu else _slots_apart
+            make = _slots_innermost if on_gpu and name not in of_lanes else _slots_apart
         setattr(memory, name, make(layout.shape, dtype=layout.dtype, device=device))
     return memory
 

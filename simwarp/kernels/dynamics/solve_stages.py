@@ -18,7 +18,7 @@ from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveRep
 from simwarp.kernels.cones.psor import solve_psor
 from simwarp.kernels.cones.solve import FALLBACK_STEPS, INTERIOR_POINT, gradient_config, solve_with_fallback
 from simwarp.kernels.cones.spg import solve_spg
-from simwarp.kernels.core.lanes import lane_of
+from simwarp.kernels.core.lanes import lane_of, lanes_for
 from simwarp.kernels.core.stages import Stage
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
 from simwarp.kernels.dynamics.cone_rows import assemble_dense
@@ -303,14 +303,6 @@ def refine_newton_stage(follows: bool, several: bool) -> Stage:
                     keep_report(island, solution, cone)
 
     return _stage("refine_following" if follows else "refine_newton", refine_newton, several)
-
-
-def lanes_for(rows: int) -> int:
-    """How many lanes of a warp share the cone problem of a world, which has at most so many rows.
-
-    One thread would keep a step waiting: the few worlds with most iterations need some ten times those of the mean.
-    """
-    return next((lanes for lanes, most in ((1, 8), (8, 32), (16, 128)) if rows <= most), 32)
 
 
 def solver_stages(solver: ConeSolver, *, rows: int, several: bool, newton: bool, follows: bool) -> list[Stage]:

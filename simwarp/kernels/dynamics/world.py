@@ -13,6 +13,7 @@ import warp as wp
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.problem import ConeProblem, ConeScratch
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
+from simwarp.kernels.core.lanes import lanes_for
 from simwarp.kernels.core.scratch import (
     ScratchGroup,
     make_memory,
@@ -128,7 +129,8 @@ def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
 
 def make_scratch(device: wp.Device, slots: int, sizes: ScratchSizes) -> Any:
     """Allocates the scratch: on a CPU a slot for each chunk of worlds, which stays in the cache."""
-    return make_memory(Scratch, scratch_layouts(slots, sizes), device)
+    of_lanes = ConeScratch.blocks().keys() if lanes_for(sizes.cone_rows) > 1 else frozenset[str]()
+    return make_memory(Scratch, scratch_layouts(slots, sizes), device, of_lanes=of_lanes)
 
 
 @wp.func

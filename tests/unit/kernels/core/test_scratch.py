@@ -2,6 +2,7 @@
 """Scratch that is declared once: its layout, its structs, and the function that finds a slot's arrays."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -74,11 +75,27 @@ def test_slots_of_a_gpu_are_innermost() -> None:
     assert memory.pair_things_float32.strides == (4, 3 * 4 * 4, 3 * 4)
     assert memory.pair_table.strides == (12, 3 * 4 * 12, 3 * 12)
     assert memory.pair_table.numpy().shape == (3, 2, 4, 3)
+    shared = make_memory(Memory, layouts, "cuda:0", of_lanes={"pair_table"})
+    assert shared.pair_things_float32.strides == memory.pair_things_float32.strides
+    assert shared.pair_table.strides == (LINES * math.ceil(2 * 4 * 12 / LINES), 4 * 12, 12)
     on_cpu = make_memory(Memory, layouts, "cpu")
-    for each, device in ((memory, "cuda:0"), (on_cpu, "cpu")):
+    for each, device in ((memory, "cuda:0"), (shared, "cuda:0"), (on_cpu, "cpu")):
         wp.launch(fill, dim=3, inputs=[each], device=device)
     for name in layouts:
-        np.testing.assert_array_equal(getattr(memory, name).numpy(), getattr(on_cpu, name).numpy())
+        for each in (memory, shared):
+            np.testing.assert_array_equal(getattr(each, name).numpy(), getattr(on_cpu, name).numpy())
+
+
+@pytest.mark.cuda
+def test_slots_that_lanes_share_are_contiguous() -> None:
+    """They read neighbours in it: an ant's eight lanes read a sector where they would read eight."""
+    sim = sw.Simulation(scenes.ant().finalize(9, "cuda:0"), 5e-3)
+    memory: Any = sim._scratch
+    assert memory.cone_s.strides[2] == 4 < memory.cone_s.strides[0]
+    assert memory.cone_vectors.strides[2] == 4 < memory.cone_vectors.strides[0]
+    alone = sw.Simulation(scenes.pendulum().finalize(9, "cuda:0"), 5e-3)
+    memory = alone._scratch
+    assert memory.cone_vectors.strides[0] == 4 < memory.cone_vectors.strides[2]
 
 
 def test_slots_that_would_lie_too_far_apart_lie_one_by_one(monkeypatch) -> None:
