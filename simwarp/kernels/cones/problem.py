@@ -101,6 +101,10 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
 
 ConeProblem = ConeScratch.struct("ConeProblem", __name__)
 
+OF_LANES = frozenset(f"{ConeScratch.PREFIX}{name}" for name in ("s", "vectors", "factor", "factor_end", "wide"))
+"""Arrays of the memory that only solvers use: where lanes share a problem, they read neighbours in one slot of these.
+The others are filled by a thread for each world, which finds its neighbours in the other slots."""
+
 
 # Rows of `vectors`. All solvers keep these and number their own from OWN on.
 X = wp.constant(0)  # the iterate

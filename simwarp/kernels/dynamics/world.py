@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.types import ArrayLayout
-from simwarp.kernels.cones.problem import ConeProblem, ConeScratch
+from simwarp.kernels.cones.problem import OF_LANES, ConeProblem, ConeScratch
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.lanes import lanes_for
 from simwarp.kernels.core.scratch import (
@@ -129,7 +129,7 @@ def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
 
 def make_scratch(device: wp.Device, slots: int, sizes: ScratchSizes) -> Any:
     """Allocates the scratch: on a CPU a slot for each chunk of worlds, which stays in the cache."""
-    of_lanes = ConeScratch.blocks().keys() if lanes_for(sizes.cone_rows) > 1 else frozenset[str]()
+    of_lanes = OF_LANES if lanes_for(sizes.cone_rows) > 1 else frozenset[str]()
     return make_memory(Scratch, scratch_layouts(slots, sizes), device, of_lanes=of_lanes)
 
 

@@ -11,6 +11,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.kernels.cones.problem import OF_LANES
 from simwarp.kernels.core import scratch
 from simwarp.kernels.core.scratch import (
     LINES,
@@ -93,6 +94,8 @@ def test_slots_that_lanes_share_are_contiguous() -> None:
     memory: Any = sim._scratch
     assert memory.cone_s.strides[2] == 4 < memory.cone_s.strides[0]
     assert memory.cone_vectors.strides[2] == 4 < memory.cone_vectors.strides[0]
+    assert memory.cone_y.strides[0] == 4 < memory.cone_y.strides[2]  # filled by one thread of each world
+    assert all(hasattr(memory, name) for name in OF_LANES)
     alone = sw.Simulation(scenes.pendulum().finalize(9, "cuda:0"), 5e-3)
     memory = alone._scratch
     assert memory.cone_vectors.strides[0] == 4 < memory.cone_vectors.strides[2]
