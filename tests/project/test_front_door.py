@@ -15,9 +15,9 @@ from simwarp.sensors.scene import AppearanceOptions
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
-    "simwarp", "simwarp.actuators", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
-    "simwarp.exporters", "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics", "simwarp.tasks",
-    "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",
+    "simwarp", "simwarp.actuators", "simwarp.motions", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery",
+    "simwarp.importers", "simwarp.exporters", "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics",
+    "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",
     "simwarp.tasks.locomotion.velocity.mdp",
     "simwarp.train",
     # these import libraries that are optional
