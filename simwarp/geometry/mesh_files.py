@@ -10,6 +10,7 @@ import importlib.util
 import logging
 import os
 import re
+from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -321,3 +322,66 @@ def with_fewer_triangles(vertices: npt.ArrayLike, triangles: npt.ArrayLike, most
 def painted_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike, colors: npt.ArrayLike) -> trimesh.Trimesh:
     """A mesh for libraries that take those of trimesh, with colours (V, 4) uint8 of its vertices, linear."""
     return trimesh.Trimesh(vertices, triangles, vertex_colors=colors, process=False)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GlbMesh:
+    """A mesh to be written.
+
+    Attributes:
+        name: unique.
+        vertices: (V, 3) [m].
+        triangles: (T, 3).
+        vertex_color: (V, 3) linear, by which the colour is multiplied; None: 1.
+        color: linear albedo.
+        smooth: with normals of a rounded surface, otherwise those of the triangles.
+    """
+
+    name: str
+    vertices: npt.NDArray[Any]
+    triangles: npt.NDArray[Any]
+    vertex_color: npt.NDArray[Any] | None
+    color: tuple[float, ...]
+    smooth: bool
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GlbNode:
+    """A node to be written, of a mesh by its name or of none, in the axes of its parent."""
+
+    name: str
+    matrix: Vertices
+    parent: str | None = None
+    mesh: str | None = None
+
+
+def glb_bytes(
+    meshes: Sequence[GlbMesh], nodes: Sequence[GlbNode], finish: Callable[[dict[Any, bytes], dict[str, Any]], None]
+) -> bytes:
+    """A GLB file (glTF 2.0).
+
+    Args:
+        meshes: that nodes show.
+        nodes: parents before their children.
+        finish: changes buffers and the tree of glTF before they are written, such as to add an animation.
+    """
+    scene = trimesh.Scene()
+    for mesh in meshes:
+        made = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+        if not mesh.smooth:
+            made.unmerge_vertices()
+        material = trimesh.visual.material.PBRMaterial(
+            baseColorFactor=[*mesh.color, 1.0], metallicFactor=0.0, roughnessFactor=0.8, doubleSided=True
+        )
+        made.visual = trimesh.visual.TextureVisuals(material=material)
+        if mesh.vertex_color is not None:
+            corners = mesh.vertex_color if mesh.smooth else mesh.vertex_color[np.asarray(mesh.triangles).reshape(-1)]
+            bytes_of = np.round(255.0 * np.clip(corners, 0.0, 1.0)).astype(np.uint8)
+            opaque = np.full((len(bytes_of), 1), 255, np.uint8)
+            made.visual.vertex_attributes["color"] = np.concatenate([bytes_of, opaque], axis=1)
+        scene.geometry[mesh.name] = made
+    for node in nodes:
+        scene.graph.update(
+            frame_to=node.name, frame_from=node.parent or scene.graph.base_frame, matrix=node.matrix, geometry=node.mesh
+        )
+    return bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=True, buffer_postprocessor=finish))

@@ -128,7 +128,7 @@ class FollowCamera(Readable):
             time: since the start [s], for how far the camera goes.
             lines: of each of the worlds, drawn into its picture; empty: none.
         """
-        poses = self._aim(time)
+        poses = self.aim(time)
         pictures: npt.NDArray[np.uint8] = self.camera.render(self._simulation.state, poses)
         if self._ground is not None:
             self._finish_grounds(pictures, poses)
@@ -155,8 +155,17 @@ class FollowCamera(Readable):
             found[missing] = self.camera.extent(self._simulation.state)[missing, 0, 2]
         return found
 
-    def _aim(self, time: float) -> list[Pose]:
-        """Where the cameras are, one step of following later."""
+    @property
+    def fov(self) -> float:
+        """Horizontal field of view [rad]."""
+        return self._shot.fov
+
+    def aim(self, time: float) -> list[Pose]:
+        """Poses of the cameras in the present state, one step of following later: x forward, y left, z up.
+
+        Args:
+            time: since the start [s].
+        """
         places, headings = self._places(), self._headings()
         passed = math.inf if self._time is None else max(time - self._time, 0.0)
         share = 1.0 - math.exp(-passed / max(self._shot.calm, 1e-6)) if self._shot.follows else 0.0

@@ -196,7 +196,7 @@ def test_the_trail_shows_where_a_body_went():
         images = film.render(index, 21, 0.04 * index)
     assert images is not None
     camera = FollowCamera(task.simulation, task.scene(), task.shot(), width=240, height=160)
-    pose = camera._aim(0.0)[0]
+    pose = camera.aim(0.0)[0]
     matrix = Pinhole(fov=task.shot().fov).intrinsics(240, 160)
     for x in (-0.9, 0.0, 0.9):
         seen = (np.array([x, -0.3, 0.6]) - pose.position) @ matrix_of(pose.rotation)
