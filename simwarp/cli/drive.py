@@ -7,6 +7,7 @@ import dataclasses
 import math
 import time
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -38,6 +39,7 @@ from simwarp.vehicle.vehicle import Vehicle
 if TYPE_CHECKING:
     from simwarp.cli.view.drive_film import DriveFilm
     from simwarp.cli.view.maneuver_view import ManeuverView
+    from simwarp.cli.view.scene_film import DriveSceneFilm
 
 PICTURES = (".png", ".pdf", ".svg")
 TOLD_EVERY = 10.0
@@ -96,6 +98,10 @@ class DriveOptions(CommonOptions):
     """Writes a page of plots: .png, .pdf or .svg."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is made)")] = None
     """Films the first world, soil with its ruts: .mp4 or .gif; .png or .jpg: a picture of the end."""
+    export_scene: Annotated[
+        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")
+    ] = None
+    """Writes the first world with its motion for other programs: .glb (glTF 2.0), or .pov for POV-Ray."""
     worlds: int = 1
     """Worlds that do the same; the first one is recorded."""
     device: str = "auto"
@@ -134,7 +140,7 @@ class Outcome:
     wall: float
     interrupted: bool = False
     broken: bool = False
-    film: DriveFilm | None = None
+    films: tuple[DriveFilm | DriveSceneFilm, ...] = ()
 
 
 def run(arguments: list[str]) -> int:
@@ -151,6 +157,10 @@ def run(arguments: list[str]) -> int:
         from simwarp.cli.view.drive_film import check_film
 
         check_film(options.video, what.start + what.duration)
+    if options.export_scene is not None:
+        from simwarp.cli.view.scene_film import check_scene
+
+        check_scene(options.export_scene, what.start + what.duration)
     console = options.console()
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
@@ -176,7 +186,7 @@ def _check(name: str, options: DriveOptions) -> None:
     """Refuse what cannot work, before any work is done."""
     words = [name, options.maneuver, options.tire, options.driveline, *(options.powertrain or "").split(",")]
     files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
-    options.check(*files, csv=options.csv, plot=options.plot, video=options.video)
+    options.check(*files, csv=options.csv, plot=options.plot, video=options.video, export_scene=options.export_scene)
     resolve_device(None if options.device == "auto" else options.device)
     for key in ("dt", "friction"):
         value = getattr(options, key)
@@ -236,11 +246,13 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     drive = Drive(setup)
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
-    outcome.film = film = _film(setup, options)
+    outcome.films = films = _films(setup, options)
     begin = time.perf_counter()
     with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
-            shown = bar.advance if film is None else film.beside(bar.advance)
+            shown: Callable[[float], None] = bar.advance
+            for film in films:
+                shown = film.beside(shown)
             drive.run(shown if page is None else page.beside(shown))
             if page is not None:
                 page.hold()
@@ -248,7 +260,7 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
             if not drive.recorder.rows:
                 raise
             outcome.interrupted = True
-    outcome.wall = time.perf_counter() - begin - (0.0 if film is None else film.seconds)
+    outcome.wall = time.perf_counter() - begin - sum(film.seconds for film in films)
     outcome.run = drive.result()
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
     outcome.broken = drive.broken()
@@ -263,13 +275,18 @@ def _soil(vehicle: Vehicle, options: DriveOptions) -> list[Soil]:
     return [soil_under(vehicle, options.soil or "mid", **given)]
 
 
-def _film(setup: Setup, options: DriveOptions) -> DriveFilm | None:
-    """The film or picture that was asked for."""
-    if options.video is None:
-        return None
-    from simwarp.cli.view.drive_film import DriveFilm
+def _films(setup: Setup, options: DriveOptions) -> tuple[DriveFilm | DriveSceneFilm, ...]:
+    """The film or picture, and the scene, that were asked for."""
+    films: list[DriveFilm | DriveSceneFilm] = []
+    if options.video is not None:
+        from simwarp.cli.view.drive_film import DriveFilm
 
-    return DriveFilm(setup, options.video)
+        films.append(DriveFilm(setup, options.video))
+    if options.export_scene is not None:
+        from simwarp.cli.view.scene_film import DriveSceneFilm
+
+        films.append(DriveSceneFilm(setup, options.export_scene))
+    return tuple(films)
 
 
 def _page(setup: Setup, title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
@@ -368,9 +385,9 @@ def _write(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: 
         path = None if what.follow is None else what.follow.paths[0]
         draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
-    if outcome.film is not None:
-        outcome.film.write()
-        console.print(f"wrote {options.video}", highlight=False, markup=False, soft_wrap=True)
+    for film in outcome.films:
+        film.write()
+        console.print(f"wrote {film.path}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
@@ -391,6 +408,7 @@ def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: 
         "csv": None if options.csv is None else str(options.csv),
         "plot": None if options.plot is None else str(options.plot),
         "video": None if options.video is None else str(options.video),
+        "file": None if options.export_scene is None else str(options.export_scene),
         "interrupted": outcome.interrupted,
         "broken": outcome.broken,
         "wall_s": outcome.wall,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from rich.console import Console
 
@@ -29,6 +29,9 @@ from simwarp.train.runs.progress_display import LiveLine
 
 if TYPE_CHECKING:
     from simwarp.cli.view.films import HtmlFilm
+    from simwarp.cli.view.scene_film import TaskSceneFilm
+
+    AnyFilm: TypeAlias = Film | HtmlFilm | TaskSceneFilm
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +42,9 @@ class PlayOptions(CommonOptions):
     """File to write: .mp4, .gif, .png or .jpg; by default TASK.mp4 in the working folder."""
     html: Path | None = None
     """File to write in place of a picture or video: .html, a recording that opens in a browser, or .viser."""
+    export_scene: Path | None = None
+    """File to write in place of a picture or video, for other programs: .glb, the scene of one world with its motion
+    (glTF 2.0), or .pov, the same for POV-Ray."""
     checkpoint: Path | None = None
     """Checkpoint file or run folder, or `shipped`, the name of a shipped one, `zero`, `random`; by default the newest
     run, else the shipped."""
@@ -94,14 +100,13 @@ def run(arguments: list[str]) -> int:
             capture=options.capture,
         )  # fmt: skip
     task.set_level(level)
-    video = target.suffix.lower() in VIDEO_SUFFIXES
     policy = source.policy(task)
-    film = _html_film(task, target) if options.html is not None else Film(task, video, _film_options(options))
+    film = _film(task, target, options)
     frames: list[Frame] = []
     try:
         total = _record(task, policy, options, film, frames, console)
     except KeyboardInterrupt:
-        if frames and (options.html is not None or any(frame.images is not None for frame in frames)):
+        if frames and (not isinstance(film, Film) or any(frame.images is not None for frame in frames)):
             _write(film, target, frames, name, console)
             console.print(f"interrupted; wrote the {frames[-1].time:.1f} s so far to {target}", soft_wrap=True)
         raise
@@ -109,13 +114,12 @@ def run(arguments: list[str]) -> int:
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
     console.print(f"mean return over {frames[-1].time:.1f} s: {total:.1f}", highlight=False)
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)
-    options.emit({"task": name, "video": str(target), "return": total, "checkpoint": str(source.path)})
+    written = "video" if options.export_scene is None else "file"
+    options.emit({"task": name, written: str(target), "return": total, "checkpoint": str(source.path)})
     return DONE
 
 
-def _record(
-    task: Task[Any], policy: Any, options: Any, film: Film | HtmlFilm, frames: list[Frame], console: Console
-) -> float:
+def _record(task: Task[Any], policy: Any, options: Any, film: AnyFilm, frames: list[Frame], console: Console) -> float:
     """Play, and return the mean return; the frames are kept as they come."""
     with report_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
 
@@ -125,7 +129,7 @@ def _record(
         return record(task, policy, options.seconds, options.seed, film, show, frames)[1]
 
 
-def _write(film: Film | HtmlFilm, target: Path, frames: list[Frame], name: str, console: Console) -> None:
+def _write(film: AnyFilm, target: Path, frames: list[Frame], name: str, console: Console) -> None:
     """Write what was filmed."""
     console.print(f"writing {target} ...", highlight=False, soft_wrap=True)
     if not isinstance(film, Film):
@@ -152,6 +156,9 @@ def _check(options: Any) -> None:
         raise UsageError(f"worlds must be from 0 to {count - 1}, got {wrong[0]}; --num-envs plays more of them")
     if len(set(options.worlds)) < len(options.worlds):
         raise UsageError(f"worlds must be different ones, got {' '.join(map(str, options.worlds))}")
+    if options.export_scene is not None and len(options.worlds) > 1:
+        shown = " ".join(map(str, options.worlds))
+        raise UsageError(f"--export-scene shows one world, got --worlds {shown}; name one of them")
     if not 0.1 <= options.zoom <= 20.0:
         raise UsageError(f"zoom must be from 0.1 to 20, got {options.zoom:g}")
     if options.size is None:
@@ -177,13 +184,21 @@ def _film_options(options: Any) -> FilmOptions:
 
 def _target(name: str, options: Any, checkpoint: Path, console: Console) -> Path:
     """File to write, refused before any work is done where that cannot be."""
+    targets = {"--video": options.video, "--html": options.html, "--export-scene": options.export_scene}
+    given = [option for option, path in targets.items() if path is not None]
+    if len(given) > 1:
+        raise UsageError(f"{given[1]} takes the place of {given[0]}: give one of them")
+    if options.export_scene is not None:
+        from simwarp.exporters.scene_files import check_scene_path
+
+        check_scene_path(options.export_scene)
+        options.check(checkpoint, **{"export-scene": options.export_scene})
+        return Path(options.export_scene)
     if options.html is None:
         target: Path = options.video or _default_video(name, console)
         check_video_path(target)
         options.check(checkpoint, video=target)
         return target
-    if options.video is not None:
-        raise UsageError("--html takes the place of --video: give one of them")
     from simwarp.viewer.live.recording import check_recording_path
 
     check_recording_path(options.html, "--html")
@@ -202,7 +217,14 @@ def _default_video(name: str, console: Console) -> Path:
     return Path(f"{name}.mp4")
 
 
-def _html_film(task: Any, path: Path) -> HtmlFilm:
-    from simwarp.cli.view.films import HtmlFilm
+def _film(task: Any, target: Path, options: Any) -> AnyFilm:
+    """What takes the frames, as the options ask for it."""
+    if options.html is not None:
+        from simwarp.cli.view.films import HtmlFilm
 
-    return HtmlFilm(task, path)
+        return HtmlFilm(task, target)
+    if options.export_scene is not None:
+        from simwarp.cli.view.scene_film import TaskSceneFilm
+
+        return TaskSceneFilm(task, target, _film_options(options))
+    return Film(task, target.suffix.lower() in VIDEO_SUFFIXES, _film_options(options))

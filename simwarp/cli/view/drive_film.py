@@ -22,8 +22,8 @@ SIZE: Final = (960, 540)
 EYE: Final = (-11.0, -4.2, 5.2)
 """Behind and above, a little to the right, in the vehicle's axes: what it leaves behind is in sight [m]."""
 TARGET: Final = (-3.4, 0.2, -0.6)
-SUN: Final = (0.55, -1.0, 0.8)
-"""Low, from the right: edges of ruts throw shadows."""
+LIGHTING: Final = Lighting(suns=(Sun(direction=(0.55, -1.0, 0.8)),), shadow_reach=30.0, fog_density=0.004)
+"""A sun that is low, from the right: edges of ruts throw shadows."""
 MOST_FRAMES: Final = 3000
 """Images that are kept until they are written: two minutes, 5 GB."""
 
@@ -43,6 +43,11 @@ def check_film(path: Path, seconds: float) -> None:
         )
 
 
+def drive_shot(setup: Setup) -> Shot:
+    """Behind the vehicle, and turned with it."""
+    return Shot(body=setup.vehicle.parts.chassis, target=TARGET, eye=EYE, fov=0.9, turns=True)
+
+
 class DriveFilm:
     """Takes images of the first world while a manoeuvre is driven.
 
@@ -53,10 +58,9 @@ class DriveFilm:
 
     def __init__(self, setup: Setup, path: Path) -> None:
         self.path = path
-        shot = Shot(body=setup.vehicle.parts.chassis, target=TARGET, eye=EYE, fov=0.9, turns=True)
         self._camera = FollowCamera(
-            setup.simulation, maneuver_scene(setup), shot, width=SIZE[0], height=SIZE[1],
-            lighting=Lighting(suns=(Sun(direction=SUN),), shadow_reach=30.0, fog_density=0.004),
+            setup.simulation, maneuver_scene(setup), drive_shot(setup), width=SIZE[0], height=SIZE[1],
+            lighting=LIGHTING,
         )  # fmt: skip
         self._start = setup.maneuver.start
         self._films = path.suffix.lower() in FILMS
