@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         AugmentationConfig,
         Cell,
         CriticSees,
+        InitialWeights,
         LoggerKind,
         NetworkConfig,
         NetworkKind,
@@ -48,8 +49,9 @@ _HOMES = {
     "algorithm.trajectories": ("Trajectories", "load_trajectories", "record", "save_trajectories"),
     "algorithm.vec_env": ("TaskVecEnv",),
     "config": (
-        "Activation", "AugmentationConfig", "Cell", "CriticSees", "LoggerKind", "NetworkConfig", "NetworkKind",
-        "Objective", "PPOConfig", "Precision", "Schedule", "TrainConfig", "default_config", "student_config",
+        "Activation", "AugmentationConfig", "Cell", "CriticSees", "InitialWeights", "LoggerKind", "NetworkConfig",
+        "NetworkKind", "Objective", "PPOConfig", "Precision", "Schedule", "TrainConfig", "default_config",
+        "student_config",
     ),
     "evaluation.evaluation": ("Evaluation", "evaluate"),
     "networks.augmentation": ("augment",),
@@ -63,10 +65,11 @@ _HOMES = {
 
 __all__ = [
     "Activation", "AugmentationConfig", "Cell", "CloneConfig", "CriticSees", "DistillationConfig", "Evaluation",
-    "ExportFormat", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective", "PPOConfig", "Precision",
-    "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult", "Trajectories", "augment", "clone",
-    "default_config", "evaluate", "export_policy", "find_policy", "lesson_by", "load_trajectories", "network_policy",
-    "open_run", "random_policy", "record", "save_trajectories", "student_config", "train", "zero_policy",
+    "ExportFormat", "InitialWeights", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective", "PPOConfig",
+    "Precision", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult", "Trajectories", "augment",
+    "clone", "default_config", "evaluate", "export_policy", "find_policy", "lesson_by", "load_trajectories",
+    "network_policy", "open_run", "random_policy", "record", "save_trajectories", "student_config", "train",
+    "zero_policy",
 ]  # fmt: skip
 
 

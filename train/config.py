@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import os
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
+
+import tyro
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.core.file_keys import with_current_threads
@@ -13,6 +16,7 @@ from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import InputError, Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.config_values import Settings
+from simwarp.tasks.framework.observation_kinds import ObservationKind
 from simwarp.tasks.framework.registry import task_class_of
 from simwarp.tasks.framework.variants import variant_of
 
@@ -62,9 +66,17 @@ class NetworkKind(enum.Enum):
     MLP = "mlp"
     THESIS_MLP = "thesis-mlp"
     RECURRENT = "recurrent"
+    MULTI_INPUT = "multi-input"
     NATURE_CNN = "nature-cnn"
     EARLY_FUSION = "early-fusion"
     LATE_FUSION = "late-fusion"
+
+
+class InitialWeights(enum.Enum):
+    """How weights are drawn: as each layer has it, or all of N(0, 0.1), with biases of 0.1."""
+
+    LAYERS = "layers"
+    NORMAL = "normal"
 
 
 class CriticSees(enum.Enum):
@@ -119,9 +131,16 @@ class NetworkConfig(Settings):
 
     kind: NetworkKind = NetworkKind.MLP
     """mlp: perceptron with the layers of `hidden`; thesis-mlp: three layers sized by inputs and outputs; recurrent: a
-    memory cell before the perceptron; nature-cnn: images alone; early-fusion, late-fusion: images and vectors."""
+    memory cell before the perceptron; multi-input: an encoder for each image, cloud of points and sequence, and a
+    perceptron over them and all vectors; nature-cnn: images alone; early-fusion, late-fusion: images and vectors."""
+    class_: Annotated[str | None, tyro.conf.arg(name="class")] = None
+    """A network of your own in place of `kind`, module:Class or path/to/file.py:Class: a torch module that is made with
+    the shapes of the observation groups by name and the number of outputs, and called with the groups by name."""
     hidden: Annotated[tuple[Units, ...], MinLen(1), MaxLen(_MOST_LAYERS)] = (64, 64)
-    """Units of each hidden layer of mlp, recurrent and a privileged critic; the other kinds have rules of their own."""
+    """Units of each hidden layer of mlp, recurrent, multi-input and a privileged critic; the other kinds have rules of
+    their own."""
+    features: Units = 128
+    """Numbers that each encoder of multi-input leaves."""
     activation: Activation = Activation.ELU
     """Non-linearity between layers."""
     normalise: bool = True
@@ -131,6 +150,8 @@ class NetworkConfig(Settings):
     init_mean: tuple[float, ...] = ()
     """Mean action at the start, whatever is observed: one number for all, or one for each. The weights of the actor's
     last layer then begin at a hundredth. Empty: what the layers as drawn give, which the seed decides."""
+    init_weights: InitialWeights = InitialWeights.LAYERS
+    """layers: weights as each layer draws them; normal: those of all layers from N(0, 0.1), with biases of 0.1."""
     tanh_output: bool = False
     """Bound the mean action to (-1, 1) by a tanh."""
     cell: Cell = Cell.GRU
@@ -143,6 +164,18 @@ class NetworkConfig(Settings):
     precision: Precision = Precision.FLOAT32
     """Numbers of convolutions in training; the weights stay float32, and a finished policy acts in float32. bfloat16 is
     faster where the processor has instructions for it (AVX-512 BF16, AMX)."""
+
+    def __post_init__(self) -> None:
+        """Hold the fields to their types, and the file of a network to its folder: a run is resumed anywhere."""
+        super().__post_init__()
+        path, colon, name = (self.class_ or "").rpartition(":")
+        if path.endswith(".py"):
+            object.__setattr__(self, "class_", f"{os.path.abspath(path)}{colon}{name}")
+
+    @property
+    def recurrent(self) -> bool:
+        """True if the network remembers."""
+        return self.kind is NetworkKind.RECURRENT and self.class_ is None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,9 +261,9 @@ class TrainConfig(Settings):
     def validate(self) -> None:
         """Check that worlds, steps and mini-batches fit together."""
         if self.network.precision is not Precision.FLOAT32:
-            seen = self.network.kind in _SEES_IMAGES
+            seen = self.network.kind in _CONVOLVES and self.network.class_ is None
             require(seen, self.network, "precision", "float32 for a network without convolutions")
-        if self.network.kind is NetworkKind.RECURRENT:
+        if self.network.recurrent:
             same = self.network.critic is CriticSees.SAME
             require(same, self.network, "critic", "same for a recurrent network, whose critic remembers too")
             # Mini-batches are then whole worlds, and a single one would lose its axis
@@ -238,7 +271,7 @@ class TrainConfig(Settings):
             require(self.num_envs >= least, self, "num_envs", f"at least {least}: two worlds per mini-batch")
             require(self.steps_per_iteration >= 2, self, "steps_per_iteration", "at least 2 for a recurrent network")
         if self.ppo.symmetry is not Symmetry.NONE:
-            clipped, feed_forward = self.ppo.objective is Objective.CLIP, self.network.kind is not NetworkKind.RECURRENT
+            clipped, feed_forward = self.ppo.objective is Objective.CLIP, not self.network.recurrent
             require(clipped, self.ppo, "symmetry", "none under the KL penalty")
             require(feed_forward, self.ppo, "symmetry", "none for a recurrent network")
         batch = self.num_envs * self.steps_per_iteration
@@ -271,27 +304,36 @@ def student_config(task: type[Task[Any]], config: TaskConfig | None = None) -> T
 
 
 _CLASSES = {
-    NetworkKind.MLP: "Perceptron",
-    NetworkKind.THESIS_MLP: "Perceptron",
-    NetworkKind.RECURRENT: "Recurrent",
-    NetworkKind.NATURE_CNN: "NatureCNN",
-    NetworkKind.EARLY_FUSION: "EarlyFusion",
-    NetworkKind.LATE_FUSION: "LateFusion",
+    NetworkKind.MLP: "networks:Perceptron",
+    NetworkKind.THESIS_MLP: "networks:Perceptron",
+    NetworkKind.RECURRENT: "networks:Recurrent",
+    NetworkKind.MULTI_INPUT: "group_models:MultiInput",
+    NetworkKind.NATURE_CNN: "networks:NatureCNN",
+    NetworkKind.EARLY_FUSION: "networks:EarlyFusion",
+    NetworkKind.LATE_FUSION: "networks:LateFusion",
 }
-
-
 _SEES_IMAGES = (NetworkKind.NATURE_CNN, NetworkKind.EARLY_FUSION, NetworkKind.LATE_FUSION)
+_CONVOLVES = (*_SEES_IMAGES, NetworkKind.MULTI_INPUT)
 
 
-def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -> dict[str, Any]:
-    """Return what actor and critic have in common."""
+def _model_config(
+    network: NetworkConfig, kind: NetworkKind | None, action_size: int, kinds: Mapping[str, Any], prefix: str
+) -> dict[str, Any]:
+    """Return what actor and critic have in common; without a kind, of a network of an author's own."""
     model: dict[str, Any] = {
-        "class_name": f"simwarp.train.networks.networks:{_CLASSES[kind]}",
+        "class_name": f"simwarp.train.networks.{_CLASSES[kind] if kind else 'own_network:own_network'}",
         "activation": network.activation.value,
         "obs_normalization": network.normalise,
+        "init_weights": network.init_weights.value,
     }
-    if kind in (NetworkKind.MLP, NetworkKind.RECURRENT):
+    if kind in (None, NetworkKind.MLP, NetworkKind.RECURRENT, NetworkKind.MULTI_INPUT):
         model["hidden_dims"] = list(network.hidden)
+    if kind is None:
+        model |= {"own": network.class_, "prefix": prefix}
+    if kind is NetworkKind.MULTI_INPUT:
+        named = {name: ObservationKind(value).value for name, value in kinds.items()}
+        model |= {"kinds": named, "prefix": prefix}
+        model |= {"features": network.features, "precision": network.precision.value}
     if kind is NetworkKind.RECURRENT:
         model |= {"rnn_type": network.cell.value, "rnn_hidden_dim": network.memory}
     if kind in _SEES_IMAGES:
@@ -347,18 +389,24 @@ def _mean_actions(network: NetworkConfig, action_size: int) -> list[float]:
     return list(mean) * (action_size if len(mean) == 1 else 1)
 
 
-def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) -> dict[str, Any]:
+def rsl_rl_config(
+    config: TrainConfig, groups: list[str], action_size: int = 1, kinds: Mapping[str, Any] | None = None,
+    prefix: str = "",
+) -> dict[str, Any]:  # fmt: skip
     """Return the dictionary rsl-rl wants; a fresh one each time, since rsl-rl changes it.
 
     Args:
         config: the configuration.
         groups: observation groups that the actor sees, and the critic unless it is privileged.
         action_size: number of action components.
+        kinds: group -> kind, where its shape does not say it (``Task.observation_kinds``).
+        prefix: of the groups, before the names that the task and its networks know.
 
     Raises:
         InputError: the mean action at the start does not fit the actions.
     """
-    network = config.network
+    network, kinds = config.network, kinds or {}
+    kind = network.kind if network.class_ is None else None
     privileged = network.critic is CriticSees.PRIVILEGED
     return {
         "num_steps_per_env": config.steps_per_iteration,
@@ -366,12 +414,12 @@ def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) 
         "obs_groups": {"actor": list(groups), "critic": [CRITIC] if privileged else list(groups)},
         "algorithm": _algorithm_config(config.ppo),
         "actor": {
-            **_model_config(network, network.kind, action_size),
+            **_model_config(network, kind, action_size, kinds, prefix),
             "tanh_output": network.tanh_output,
             "init_mean": _mean_actions(network, action_size),
             "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": network.init_std},
         },
-        "critic": _model_config(network, NetworkKind.MLP if privileged else network.kind, action_size),
+        "critic": _model_config(network, NetworkKind.MLP if privileged else kind, action_size, kinds, prefix),
     }
 
 

@@ -22,7 +22,7 @@ from rich.console import Console
 from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, is_flag, may_repeat
 from simwarp.core.files import check_output, is_special, read_json, write_file
-from simwarp.core.wording import close_names
+from simwarp.core.wording import close_names, option_word
 
 if TYPE_CHECKING:
     from simwarp.tasks import Task
@@ -441,7 +441,7 @@ def _options(kind: type[Any], prefix: str = "") -> list[tuple[str, Any]]:
             word, inner, flat = nested[field.name]
             found += _options(inner, prefix if flat else f"{prefix}{word}.")
         else:
-            found.append((f"--{prefix}{field.name.replace('_', '-')}", hints[field.name]))
+            found.append((f"--{prefix}{option_word(field.name)}", hints[field.name]))
     return found
 
 
@@ -450,4 +450,4 @@ def _nested(kind: type[Any]) -> Iterator[tuple[str, str, type[Any], bool]]:
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
         inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
         if dataclasses.is_dataclass(inner) and isinstance(inner, type):
-            yield name, name.replace("_", "-"), inner, FLAT in getattr(hint, "__metadata__", ())
+            yield name, option_word(name), inner, FLAT in getattr(hint, "__metadata__", ())

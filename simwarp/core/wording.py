@@ -37,6 +37,11 @@ def suggestions(word: object, known: Iterable[str], otherwise: str, *, count: in
     return f"did you mean {' or '.join(close)}?" if close else otherwise
 
 
+def option_word(field: str) -> str:
+    """The name of a field as an option: an underscore at its end keeps it from a keyword, and is no part of it."""
+    return field.removesuffix("_").replace("_", "-")
+
+
 def shortened(text: str | Path) -> str:
     """A path or a key: its beginning, if it is long."""
     return str(text) if len(str(text)) <= LONGEST_PATH else f"{str(text)[:100]}..."

@@ -41,12 +41,14 @@ from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
-from .training_defaults import PEDALS_BY_CAMERA
+from .training_defaults import PEDALS_BY_CAMERA, PEDALS_BY_LIDAR
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
 VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
 """Model parameters that a vehicle writes, world by world."""
+_LIDAR_ELEVATION = math.radians(15.0)
+"""Of the uppermost beams [rad]; the lowest ones point as far down."""
 OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
 """What a class that drives another vehicle says together."""
 CHASSIS_GROUP = 2
@@ -54,10 +56,11 @@ CHASSIS_GROUP = 2
 
 
 class Observing(enum.Enum):
-    """Observations of a policy: a camera's image beside a few numbers, or exact numbers alone."""
+    """Observations of a policy: a camera's or a lidar's image beside a few numbers, or exact numbers alone."""
 
     STATE = "state"
     CAMERA = "camera"
+    LIDAR = "lidar"
 
 
 class Frame(enum.Enum):
@@ -68,7 +71,7 @@ class Frame(enum.Enum):
 
 
 Pixels: TypeAlias = Annotated[int, Ge(36)]
-"""The networks' first layers need 36 at least."""
+"""Below, the kernels of the networks' convolutions do not fit whole."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +83,8 @@ class DrivingConfig(ConditionsConfig):
     decimation: Annotated[int, Ge(1), Le(100_000)] = 40
     """Physics steps per control step: ten actions a second."""
     obs: Observing = Observing.CAMERA
-    """camera: an image and what a vehicle measures; state: exact relative positions, which trains fast on a CPU."""
+    """camera: an image and what a vehicle measures; lidar: a range image in its place; state: exact relative positions,
+    which trains fast on a CPU."""
     full: bool = False
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
     soil: SoilKind = SoilKind.NONE
@@ -101,6 +105,14 @@ class DrivingConfig(ConditionsConfig):
     """Horizontal field of view [rad]."""
     camera_rate: Positive | None = None
     """Images per second [Hz]; None: one at the end of each control step, as no policy sees more."""
+    lidar_rows: Annotated[int, Ge(1), Le(1024)] = 16
+    """Beams of the lidar above each other, evenly from 15 degrees up to 15 degrees down."""
+    lidar_columns: Annotated[int, Ge(1), Le(65_536)] = 900
+    """Beams of the lidar in a row."""
+    lidar_fan: Annotated[float, Gt(0.0), Le(2.0 * math.pi)] = math.radians(240.0)
+    """Angle of a row, from the leftmost to the rightmost beam [rad]."""
+    lidar_range: Positive = 30.0
+    """Distance beyond which the lidar sees nothing [m]."""
     action_rise_time: NotNegative | tuple[NotNegative, ...] = 0.5
     """Time in which steering and pedals move from 0 to 1 [s]."""
 
@@ -122,8 +134,9 @@ class DrivingTask(Task[DrivingT]):
     """A task whose actions are steering (positive to the left) and the pedals (positive throttle, negative brake).
 
     A subclass writes `build_world`, `draw_world`, `start`, what is `measured`, the `exact_state`, and the rewards and
-    terminations of its own. Observations are `policy`, a vector (W, N) float32, and by camera `camera`, an image
-    (W, height, width, 3) uint8 beside it. All arrays are of the task's device; W is the number of worlds.
+    terminations of its own. Observations are `policy`, a vector (W, N) float32, and beside it by camera `camera`, an
+    image (W, height, width, 3) uint8, by lidar `lidar`, a range image (W, rows, columns, 1) float32. All arrays are of
+    the task's device; W is the number of worlds.
     """
 
     fused_physics: ClassVar[bool] = True
@@ -136,9 +149,11 @@ class DrivingTask(Task[DrivingT]):
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
         "camera": PEDALS_BY_CAMERA,
+        "lidar": PEDALS_BY_LIDAR,
     }
-    """Defaults of training with ``obs`` state and with ``obs`` camera, beside those of `training`. By camera a policy
-    begins with 0.3 of the throttle; that of a class with ``action_size = 1``, which works no pedals, straight ahead."""
+    """Defaults of training by the value of ``obs``, beside those of `training`. By camera and by lidar a policy begins
+    with 0.3 of the throttle; that of a class with ``action_size = 1``, which works no pedals, straight ahead. A class
+    that says none for the lidar has those of this one."""
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
     """Vehicle that is driven: a name of `simwarp.vehicle.vehicle_names()` or a path of a vehicle's JSON file."""
     missing_measures: ClassVar[tuple[str, ...]] = ()
@@ -152,12 +167,13 @@ class DrivingTask(Task[DrivingT]):
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
     """Middle of that box in the vehicle's frame of reference: X ahead, Y left, Z up [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
-    """Place of the policy's camera in the vehicle's frame of reference [m]; it looks ahead, along +X."""
+    """Place of the policy's camera or lidar in the vehicle's frame of reference [m]; it looks ahead, along +X."""
     looks_like: ClassVar[str | None] = None
     """Name of a shipped vehicle whose body it is seen with, in its own size; None: its own body if it is one of them,
     else the box of its chassis on wheels."""
     navigates: ClassVar[bool] = False
-    """Beside a camera there are a satellite receiver and a gyroscope, the only other instruments of the vehicle."""
+    """Beside a camera or a lidar there are a satellite receiver and a gyroscope, the only other instruments of the
+    vehicle."""
     view_distance: ClassVar[float] = 9.0
     """Scale of the view of pictures for people [m]: the eye is 1.5 times this behind the chassis and 0.36 above it."""
 
@@ -167,15 +183,17 @@ class DrivingTask(Task[DrivingT]):
     vehicle: sw.vehicle.Vehicle
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: sw.sensors.Camera | None
-    """The policy's camera; None with ``obs`` state. From `attach` on."""
+    """The policy's camera; None with other ``obs``. From `attach` on."""
+    lidar: sw.sensors.Lidar | None
+    """The policy's lidar; None with other ``obs``. From `attach` on."""
     images: CameraImages | None
-    """What the policy sees by its camera: light, fog and noise in it; None with ``obs`` state. From `setup` on."""
+    """What the policy sees by its camera: light, fog and noise in it; None with other ``obs``. From `setup` on."""
     conditions: DrawnConditions
     """Friction, light, fog, contrast and noise of the running episodes; from `setup` on."""
     soil: DrivenSoil | None
     """The soil below the wheels; None on rigid ground. From `attach` on."""
     navigation: Navigation | None
-    """Receiver and gyroscope where the task `navigates` and has a camera, else None; from `attach` on."""
+    """Receiver and gyroscope where the task `navigates` and has a camera or a lidar, else None; from `attach` on."""
     difficulty: torch.Tensor
     """(W,) float32 in [0, 1]: curriculum level of the running episodes; from `setup` on."""
     hit: torch.Tensor
@@ -188,13 +206,22 @@ class DrivingTask(Task[DrivingT]):
         if "vehicle_name" in own:
             cls.missing_measures = tuple(name for name in OWN_MEASURES if name not in own)
         if own.get("action_size") == 1 and "training_by_obs" not in own:
-            camera = {**cls.training_by_obs["camera"], "network.init_mean": (0.0,)}
-            cls.training_by_obs = {**cls.training_by_obs, "camera": camera}
+            straight = {"network.init_mean": (0.0,)}
+            seeing = {obs: {**cls.training_by_obs[obs], **straight} for obs in ("camera", "lidar")}
+            cls.training_by_obs = {**cls.training_by_obs, **seeing}
+        elif "lidar" not in cls.training_by_obs:
+            mean = cls.training_by_obs.get("camera", {}).get("network.init_mean", PEDALS_BY_LIDAR["network.init_mean"])
+            cls.training_by_obs = {**cls.training_by_obs, "lidar": {**PEDALS_BY_LIDAR, "network.init_mean": mean}}
 
     @property
     def sees_alone(self) -> bool:
         """There is a camera, and nothing is observed beside its image."""
         return self.camera is not None and self.config.images_alone
+
+    @property
+    def sensor(self) -> sw.sensors.Camera | sw.sensors.Lidar | None:
+        """The policy's camera or lidar; None with ``obs`` state."""
+        return self.camera or self.lidar
 
     @property
     def throttle_alone(self) -> bool:
@@ -318,7 +345,7 @@ class DrivingTask(Task[DrivingT]):
         return self.vehicle
 
     def attach(self, model: sw.Model) -> Attachments:
-        """Return the vehicle, and the camera where there is one.
+        """Return the vehicle, and the camera or lidar where there is one.
 
         A subclass with sensors of its own calls ``super()`` and returns the same elements with more sensors.
         """
@@ -333,26 +360,45 @@ class DrivingTask(Task[DrivingT]):
                 spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
             )  # fmt: skip
         below = [] if self.soil is None else [self.soil.element]
-        self.camera = self.navigation = None
-        sensors: list[Any] = []
-        if config.obs is Observing.CAMERA:
-            place = np.asarray(self.camera_place) + self.parts.reference
-            rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
-            lights = self.lighting()
-            suns = len(lights.suns if lights is not None else sw.sensors.Lighting().suns)
-            self.camera = sw.sensors.Camera(
-                self._scene_of(model), sw.sensors.Mount(body=self.parts.chassis, pose=sw.pose(place)),
-                sw.sensors.CameraConfig(
-                    schedule=sw.sensors.Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
-                    lens=sw.sensors.Pinhole(fov=config.camera_fov),
-                ),
-                lights=lights, per_world=config.camera_arrays(suns),
-            )  # fmt: skip
-            sensors.append(self.camera)
-            if self.navigates:
-                self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
-                sensors += self.navigation.sensors
+        self.camera = self._make_camera(model) if config.obs is Observing.CAMERA else None
+        self.lidar = self._make_lidar(model) if config.obs is Observing.LIDAR else None
+        self.navigation = None
+        sensors: list[Any] = [] if self.sensor is None else [self.sensor]
+        if sensors and self.navigates:
+            self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
+            sensors += self.navigation.sensors
         return Attachments(elements=[*self.more_elements(model), self._driven, *below], sensors=sensors)
+
+    def _mount(self) -> sw.sensors.Mount:
+        place = np.asarray(self.camera_place) + self.parts.reference
+        return sw.sensors.Mount(body=self.parts.chassis, pose=sw.pose(place))
+
+    def _make_camera(self, model: sw.Model) -> sw.sensors.Camera:
+        config, lights = self.config, self.lighting()
+        rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
+        suns = len(lights.suns if lights is not None else sw.sensors.Lighting().suns)
+        return sw.sensors.Camera(
+            self._scene_of(model), self._mount(),
+            sw.sensors.CameraConfig(
+                schedule=sw.sensors.Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
+                lens=sw.sensors.Pinhole(fov=config.camera_fov),
+            ),
+            lights=lights, per_world=config.camera_arrays(suns),
+        )  # fmt: skip
+
+    def _make_lidar(self, model: sw.Model) -> sw.sensors.Lidar:
+        config = self.config
+        beams = sw.sensors.beam_grid(
+            config.lidar_columns, config.lidar_rows, azimuth=(0.5 * config.lidar_fan, -0.5 * config.lidar_fan),
+            elevation=(_LIDAR_ELEVATION, -_LIDAR_ELEVATION),
+        )  # fmt: skip
+        return sw.sensors.Lidar(
+            self._scene_of(model), self._mount(),
+            sw.sensors.LidarConfig(
+                schedule=sw.sensors.Schedule(rate=min(1.0 / config.control_dt, 1.0 / config.dt)), beams=beams,
+                far=config.lidar_range, outputs=("ranges",), miss="far",
+            ),
+        )  # fmt: skip
 
     def scene(self) -> sw.sensors.Scene:
         """Return the scene of the camera and of pictures."""
@@ -399,6 +445,7 @@ class DrivingTask(Task[DrivingT]):
         self.input = sw.to_torch(self._driven.input)
         friction = sw.to_torch(self._driven.tires.ground_friction) if self.soil is None else None
         self.images = None if self.camera is None else CameraImages(self.camera, self.simulation, self.random)
+        self._ranges = None if self.lidar is None else sw.to_torch(self.lidar.ranges)
         self.conditions = DrawnConditions(
             self.config, self.random, self.num_worlds, friction, self.images, self.device
         )  # fmt: skip
@@ -494,11 +541,15 @@ class DrivingTask(Task[DrivingT]):
             self.simulation.measure(world_mask, sensors=False)
 
     def observations(self) -> dict[str, torch.Tensor]:
-        """Return ``policy`` (W, N) float32 and, by camera, ``camera`` (W, height, width, 3) uint8.
+        """Return ``policy`` (W, N) float32 and, by camera, ``camera`` (W, height, width, 3) uint8; by lidar ``lidar``
+        (W, rows, columns, 1) float32, nearness: 1 at the sensor, 0 at ``lidar_range`` and where nothing is seen.
 
-        ``policy`` is what is `measured` beside a camera, and the `exact_state` without one; with ``images_alone`` there
-        is no ``policy`` beside a camera.
+        ``policy`` is what is `measured` beside them, and the `exact_state` with ``obs`` state; with ``images_alone``
+        there is no ``policy`` beside a camera.
         """
+        if self._ranges is not None:
+            nearness = 1.0 - self._ranges[..., :1] / self.config.lidar_range
+            return {"policy": self.measured(), "lidar": nearness}
         if self.images is None:
             return {"policy": self.exact_state()}
         if self.config.images_alone:
@@ -507,10 +558,10 @@ class DrivingTask(Task[DrivingT]):
 
     def privileged(self) -> torch.Tensor | None:
         """Return the `exact_state` (W, N) where the policy sees images; None where it sees that state itself."""
-        return None if self.camera is None else self.exact_state()
+        return None if self.sensor is None else self.exact_state()
 
     def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
-        """Return the `exact_state` (W, N) beside a camera, as policies by state see it: they can teach."""
+        """Return the `exact_state` (W, N) beside a camera or lidar, as policies by state see it: they can teach."""
         return {"policy": self.exact_state()} if obs == Observing.STATE.value else None
 
     def begin_step(self) -> None:

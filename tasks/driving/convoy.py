@@ -242,8 +242,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.route, self._begun = sw.to_torch(self.follow.route), sw.to_torch(self.follow.begun)
         self.obstacles.bind(self.simulation.model, self.random)
         super().setup()
-        if self.camera is not None:
-            self.column.frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
+        if self.sensor is not None:
+            self.column.frame_steps = math.gcd(self.sensor.frames.steps.period, self.config.decimation)
         self._record_observations()
         self.record_world()
 

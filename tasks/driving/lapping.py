@@ -214,7 +214,7 @@ class LappingTask(DrivingTask[LappingT]):
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
         """Three measurements, or the exact state, component by component."""
-        if self.camera is not None:
+        if self.sensor is not None:
             return {} if self.sees_alone else {"policy": ["speed", "yaw rate", "steering"]}
         names = ["aside of the lane", "sine of heading off the lane", "cosine of heading off the lane"]
         names += [f"lane point {point} {axis}" for point in range(PREVIEW) for axis in ("ahead", "left")]

@@ -138,8 +138,9 @@ class OffRoadConfig(DrivingConfig):
 
 @register("off-road")
 class OffRoadTask(DrivingTask[OffRoadConfig]):
-    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 6): goal, heading and speed as GPS and
-    IMU tell them; or, with ``obs`` state, ``policy`` (W, 38): exact goal, motion, tilt, and ranges to obstacles.
+    """Observations: ``camera`` (W, height, width, 3) uint8 or, with ``obs`` lidar, ``lidar`` (W, 16, 900, 1) float32,
+    and ``policy`` (W, 6): goal, heading and speed as GPS and IMU tell them; or, with ``obs`` state, ``policy`` (W, 38):
+    exact goal, motion, tilt, and ranges to obstacles.
 
     Actions: steering (positive to the left), and throttle (positive) or brake (negative).
     """
@@ -311,9 +312,9 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             return {}
         axes = "xy" if self.config.goal_frame is Frame.WORLD else ("ahead", "left")
         names = [*(f"goal {axis}" for axis in axes), "direction of the goal"]
-        raw = self.config.raw and self.camera is not None
+        raw = self.config.raw and self.sensor is not None
         names += [*(["heading"] if raw else ["sine of heading", "cosine of heading"]), "speed ahead"]
-        if self.camera is None:
+        if self.sensor is None:
             names += ["speed to the left", "yaw rate", "rise ahead", "rise to the left", "steering", "pedals"]
             names += [*(f"nearness {ray}" for ray in range(_RAYS)), "distance of the goal"]
         return {"policy": names}

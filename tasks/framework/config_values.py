@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final, TypeVar, cast
 from simwarp.core.file_keys import with_reward_weights
 from simwarp.core.object_repr import ReadableFields
 from simwarp.core.schema import Fault, FreeKey, Keys, Schema, field_hints, peeled
+from simwarp.core.wording import option_word
 
 from .errors import InputError
 
@@ -28,7 +29,7 @@ def _path(keys: Keys) -> str:
         elif isinstance(key, int):
             text += f"[{key}]"
         else:
-            text += ("." if text else "") + key.replace("_", "-")
+            text += ("." if text else "") + option_word(key)
     return text
 
 

@@ -11,6 +11,7 @@ from simwarp.core.types import formatted
 
 from .agents import Worlds, lead_of
 from .errors import TaskError
+from .observation_kinds import ObservationKind
 from .user_command import Command
 
 
@@ -127,10 +128,11 @@ def check_action(task: Worlds, action: torch.Tensor) -> None:
 
 
 def check_names(task: Any) -> None:
-    """Check the names that a task gives to observations, actions and commands.
+    """Check the names that a task gives to observations, actions and commands, and the kinds of its observations.
 
     Raises:
-        TaskError: names are not lists of words, as many as there are components, or commands are not `Command`.
+        TaskError: names are not lists of words, as many as there are components, a kind is unknown or does not fit its
+            group, or commands are not `Command`.
     """
     if task.action_size < 1:
         raise _wrong(task, "action_size", "at least 1; one that nothing reads, where nothing is done", task.action_size)
@@ -142,6 +144,14 @@ def check_names(task: Any) -> None:
             rows = sorted(name for name, own in groups.items() if len(own) == 1)
             raise _wrong(task, "observation_names", f"of groups that are rows of numbers ({', '.join(rows)})", group)
         _words(task, f"observation_names of '{group}'", names, shape[0])
+    known = [kind.value for kind in ObservationKind]
+    for group, kind in _mapping(task, "observation_kinds", task.observation_kinds, "of groups to kinds").items():
+        if group not in groups:
+            raise _wrong(task, "observation_kinds", f"of groups that there are ({', '.join(sorted(groups))})", group)
+        if kind not in known:
+            raise _wrong(task, f"observation_kinds of '{group}'", f"one of {', '.join(known)}", kind)
+        if not ObservationKind(kind).fits(groups[group]):
+            raise _wrong(task, f"observation_kinds of '{group}'", f"one that fits its shape {groups[group]}", kind)
     _words(task, "action_names", task.action_names, task.action_size)
     _words(task, "action_joints", task.action_joints, task.action_size)
     for name in ("action_scale", "default_positions"):

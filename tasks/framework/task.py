@@ -287,6 +287,13 @@ class Task(Readable, ABC, Generic[ConfigT]):
         return {}
 
     @property
+    def observation_kinds(self) -> Mapping[str, str]:
+        """Kinds of observation groups, where the shape does not say it: group -> ``vector``, ``image``, ``points`` or
+        ``sequence``. A group (N, 3) or (N, 4) is a cloud of points, any other (N, C) a sequence.
+        """
+        return {}
+
+    @property
     def action_names(self) -> Sequence[str]:
         """Names of the components of an action, in their order; empty where it has none."""
         return ()

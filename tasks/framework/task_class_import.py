@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
 import re
 import sys
 from pathlib import Path
@@ -66,6 +67,22 @@ def class_in_file(word: str) -> type[Task[Any]]:
         raise TaskFileError(f"class '{name}' in '{path}' lacks what every task has: write {', '.join(missing)}")
     found: type[Task[Any]] = kind
     return found
+
+
+def module_of_file(path: str) -> ModuleType | None:
+    """Return the module that a Python file was imported as, under whatever name; None if it was not."""
+    wanted = os.path.realpath(path)
+    named = ((getattr(module, "__file__", None), module) for module in list(sys.modules.values()))
+    return next((module for file, module in named if file is not None and os.path.realpath(file) == wanted), None)
+
+
+def imported_file(path: str) -> ModuleType:
+    """Return the module of a Python file; one that is imported already, under whatever name, is not imported again.
+
+    Raises:
+        TaskFileError: there is no such file, or it cannot be imported.
+    """
+    return module_of_file(path) or _module(Path(path).absolute())
 
 
 def _is_task(kind: object) -> bool:

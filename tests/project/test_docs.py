@@ -32,6 +32,7 @@ EXAMPLES = {
     "scenery.py": ["--width", "80", "--plot", "scenery.png"],
     "import_robots.py": [],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
+    "own_network.py": ["--iterations", "1"],
     "rough_ground.py": ["--width", "40", "--levels", "0", "9", "--plot", "rough_ground.png"],
     "sensors.py": ["--worlds", "3", "--seconds", "1", "--plot", "sensors.png"],
     "train_cleanrl_style.py": ["--task", "fast", "--worlds", "32", "--steps", "20000", "--device", "cpu"],
@@ -141,6 +142,10 @@ def test_an_example_runs(name, tmp_path):
         # 4 m/s and a friction of 0.9: not below v² / (2 mu g) = 0.9 m; on ice not below 4 m
         assert 0.8 < stops["dry"] < stops["wet"] < stops["ice"]
         assert stops["ice"] > 4.0
+    if name == "own_network.py":
+        differs = re.search(r"the file differs by (\S+) at most", printed)
+        assert differs is not None
+        assert float(differs[1]) <= 1e-5
     if name == "rough_ground.py":
         assert "20 patches" in printed
     if name == "sensors.py":

@@ -19,8 +19,8 @@ from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import origin_of
 
-from ..config import NetworkKind, TrainConfig, rsl_rl_config
-from ..networks.networks import check_groups
+from ..config import TrainConfig, rsl_rl_config
+from ..networks.group_checks import check_groups
 from ..networks.policies import build_actor
 from .learner import TrainingError
 from .trajectories import Trajectories
@@ -125,14 +125,18 @@ def clone(
         KeyboardInterrupt: it was asked to stop within the first epoch.
     """
     stop = stop or StopRequest()
-    if train_config.network.kind is NetworkKind.RECURRENT:
+    if train_config.network.recurrent:
         raise InputError(
             "recurrent networks cannot be cloned: steps are learnt in any order; give another network.kind"
         )
-    check_groups(train_config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+    check_groups(
+        train_config.network, task.name, task.observation_shapes, task.observation_dtypes, task.observation_kinds
+    )
     groups, actions = _groups(task, data), torch.from_numpy(data.actions)
     torch.manual_seed(config.seed)
-    actor = build_actor(rsl_rl_config(train_config, list(task.observation_shapes), task.action_size), task)
+    actor = build_actor(
+        rsl_rl_config(train_config, list(task.observation_shapes), task.action_size, task.observation_kinds), task
+    )
     rows, held = _split(data, config)
     actor.train()
     actor.update_normalization(groups[rows])

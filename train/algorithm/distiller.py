@@ -17,8 +17,8 @@ from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.tasks.framework.saved_state import check_like
 
-from ..config import NetworkKind, TrainConfig, rsl_rl_config, train_config_from_plain
-from ..networks.networks import check_groups
+from ..config import TrainConfig, rsl_rl_config, train_config_from_plain
+from ..networks.group_checks import check_groups
 from ..runs.checkpoint import inference_only
 from .distillation import DistillationConfig, ThreadedDistillation
 from .distributed import Processes
@@ -81,9 +81,11 @@ class Distiller(Learner):
     def __init__(self, task: Task[Any], config: TrainConfig, lesson: Lesson, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
         refuse_agents(task, "and a student is one", "distil with one")
-        check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+        check_groups(
+            config.network, task.name, task.observation_shapes, task.observation_dtypes, task.observation_kinds
+        )
         samples, parts = config.steps_per_iteration * config.num_envs, lesson.config.mini_batches
-        if parts > samples and config.network.kind is not NetworkKind.RECURRENT:
+        if parts > samples and not config.network.recurrent:
             most = f"--steps-per-iteration x --num-envs = {samples}"
             raise InputError(f"--distillation.mini-batches must be at most {most}, got {parts}")
         self.lesson = lesson
@@ -97,13 +99,14 @@ class Distiller(Learner):
         teaching = train_config_from_plain(lesson.teacher["train_config"], "train_config of the teacher")
         shapes = {name.removeprefix(TEACHER): tuple(observations[name].shape[1:]) for name in seen}
         dtypes = {name.removeprefix(TEACHER): observations[name].dtype for name in seen}
-        check_groups(teaching.network.kind, task.name, shapes, dtypes)
-        recurrent = "recurrent" in (teaching.network.kind.value, self.config.network.kind.value)
+        kinds = {name: kind for name, kind in task.observation_kinds.items() if name in shapes}
+        check_groups(teaching.network, task.name, shapes, dtypes, kinds)
+        recurrent = teaching.network.recurrent or self.config.network.recurrent
         settings = {
             "num_steps_per_env": self.config.steps_per_iteration,
             "obs_groups": {"student": own, "teacher": seen},
-            "student": rsl_rl_config(self.config, own, task.action_size)["actor"],
-            "teacher": rsl_rl_config(teaching, seen, task.action_size)["actor"],
+            "student": rsl_rl_config(self.config, own, task.action_size, task.observation_kinds)["actor"],
+            "teacher": rsl_rl_config(teaching, seen, task.action_size, kinds, prefix=TEACHER)["actor"],
             "multi_gpu": self.group.rsl_rl(),
             "algorithm": {
                 "class_name": "simwarp.train.algorithm.distillation:ThreadedDistillation",

@@ -15,7 +15,7 @@ from tensordict import TensorDict
 from simwarp.tasks import InputError, Task
 
 from ..config import CriticSees, TrainConfig, rsl_rl_config
-from ..networks.networks import check_groups
+from ..networks.group_checks import check_groups
 from .acting_rows import ActingRows
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
@@ -39,7 +39,9 @@ class Trainer(Learner):
 
     def __init__(self, task: Task[Any], config: TrainConfig, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
-        check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+        check_groups(
+            config.network, task.name, task.observation_shapes, task.observation_dtypes, task.observation_kinds
+        )
         task.contract.on_iteration(0)  # the first episodes are as easy as a curriculum begins
         seen = config.network.critic is CriticSees.PRIVILEGED
         env = TaskVecEnv(task, privileged=seen, reward_scale=config.ppo.reward_scale)
@@ -52,7 +54,9 @@ class Trainer(Learner):
             )
 
     def _make_algorithm(self, observations: TensorDict) -> ThreadedPPO:
-        settings = rsl_rl_config(self.config, list(self.task.observation_shapes), self.task.action_size)
+        settings = rsl_rl_config(
+            self.config, list(self.task.observation_shapes), self.task.action_size, self.task.observation_kinds
+        )
         settings["multi_gpu"] = self.group.rsl_rl()
         settings["algorithm"]["symmetry_cfg"] = symmetry_settings(self.task, self.config)
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])

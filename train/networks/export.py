@@ -107,7 +107,8 @@ class ExportedPolicy(nn.Module):
         """Return the actions, and the new memory of a recurrent policy."""
         groups = dict(zip(self.groups, tensors, strict=False))
         if not self.recurrent:
-            return self._act(self.actor.get_latent(groups))
+            actions: torch.Tensor = self.actor(groups)
+            return actions
         memory = tensors[len(self.groups) :]
         vectors = MLPModel.get_latent(self.actor, groups)
         latent, new = self.actor.rnn.rnn(vectors.unsqueeze(0), tuple(memory) if self.cells == 2 else memory[0])

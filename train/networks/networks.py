@@ -1,4 +1,4 @@
-"""Actor and critic networks: perceptrons, a recurrent one, and three that see images.
+"""Actor and critic networks: perceptrons, a recurrent one, three that see images, and one with an encoder per group.
 
 All derive from rsl-rl's models, so that its PPO trains them. Image groups are (W, H, W', C), channels last, as cameras
 write them; uint8 stays uint8 in the rollout storage and becomes a number here, in the network. Vector groups are
@@ -7,7 +7,6 @@ concatenated and, where asked for, normalised by their running mean and deviatio
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,15 +17,13 @@ from torch import nn
 
 from simwarp.tasks import InputError
 
-from ..config import NetworkKind, Precision
+from ..config import InitialWeights, Precision
+from .encoders import NatureEncoder
 
-_NATURE = ((32, 8, 4), (64, 4, 2), (64, 3, 1))
-"""Channels, kernel and stride of the three convolutions (Mnih et al. 2015)."""
 _UNITS_PER_SIGNAL = 10
 _FIRST_WEIGHTS = 0.01
 """Of those drawn: the actor's last layer, where its mean action is given."""
-_SMALLEST_IMAGE = 36
-_ACTIVATIONS: Mapping[str, type[nn.Module]] = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh}
+ACTIVATIONS: Mapping[str, type[nn.Module]] = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh}
 
 Observations = Mapping[str, torch.Tensor]
 
@@ -40,28 +37,56 @@ def thesis_sizes(inputs: int, outputs: int) -> list[int]:
     return [first, math.isqrt(first * last), last]
 
 
-def nature_size(height: int, width: int) -> int:
-    """Return the size of the output of the three convolutions over an image; 45 x 80 gives 768."""
-    for _, kernel, stride in _NATURE:
-        height, width = ((side - kernel) // stride + 1 for side in (height, width))
-    return _NATURE[-1][0] * height * width
+_NORMAL_WEIGHTS = 0.1
+"""Standard deviation of normal weights, and value of the biases beside them."""
 
 
-def _finish(mlp: nn.Sequential, tanh_output: bool, init_mean: Sequence[float] | None) -> None:
-    """Let an actor begin with a mean action, and bound its results.
+def finish(
+    model: MLPModel, tanh_output: bool = False, init_mean: Sequence[float] | None = None,
+    init_weights: str = InitialWeights.LAYERS.value,
+) -> None:  # fmt: skip
+    """Draw the weights of a network that is built, let an actor begin with a mean action, and bound its results.
 
     With a last layer as drawn a policy begins with a bias that hangs on the seed: a vehicle whose brake it holds gets
     nowhere, and learns nothing. Small last weights: Andrychowicz et al. 2021, What matters for on-policy deep
     actor-critic methods, section 3.2.
+
+    Args:
+        model: its last layer is the last linear one of ``model.mlp``.
+        tanh_output: bound the mean action to (-1, 1).
+        init_mean: mean action at the start; None or empty: that of the layers as drawn.
+        init_weights: value of an :class:`~simwarp.train.config.InitialWeights`.
+
+    Raises:
+        InputError: a mean is given, and there is no linear layer that ends in as many numbers.
     """
+    mlp = model.mlp
+    if init_weights == InitialWeights.NORMAL.value:
+        _draw_normal(model)
     if init_mean:
-        last = next(layer for layer in reversed(list(mlp.modules())) if isinstance(layer, nn.Linear))
+        last = next((layer for layer in reversed(list(mlp.modules())) if isinstance(layer, nn.Linear)), None)
+        if last is None or last.bias is None or last.out_features != len(init_mean):
+            raise InputError(
+                f"--network.init-mean needs a network whose last linear layer has {len(init_mean)} outputs and a bias;"
+                " give --network.init-mean without a number"
+            )
         mean = torch.tensor(init_mean, dtype=last.bias.dtype)
         with torch.no_grad():
             last.weight.mul_(_FIRST_WEIGHTS)
             last.bias.copy_(torch.atanh(mean) if tanh_output else mean)
     if tanh_output:
         mlp.add_module(str(len(mlp)), nn.Tanh())
+
+
+def _draw_normal(model: nn.Module) -> None:
+    """Draw all weights of linear, convolutional and recurrent layers from N(0, 0.1), and set their biases to 0.1."""
+    for layer in model.modules():
+        if isinstance(layer, nn.Linear | nn.Conv1d | nn.Conv2d | nn.RNNBase):
+            for name, parameter in layer.named_parameters(recurse=False):
+                if name.startswith("bias"):
+                    nn.init.constant_(parameter, _NORMAL_WEIGHTS)
+                else:
+                    nn.init.normal_(parameter, 0.0, _NORMAL_WEIGHTS)
 
 
 class Perceptron(MLPModel):
@@ -72,6 +97,7 @@ class Perceptron(MLPModel):
         hidden_dims: units of the hidden layers; None takes :func:`thesis_sizes`.
         tanh_output: bound the mean action to (-1, 1).
         init_mean: mean action at the start; None or empty: that of the layers as drawn.
+        init_weights: see :func:`finish`.
         options: activation, obs_normalization and distribution_cfg of rsl-rl.
     """
 
@@ -84,76 +110,27 @@ class Perceptron(MLPModel):
         hidden_dims: list[int] | None = None,
         tanh_output: bool = False,
         init_mean: Sequence[float] | None = None,
+        init_weights: str = InitialWeights.LAYERS.value,
         **options: Any,
     ) -> None:
         if hidden_dims is None:
             hidden_dims = thesis_sizes(sum(obs[group].shape[-1] for group in obs_groups[obs_set]), output_dim)
         super().__init__(obs, obs_groups, obs_set, output_dim, hidden_dims=hidden_dims, **options)
-        _finish(self.mlp, tanh_output, init_mean)
+        finish(self, tanh_output, init_mean, init_weights)
 
 
 class Recurrent(RNNModel):
     """rsl-rl's GRU or LSTM before a perceptron."""
 
     def __init__(
-        self, *arguments: Any, tanh_output: bool = False, init_mean: Sequence[float] | None = None, **options: Any
-    ) -> None:
+        self, *arguments: Any, tanh_output: bool = False, init_mean: Sequence[float] | None = None,
+        init_weights: str = InitialWeights.LAYERS.value, **options: Any,
+    ) -> None:  # fmt: skip
         super().__init__(*arguments, **options)
-        _finish(self.mlp, tanh_output, init_mean)
+        finish(self, tanh_output, init_mean, init_weights)
 
 
-class NatureEncoder(nn.Module):
-    """Three convolutions over (N, H, W, C) images, flattened to (N, ``size``).
-
-    Args:
-        shape: height, width and channels of an image.
-        precision: numbers to compute with in training mode; in evaluation mode they are float32, and weights always.
-    """
-
-    def __init__(self, shape: tuple[int, int, int], precision: Precision = Precision.FLOAT32) -> None:
-        super().__init__()
-        self.precision = precision
-        height, width, channels = shape
-        layers: list[nn.Module] = []
-        for filters, kernel, stride in _NATURE:
-            convolution = nn.Conv2d(channels, filters, kernel, stride)
-            nn.init.xavier_normal_(convolution.weight)
-            if convolution.bias is not None:
-                nn.init.zeros_(convolution.bias)
-            layers += [convolution, nn.ReLU(inplace=True)]
-            channels = filters
-        # The last non-linearity comes after the flattening, which changes no number: gradients of plain rows go
-        # backwards through it at once, those of channels last only one by one
-        layers.insert(-1, nn.Flatten())
-        self.layers = nn.Sequential(*layers)
-        self.size = nature_size(height, width)
-
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """Return the features of uint8 images, shifted to about [-0.5, 0.5], or of float ones as they are."""
-        if self.training and self.precision is Precision.BFLOAT16:
-            return self._in_bfloat16(image)
-        # In place: a batch of images as numbers is the largest thing in training, and made anew for each network
-        pixels = image.float().sub_(127.0).div_(255.0) if image.dtype == torch.uint8 else image
-        features: torch.Tensor = self.layers(pixels.movedim(-1, -3))
-        return features.flatten(1)
-
-    def _in_bfloat16(self, image: torch.Tensor) -> torch.Tensor:
-        # 0 to 255 less 127 has no rounding error in bfloat16: the division by 255 is the first weights' part
-        bytes_in = image.dtype == torch.uint8
-        features = image.to(torch.bfloat16)
-        features = (features.sub_(127.0) if bytes_in else features).movedim(-1, -3)
-        scale = 255.0 if bytes_in else 1.0
-        for layer in self.layers:
-            if isinstance(layer, nn.Conv2d):
-                assert layer.bias is not None
-                weight, bias = (layer.weight / scale).bfloat16(), layer.bias.bfloat16()
-                features, scale = nn.functional.conv2d(features, weight, bias, layer.stride), 1.0
-            else:
-                features = layer(features)
-        return features.float()
-
-
-def _layers(sizes: list[int], activation: type[nn.Module], last: bool) -> nn.Sequential:
+def linear_layers(sizes: list[int], activation: type[nn.Module], last: bool) -> nn.Sequential:
     """Return linear layers with a non-linearity after each; after the last one only if ``last``."""
     steps: list[nn.Module] = []
     for index in range(len(sizes) - 1):
@@ -172,6 +149,7 @@ class ImageModel(MLPModel):
         activation: name of the non-linearity of the linear layers; convolutions have ReLU.
         tanh_output: bound the mean action to (-1, 1).
         init_mean: mean action at the start; None or empty: that of the layers as drawn.
+        init_weights: see :func:`finish`.
         precision: value of a :class:`~simwarp.train.config.Precision`, of the convolutions in training mode.
         options: obs_normalization and distribution_cfg of rsl-rl.
     """
@@ -188,6 +166,7 @@ class ImageModel(MLPModel):
         activation: str = "relu",
         tanh_output: bool = False,
         init_mean: Sequence[float] | None = None,
+        init_weights: str = InitialWeights.LAYERS.value,
         obs_normalization: bool = False,
         precision: str = Precision.FLOAT32.value,
         **options: Any,
@@ -203,13 +182,12 @@ class ImageModel(MLPModel):
             **options,
         )
         self.image_groups = list(self._image_shapes)
-        self.encoders = nn.ModuleList(
-            NatureEncoder(shape, Precision(precision)) for shape in self._image_shapes.values()
-        )
-        features = sum(nature_size(shape[0], shape[1]) for shape in self._image_shapes.values())
+        encoders = [NatureEncoder(shape, Precision(precision)) for shape in self._image_shapes.values()]
+        self.encoders = nn.ModuleList(encoders)
+        features = sum(encoder.size for encoder in encoders)
         outputs = output_dim if self.distribution is None else self.distribution.input_dim
-        self.mlp = self.make_layers(features, action_size, outputs, _ACTIVATIONS[activation])
-        _finish(self.mlp, tanh_output, init_mean)
+        self.mlp = self.make_layers(features, action_size, outputs, ACTIVATIONS[activation])
+        finish(self, tanh_output, init_mean, init_weights)
 
     def _get_obs_dim(self, obs: Any, obs_groups: dict[str, list[str]], obs_set: str) -> tuple[list[str], int]:
         groups = obs_groups[obs_set]
@@ -262,8 +240,8 @@ class EarlyFusion(ImageModel):
     def make_layers(self, features: int, actions: int, outputs: int, activation: type[nn.Module]) -> nn.Sequential:
         """Make one layer per branch; return those after their meeting."""
         self.image_branch = nn.Linear(features, 5 * actions)
-        self.vector_branch = _layers([self.obs_dim, 5 * actions], activation, last=True)
-        return _layers([10 * actions, 20 * actions, 10 * actions, 5 * actions, outputs], activation, last=False)
+        self.vector_branch = linear_layers([self.obs_dim, 5 * actions], activation, last=True)
+        return linear_layers([10 * actions, 20 * actions, 10 * actions, 5 * actions, outputs], activation, last=False)
 
     def get_latent(
         self, obs: Observations, masks: torch.Tensor | None = None, hidden_state: Any = None
@@ -279,8 +257,8 @@ class LateFusion(ImageModel):
         """Make both branches; return the layer that joins them."""
         inputs = self.obs_dim
         hidden = [5 * inputs, 5 * (actions + inputs), 5 * actions] if self.distribution else [5 * inputs, 5 * inputs, 5]
-        self.image_branch = _layers([features, outputs], activation, last=True)
-        self.vector_branch = _layers([inputs, *hidden, outputs], activation, last=True)
+        self.image_branch = linear_layers([features, outputs], activation, last=True)
+        self.vector_branch = linear_layers([inputs, *hidden, outputs], activation, last=True)
         return nn.Sequential(nn.Linear(2 * outputs, outputs))
 
     def get_latent(
@@ -288,53 +266,3 @@ class LateFusion(ImageModel):
     ) -> torch.Tensor:
         """Return both branches side by side."""
         return torch.cat([self.image_branch(self.see(obs)), self.vector_branch(self.feel(obs))], dim=-1)
-
-
-@dataclasses.dataclass(frozen=True)
-class NetworkNeeds:
-    """Observations that a kind of network needs."""
-
-    images: bool
-    vectors: bool
-
-
-NEEDS = {
-    NetworkKind.MLP: NetworkNeeds(images=False, vectors=True),
-    NetworkKind.THESIS_MLP: NetworkNeeds(images=False, vectors=True),
-    NetworkKind.RECURRENT: NetworkNeeds(images=False, vectors=True),
-    NetworkKind.NATURE_CNN: NetworkNeeds(images=True, vectors=False),
-    NetworkKind.EARLY_FUSION: NetworkNeeds(images=True, vectors=True),
-    NetworkKind.LATE_FUSION: NetworkNeeds(images=True, vectors=True),
-}
-
-
-def check_groups(
-    kind: NetworkKind, task: str, shapes: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype]
-) -> None:
-    """Check a task's observation groups against the inputs of a network.
-
-    Raises:
-        InputError: a group has the wrong shape or dtype, or the network takes no such group.
-    """
-    needs = NEEDS[kind]
-    images = {name for name, shape in shapes.items() if len(shape) == 3}
-    for name, shape in shapes.items():
-        dtype = dtypes[name]
-        flat = len(shape) == 1 and dtype == torch.float32
-        seen = name in images and dtype in (torch.uint8, torch.float32) and min(shape[:2]) >= _SMALLEST_IMAGE
-        if (flat and needs.vectors) or (seen and needs.images):
-            continue
-        takes = [f"images (H, W, C) of uint8 or float32, {_SMALLEST_IMAGE} pixels or more each way"] * needs.images
-        takes += ["(N,) float32 groups"] * needs.vectors
-        others = [other.value for other, wants in NEEDS.items() if wants.images and (wants.vectors or not flat)]
-        hint = f"; try --network.kind {others[-1]}" if flat or seen else ""
-        raise InputError(
-            f"observation '{name}' of task '{task}' is {shape} {dtype}; network '{kind.value}' takes"
-            f" {' and '.join(takes)}{hint}"
-        )
-    for wanted, present, word in (
-        (needs.images, images, "an image"),
-        (needs.vectors, shapes.keys() - images, "a vector"),
-    ):
-        if wanted and not present:
-            raise InputError(f"network '{kind.value}' needs {word} group; task '{task}' has {', '.join(shapes)}")

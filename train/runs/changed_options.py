@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simwarp.core.types import formatted
+from simwarp.core.wording import option_word
 from simwarp.tasks import InputError, TaskConfig
 from simwarp.tasks.framework.config_values import plain_value
 
@@ -30,7 +31,7 @@ def changed_options(before: Any, after: Any, option: str) -> list[str]:
             words
             for field in dataclasses.fields(before)
             for words in changed_options(
-                getattr(before, field.name), getattr(after, field.name), f"{option}.{field.name.replace('_', '-')}"
+                getattr(before, field.name), getattr(after, field.name), f"{option}.{option_word(field.name)}"
             )
         ]
     if isinstance(before, Mapping) and isinstance(after, Mapping):

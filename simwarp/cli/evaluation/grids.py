@@ -261,6 +261,8 @@ def field_of(config: Any, key: str) -> Any:
         if isinstance(config, Mapping):
             config = config.get(part)
             continue
-        known = dataclasses.is_dataclass(config) and part in {field.name for field in dataclasses.fields(config)}
-        config = getattr(config, part) if known else None
+        fields = dataclasses.fields(config) if dataclasses.is_dataclass(config) else ()
+        # an underscore at the end of a name keeps it from a keyword
+        name = next((field.name for field in fields if field.name.removesuffix("_") == part.removesuffix("_")), None)
+        config = None if name is None else getattr(config, name)
     return config

@@ -11,7 +11,8 @@ from simwarp.tasks import InputError, make, replace_fields, task_class
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import NetworkKind, TrainConfig, default_config
 from simwarp.train.evaluation.evaluation import evaluate
-from simwarp.train.networks.networks import NatureEncoder, nature_size, thesis_sizes
+from simwarp.train.networks.encoders import NatureEncoder, nature_size
+from simwarp.train.networks.networks import thesis_sizes
 from simwarp.train.networks.policies import network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.training import train

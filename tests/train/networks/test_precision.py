@@ -11,8 +11,8 @@ from simwarp.tasks import InputError, make, replace_fields
 from simwarp.train.algorithm import mini_batch_shares
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import NetworkKind, Precision, TrainConfig
+from simwarp.train.networks.encoders import NatureEncoder
 from simwarp.train.networks.export import ExportFormat, export_policy
-from simwarp.train.networks.networks import NatureEncoder
 from simwarp.train.networks.policies import network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.training import train
