@@ -69,18 +69,16 @@ def _module(name: str, where: str) -> ModuleType:
     if folder not in sys.path:
         sys.path.append(folder)  # `python -m` and scripts look there, console scripts do not
     try:
-        found = importlib.util.find_spec(name)
-    except (ImportError, ValueError, AttributeError):
-        found = None
-    if found is None:
-        raise InputError(
-            f"{where}: there is no module '{name}'; start in its folder, add that to PYTHONPATH, or give {_FORM}"
-        )
-    # The file of a task may have its network too: it was imported under a name of ours, and registers the task once
-    known = None if name in sys.modules or found.origin is None else module_of_file(found.origin)
-    try:
+        found = importlib.util.find_spec(name)  # of a package's module it imports the package
+        # The file of a task may have its network too: it was imported under a name of ours, and registers the task once
+        known = None if found is None or found.origin is None else module_of_file(found.origin)
         return known or importlib.import_module(name)
     except Exception as error:  # whatever an author's file raises
+        if isinstance(error, ModuleNotFoundError) and error.name is not None and name.startswith(error.name):
+            raise InputError(
+                f"{where}: there is no module '{error.name}'; start in its folder, add that to PYTHONPATH, or give"
+                f" {_FORM}"
+            ) from error
         raise InputError(f"{where}: module '{name}' cannot be imported: {_words(error)}") from error
 
 

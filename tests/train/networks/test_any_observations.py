@@ -184,6 +184,9 @@ def test_normal_weights_are_those_of_the_thesis(obs, changes):
     [
         ("Flat", "must be module:Class or path/to/file.py:Class, got 'Flat'"),
         ("no_such_module:Flat", "there is no module 'no_such_module'; start in its folder, add that to PYTHONPATH"),
+        ("no_such_package.nets:Flat", "there is no module 'no_such_package'"),
+        (".nets:Flat", "module '.nets' cannot be imported: "),
+        ("any_groups_broken.nets:Flat", "module 'any_groups_broken.nets' cannot be imported: NameError"),
         ("any_groups_broken:Flat", "module .* cannot be imported: NameError: name 'nothing' is not defined"),
         ("none/nets.py:Flat", "file .*none/nets.py' does not exist"),
         (f"{FILE}:Flut", "has no class 'Flut'.*Flat"),
