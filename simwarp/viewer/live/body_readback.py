@@ -86,7 +86,7 @@ class BodyReadback:
             device=self._device,
         )  # fmt: skip
         wp.copy(self._pinned, self._gathered)
-        wp.record_event(self._arrived)
+        wp.get_stream(self._device).record_event(self._arrived)
         self._under_way = True
 
     def _finish(self) -> None:
