@@ -113,7 +113,7 @@ def _function(value: Any) -> MotionFunction:
 
 
 FunctionField: TypeAlias = Annotated[
-    MotionFunction, Parsed(instance_of(MotionFunction, "write a motion function, such as Sine(...)")._read)
+    MotionFunction, instance_of(MotionFunction, "write a motion function, such as Sine(...)")
 ]
 
 
