@@ -86,7 +86,9 @@ def _lights(recording: SceneRecording) -> list[str]:
     lines = [
         f"global_settings {{ assumed_gamma 1.0 ambient_light rgb {_vector(ambient)} }}",
         "#default { finish { ambient 1 diffuse 1 } }",
-        f"#if (Fixed)\nsky_sphere {{ pigment {{ gradient z color_map {{ {sky} }} scale 2.001 translate -1.0005 * z }} }}\n#end",
+        "#if (Fixed)",
+        f"sky_sphere {{ pigment {{ gradient z color_map {{ {sky} }} scale 2.001 translate -1.0005 * z }} }}",
+        "#end",
     ]
     for sun in lighting.suns:
         place = SUN_DISTANCE * np.array(sun.direction) / np.linalg.norm(sun.direction)
