@@ -17,7 +17,7 @@ from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
-from simwarp.kernels.core.tables import make_progress
+from simwarp.kernels.core.tables import StepConfig, make_progress
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
     assembly_kernels,
@@ -181,11 +181,8 @@ class Simulation(Readable, Readings, FixedAttributes):
             measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
             outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
-        self._colliding = record_collision(
-            self.shares, model, config=self._config, state=self.state.arrays, contacts=self.contacts.arrays,
-            scratch=self._collision_scratch, lists=self._contact_lists,
-        )  # fmt: skip
-        self.physics_commands = self._record_physics()
+        self._colliding = self._record_collision(self._config)
+        self.physics_commands = self._record_physics(self._config, self._colliding)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
         """Those of each sensor in every sub-step."""
@@ -426,18 +423,35 @@ class Simulation(Readable, Readings, FixedAttributes):
         self._contact_lists = make_lists(model.device, slots, list_sizes(model, own_slots=self.shares.own_slots))
         self.state = initial_arrays(model)
 
-    def _record_physics(self) -> list[Any]:
+    def physics_of(self, dt: float) -> list[WorldLaunch]:
+        """Record the launches of a sub-step of another length [s], like `physics_commands`; run them by `shares.run`.
+
+        Raises:
+            ModelError: no step can have this length.
+        """
+        reports = {"reactions": bool(self._config.reactions), "accelerations": bool(self._config.accelerations)}
+        config = step_config(self.solver, checked_dt(dt, 1), self.model.mass_ratio, **reports)
+        with self.shares.recording_together():
+            return self._record_physics(config, self._record_collision(config))
+
+    def _record_collision(self, config: StepConfig) -> list[WorldLaunch]:
+        return record_collision(
+            self.shares, self.model, config=config, state=self.state.arrays, contacts=self.contacts.arrays,
+            scratch=self._collision_scratch, lists=self._contact_lists,
+        )  # fmt: skip
+
+    def _record_physics(self, config: StepConfig, colliding: Sequence[WorldLaunch]) -> list[Any]:
         """The launches of a sub-step, in order: forces of the elements, collision, step, what elements measure."""
         stepping = record_step(
             self.shares, self.model, rows=self._sizes.cone_rows, all_solvers=self._all_solvers,
             newton=self._sizes.factor_rows > 0,
-            config=self._config, control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
+            config=config, control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
             reports=self.diagnostics.arrays, scratch=self._scratch, progress=self._progress,
         )  # fmt: skip
-        dt = self._config.dt
+        dt = config.dt
         before = [command for part in self.elements for command in recorded(part.record, self, dt)]
         after = [command for part in self.elements for command in recorded(part.record_after, self, dt)]
-        return [*before, *self._colliding, *stepping, *after]
+        return [*before, *colliding, *stepping, *after]
 
     def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state, which is that of now, back in the worlds of the mask."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.verify import chain_problem, contact_checks, laws, mechanism_checks, soil_checks, vehicle_runs
+from simwarp.verify import analysis_checks, chain_problem, contact_checks, laws, mechanism_checks, soil_checks, vehicle_runs
 from simwarp.verify.check_result import CheckResult
 
 SCENES: Final[dict[str, Callable[..., list[CheckResult]]]] = {
@@ -50,6 +50,7 @@ SCENES: Final[dict[str, Callable[..., list[CheckResult]]]] = {
     "wall": contact_checks.wall,
     "pile": contact_checks.pile,
     "soil": soil_checks.soil,
+    "analysis": analysis_checks.analysis,
     "vehicles": vehicle_runs.vehicles,
 }
 """Name -> check, in the order in which they run. The first argument is the device."""
