@@ -1,7 +1,7 @@
 """Engineering analysis of a simulation: statics, assembly, linear models, modes of vibration."""
 
-from simwarp.analysis.assembly import Assembly, JointGap, assemble
 from simwarp.analysis.linearisation import Linearisation, linearise
+from simwarp.analysis.loop_closing import Assembly, JointGap, assemble
 from simwarp.analysis.modes import Modes, modes
 from simwarp.analysis.statics import StaticResult, solve_static
 

@@ -102,9 +102,9 @@ def linearise(
 ) -> Linearisation:
     """Linearise a simulation about the present state of one world, by central differences.
 
-    Changes are tried side by side in all worlds that have this world's parameters: give the model many worlds, and it is
-    one batch. Accelerations are taken from two short steps and extrapolated to a step of no length, so that the result
-    does not depend on `dt` and its numerical damping. The present state comes back.
+    Changes are tried side by side in all worlds that have this world's parameters: give the model many worlds, and it
+    is one batch. Accelerations are taken from two short steps and extrapolated to a step of no length, so that the
+    result does not depend on `dt` and its numerical damping. The present state comes back.
 
     Args:
         simulation: that is looked at; contacts must not push. Tires and other force elements may.
@@ -172,7 +172,6 @@ def states(response: Response, free: FreeCoordinates) -> tuple[Array, Array]:
 
 def _check_regular(variations: Variations, free: FreeCoordinates) -> None:
     """Refuse a position at which coordinates cannot follow their rates: loops would pull them back."""
-    d = free.count
     size = FAR * np.where(variations.travels()[free.index], min(1.0, variations.extent()), 1.0)
 
     def row(rows: Array) -> Array:
@@ -186,8 +185,8 @@ def _check_regular(variations: Variations, free: FreeCoordinates) -> None:
     stuck = np.flatnonzero(~(np.abs(arrived - 1.0) < SINGULAR))
     if len(stuck):
         raise ModelError(
-            f"{variations.thing}: the mechanism is at a singular position: {free.titles[int(stuck[0])]} cannot move as its "
-            "rate says; move it away from where it locks or branches"
+            f"{variations.thing}: the mechanism is at a singular position: {free.titles[int(stuck[0])]} cannot move as "
+            "its rate says; move it away from where it locks or branches"
         )
 
 

@@ -85,7 +85,9 @@ class Modes(Readable):
         """
         linear, model = self.linearisation, simulation.model
         if model.body_names != linear.body_names:
-            raise ModelError("modes: the simulation must have the bodies of the linear model; pass that which was linearised")
+            raise ModelError(
+                "modes: the simulation must have the bodies of the linear model; pass that which was linearised"
+            )
         chosen = [self._checked(each) for each in (range(len(self.frequency)) if modes is None else modes)]
         if not chosen:
             raise ModelError("modes: there must be a mode to show, got none")

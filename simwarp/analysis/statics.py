@@ -30,7 +30,7 @@ QUIET_STEPS: Final = 10
 WORST: Final = 2.0
 """Growth of the acceleration beyond its smallest at which Newton's method is given up and kinetic damping goes on."""
 NEARLY_STILL: Final = 20.0
-"""Rate over the solver's tolerance below which a world rests on its contacts: a box on a slope trembles by ten of them."""
+"""Rate over the solver's tolerance below which a world rests on its contacts: a box on a slope trembles by ten."""
 RESOLVED: Final = 1e-6
 """Step of Newton's method that is none [m or rad]: light links have accelerations that float32 does not resolve."""
 UNSTABLE: Final = 1e-3
@@ -47,7 +47,7 @@ class StaticResult(Readable):
         steps: of the simulation with kinetic damping.
         newton_steps: of Newton's method, the last of which ended at the equilibrium.
         acceleration: (W,) largest that is left of a free coordinate [m/s² or rad/s²].
-        stable: (W,) False where a small push would grow, as of a pendulum that stands on its head; True where contacts push.
+        stable: (W,) False where a small push would grow, as of a pendulum on its head; True where contacts push.
         by_contacts: contacts push: with friction it is one of many, the one that is reached from the given state.
     """
 
@@ -65,15 +65,16 @@ class StaticResult(Readable):
 def solve_static(simulation: Simulation, *, tolerance: float = 1e-3, max_steps: int = 20_000) -> StaticResult:
     """Bring every world to rest in an equilibrium, and leave it there.
 
-    The simulation steps, and rates are taken away whenever their energy has turned (kinetic damping: Cundall 1976), which
-    finds the valley; Newton's method on the accelerations finds its bottom. Where contacts push there is no
+    The simulation steps, and rates are taken away whenever their energy has turned (kinetic damping: Cundall 1976),
+    which finds the valley; Newton's method on the accelerations finds its bottom. Where contacts push there is no
     derivative: kinetic damping goes on alone. With friction many states are at rest, and the one that is reached from
     the given one is found.
 
     Args:
         simulation: its present state is where the search begins, and is replaced; its clock stays.
-        tolerance: acceleration that may be left [m/s² or rad/s²]; with contacts, what their solver leaves; or Newton's method wants to move by less than 1e-6 m or
-            rad, as with light links, whose accelerations float32 does not resolve.
+        tolerance: acceleration that may be left [m/s² or rad/s²]; with contacts, what their solver
+            leaves; or Newton's method wants to move by less than 1e-6 m or rad, as with light links, whose
+            accelerations float32 does not resolve.
         max_steps: of the simulation.
 
     Raises:
@@ -120,8 +121,8 @@ def _search(thing: str, sim: Simulation, tolerance: float, max_steps: int) -> St
         trial += 1
     what = relaxation.worst() if relaxation.pushing() or not failed else failed
     raise ModelError(
-        f"{thing}: no equilibrium was found near the given state: {what} after {steps} steps (tolerance {tolerance:g}); "
-        "support what falls, or start nearer"
+        f"{thing}: no equilibrium was found near the given state: {what} after {steps} steps (tolerance "
+        f"{tolerance:g}); support what falls, or start nearer"
     )
 
 

@@ -26,7 +26,7 @@ Array: TypeAlias = npt.NDArray[np.float64]
 ROOT: Final = 6
 """Coordinates of a body that moves without a joint."""
 INDEPENDENT: Final = 1e-4
-"""Share of the largest, from which a direction of the velocities counts: float32 leaves 1e-6 in those that rows forbid."""
+"""Share of the largest, from which a direction of the velocities counts: float32 leaves 1e-6 in forbidden ones."""
 POSITION_STEP: Final = 1e-3
 """Change of a coordinate for a difference [m or rad]."""
 RATE_STEP: Final = 1e-2
@@ -216,7 +216,7 @@ class Variations:
         """
         changes = np.eye(self.count)
         columns = self.over_lanes(changes, lambda chunk: self._bound(chunk))
-        turned, upper, order = qr(columns, pivoting=True, mode="economic")
+        _, upper, order = qr(columns, pivoting=True, mode="economic")
         sizes = np.abs(np.diag(upper))
         rank = int((sizes > INDEPENDENT * max(float(sizes.max(initial=0.0)), 1e-30)).sum())
         if rank == 0 or not sizes.max(initial=0.0) > 0.0:
@@ -338,8 +338,8 @@ def refuse_contacts(thing: str, simulation: Simulation, worlds: Sequence[int] | 
     for world in worlds:
         if pushing[world]:
             raise ModelError(
-                f"{thing}: contacts must not push, got {pushing[world]} that do in world {int(world)}; stand the model on "
-                "springs, joints or tires, or take the ground away"
+                f"{thing}: contacts must not push, got {pushing[world]} that do in world {int(world)}; stand the model "
+                "on springs, joints or tires, or take the ground away"
             )
 
 

@@ -9,7 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.verify import analysis_checks, chain_problem, contact_checks, laws, mechanism_checks, soil_checks, vehicle_runs
+from simwarp.verify import (
+    analysis_checks,
+    chain_problem,
+    contact_checks,
+    laws,
+    mechanism_checks,
+    soil_checks,
+    vehicle_runs,
+)
 from simwarp.verify.check_result import CheckResult
 
 SCENES: Final[dict[str, Callable[..., list[CheckResult]]]] = {

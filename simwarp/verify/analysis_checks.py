@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -44,7 +45,8 @@ def two_masses(*, mass: float = 2.0, outer: float = 300.0, inner: float = 80.0, 
     """Two masses on a line, each on a spring and damper to the ground, with a spring between them."""
     builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))
     bodies = [
-        builder.add_body(f"mass{k}", mass=mass, inertia=(0.1, 0.1, 0.1), pose=pose((k + 1.0, 0.0, 0.0))) for k in range(2)
+        builder.add_body(f"mass{k}", mass=mass, inertia=(0.1, 0.1, 0.1), pose=pose((k + 1.0, 0.0, 0.0)))
+        for k in range(2)
     ]
     for k, body in enumerate(bodies):
         builder.add_joint_prismatic(
@@ -68,7 +70,13 @@ def masses(device: str = "cpu") -> list[CheckResult]:
         hertz = omega / (2.0 * math.pi)
         damped = hertz * math.sqrt(1.0 - ratio**2)
         rows += [
-            near("analysis", f"masses: frequency {index + 1} without dampers [Hz]", hertz, still.frequency[index], 2e-4 * hertz),
+            near(
+                "analysis",
+                f"masses: frequency {index + 1} without dampers [Hz]",
+                hertz,
+                still.frequency[index],
+                2e-4 * hertz,
+            ),
             near("analysis", f"masses: frequency {index + 1} [Hz]", damped, found.frequency[index], 2e-4 * hertz),
             near("analysis", f"masses: decay {index + 1} [1/s]", d / (2.0 * m), found.decay[index], 2e-3),
         ]
@@ -80,7 +88,9 @@ def chain_of_points(*, links: int = LINKS, length: float = 0.1) -> ModelBuilder:
     builder = ModelBuilder()
     parent = WORLD
     for k in range(links):
-        bob = builder.add_body(f"bob{k}", mass=1.0, inertia=(1e-7, 1e-7, 1e-7), pose=pose((0.0, 0.0, -(k + 1) * length)))
+        bob = builder.add_body(
+            f"bob{k}", mass=1.0, inertia=(1e-7, 1e-7, 1e-7), pose=pose((0.0, 0.0, -(k + 1) * length))
+        )
         builder.add_joint_revolute(f"hinge{k}", parent, bob, axis=(1.0, 0.0, 0.0), anchor=(0.0, 0.0, -k * length))
         parent = bob
     return builder
@@ -104,7 +114,7 @@ def hung_chain(*, links: int = 40, length: float = 2.0, span: float = 1.5) -> Mo
     share = np.linspace(-1.0, 1.0, links + 1)
     points = np.stack([half * share, np.zeros(links + 1), depth * (np.abs(share) - 1.0)], axis=1)
     parent = WORLD
-    for k, (start, end) in enumerate(zip(points[:-1], points[1:], strict=True)):
+    for k, (start, end) in enumerate(itertools.pairwise(points)):
         angle = math.atan2(start[2] - end[2], end[0] - start[0])
         link = builder.add_body(
             f"link{k}", mass=0.1, inertia=(1e-6, 0.1 * rod**2 / 12.0, 0.1 * rod**2 / 12.0),
@@ -139,8 +149,8 @@ HALF_CAR = {
     "mass": 2087.0, "inertia": 3750.0, "front": 1.6, "rear": 1.7, "spring_front": 1.1e5, "spring_rear": 1.6e5,
     "axle": 140.0, "tire": 6.0e5,
 }  # fmt: skip
-"""Numbers of the size of a HMMWV's: sprung mass [kg], pitch inertia [kg·m²], axles from its centre [m], rates of springs and
-tires of an axle [N/m], mass of an axle [kg]."""
+"""Numbers of the size of a HMMWV's: sprung mass [kg], pitch inertia [kg·m²], axles from its centre [m], rates of
+springs and tires of an axle [N/m], mass of an axle [kg]."""
 
 
 def half_car() -> ModelBuilder:
@@ -163,7 +173,7 @@ def half_car() -> ModelBuilder:
 
 
 def half_car_modes(device: str = "cpu") -> list[CheckResult]:
-    """Heave, pitch and the hops of two axles: a problem of four coordinates; 2e-4 of a frequency is twice what float32 leaves."""
+    """Heave, pitch and the hops of two axles: four coordinates; 2e-4 of a frequency is twice what float32 leaves."""
     n = HALF_CAR
     found = modes(Simulation(half_car().finalize(16, device), STEP), damped=False)
     stiffness = np.diag([0.0, 0.0, n["tire"], n["tire"]])

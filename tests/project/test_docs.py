@@ -25,6 +25,7 @@ WITH_CODE = [page for page in pages() if python_blocks(page)]
 """Every page that has Python: none is left out."""
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
+    "balance_by_lqr.py": [],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
     "drives.py": ["--seconds", "0.5"],
     "contacts.py": [],

