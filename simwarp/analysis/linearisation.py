@@ -139,7 +139,7 @@ def _measured(variations: Variations, columns: dict[str, int], of: str, outputs:
 
     def row(rows: Array) -> Array:
         """States, how fast they change, bodies and outputs of every world, one after the other."""
-        change, rates = rows[:, :d] @ free.basis.T, rows[:, d:] @ free.basis.T
+        change, rates = free.spread(rows[:, :d]), free.spread(rows[:, d:])
         variations.place(change, rates)
         variations.check_placed()
         outs = np.array(measure(sim), np.float64).reshape(model.world_count, -1)
@@ -175,7 +175,7 @@ def _check_regular(variations: Variations, free: FreeCoordinates) -> None:
     size = FAR * np.where(variations.travels()[free.index], min(1.0, variations.extent()), 1.0)
 
     def row(rows: Array) -> Array:
-        variations.place(rows @ free.basis.T)
+        variations.place(free.spread(rows))
         reached = variations.positions()[:, free.index]
         reached[variations.open_worlds()] = 0.0
         return reached

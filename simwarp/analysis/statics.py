@@ -11,6 +11,7 @@ import numpy.typing as npt
 from simwarp.analysis.variations import (
     POSITION_STEP,
     Array,
+    FreeCoordinates,
     Variations,
     checked_simulation,
     pushing_contacts,
@@ -206,11 +207,10 @@ class _Newton:
         smallest = np.full(len(self.size), np.inf)
         for self.steps in range(NEWTON_STEPS):
             free = variations.free()
-            basis, index = free.basis.T, free.index
 
-            def accelerations(q: Array, basis: Array = basis, index: npt.NDArray[np.intp] = index) -> Array:
+            def accelerations(q: Array, free: FreeCoordinates = free) -> Array:
                 """(W, d) at rest beside the base."""
-                return variations.respond(q @ basis, extrapolate=False).acceleration[:, index]
+                return variations.respond(free.spread(q), extrapolate=False).acceleration[:, free.index]
 
             still = np.zeros((len(self.size), free.count))
             a = accelerations(still)
@@ -234,13 +234,13 @@ class _Newton:
             close = (self.size <= self.tolerance) & (short <= 10.0 * RESOLVED)
             arrived = close | ((short <= RESOLVED) & (left <= 0.1 * self.size))
             if arrived.all() and ((any_equilibrium and self.steps == 0) or self.stable.all()):
-                variations.place(still @ basis)
+                variations.place(free.spread(still))
                 _stand_still(self.sim, np.ones(len(a), bool))
                 return True
             if not self.stable.all() and self.steps > 1:
                 break
             step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step).max(axis=1), 1e-30))[:, None]
-            variations.place(step @ basis)
+            variations.place(free.spread(step))
             if variations.open_worlds().any():
                 break
             _stand_still(self.sim, np.ones(len(a), bool))

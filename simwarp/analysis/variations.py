@@ -66,7 +66,8 @@ class FreeCoordinates:
 
     Attributes:
         index: (d,) their places among all coordinates.
-        basis: (n, d) rates of all coordinates for a unit rate of each of them.
+        basis: (n, d) rates of all coordinates for a unit rate of each of them; (W, n, d) where worlds
+            have bases of their own.
         titles: what errors and tables call them.
     """
 
@@ -78,6 +79,12 @@ class FreeCoordinates:
     def count(self) -> int:
         """How many there are."""
         return len(self.index)
+
+    def spread(self, change: Array) -> Array:
+        """(W, n) of all coordinates for (W, d) of the free ones."""
+        if self.basis.ndim == 2:
+            return change @ self.basis.T
+        return np.einsum("wnd,wd->wn", self.basis, change)
 
 
 class Variations:
@@ -209,22 +216,30 @@ class Variations:
         return Response(position, rate, np.where(self._turned, moving, rate), accelerating, bodies)
 
     def free(self) -> FreeCoordinates:
-        """Find coordinates whose rates determine those of all others, at the first lane's base state.
+        """Find coordinates whose rates determine those of all others: where worlds have bases of their own, the same
+        ones in all of them, chosen in the first.
 
         Raises:
             ModelError: nothing can move.
         """
         changes = np.eye(self.count)
-        columns = self.over_lanes(changes, lambda chunk: self._bound(chunk))
+        if self.world is None:
+            rows = [self._bound(np.broadcast_to(row, (len(self._q), self.count))) for row in changes]
+            bound = np.stack(rows, axis=2)
+        else:
+            bound = self.over_lanes(changes, self._bound)[None]
+        columns = bound[0]
         _, upper, order = qr(columns, pivoting=True, mode="economic")
         sizes = np.abs(np.diag(upper))
         rank = int((sizes > INDEPENDENT * max(float(sizes.max(initial=0.0)), 1e-30)).sum())
         if rank == 0 or not sizes.max(initial=0.0) > 0.0:
             raise ModelError(f"{self.thing}: the model has no coordinate that can move; leave a joint free")
-        span = columns[:, order[:rank]]
-        rows = np.sort(qr(span.T, pivoting=True, mode="r")[1][:rank])
-        basis = span @ np.linalg.inv(span[rows])
-        return FreeCoordinates(rows, basis, tuple(self.titles[row] for row in rows))
+        index = np.sort(qr(columns[:, order[:rank]].T, pivoting=True, mode="r")[1][:rank])
+        span = bound[:, :, order[:rank]]
+        basis = span @ np.linalg.pinv(span[:, index])
+        return FreeCoordinates(
+            index, basis if self.world is None else basis[0], tuple(self.titles[row] for row in index)
+        )  # fmt: skip
 
     def over_lanes(self, changes: Array, measure: Any) -> Array:
         """Measure a row of changes in each lane, in as many calls as that takes; results by column.
@@ -316,8 +331,12 @@ class Variations:
 
 
 def alike(simulation: Simulation, world: int) -> npt.NDArray[np.intp]:
-    """Worlds whose parameters are those of `world`, itself first."""
+    """Worlds whose parameters are those of `world`, itself first; it alone where force elements may have numbers of
+    their own in every world.
+    """
     model = simulation.model
+    if simulation.elements:
+        return np.array([world])
     same = np.ones(model.world_count, bool)
     for name in PARAMETERS:
         values = getattr(model, name).numpy()

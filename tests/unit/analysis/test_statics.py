@@ -37,6 +37,24 @@ def test_every_world_finds_its_own_equilibrium() -> None:
     np.testing.assert_allclose(sim.state.joint_q.numpy(), before, atol=2e-5)
 
 
+def test_worlds_with_loops_start_at_states_of_their_own() -> None:
+    """A four-bar from many positions of its crank: each ends in a valley as if it were alone."""
+    alone = sw.Simulation(scenes.four_bar().finalize(1, "cpu"), 1e-3)
+    sim = sw.Simulation(scenes.four_bar().finalize(4, "cpu"), 1e-3)
+    q = np.tile(sim.state.joint_q.numpy()[:1], (4, 1))
+    q[:, 0] += (0.0, 0.5, 1.0, -0.7)
+    sim.set_joint_state(None, q, None)
+    starts = sim.state.joint_q.numpy().copy()
+    assert solve_static(sim).stable.all()
+    found = sim.state.joint_q.numpy().copy()
+    for world in range(4):
+        alone.set_joint_state(None, starts[world], None)
+        solve_static(alone)
+        assert np.abs(np.sin(0.5 * (alone.state.joint_q.numpy()[0] - found[world]))).max() < 1e-4
+    sim.step(100)
+    np.testing.assert_allclose(sim.state.joint_q.numpy(), found, atol=1e-4)
+
+
 def test_a_pendulum_on_its_head_is_an_equilibrium_but_no_stable_one() -> None:
     sim = sw.Simulation(scenes.pendulum().finalize(1, "cpu"), 1e-3)
     sim.set_joint_state(None, [-math.pi / 2.0], None)
