@@ -37,6 +37,10 @@ class SolverOptions(Configuration):
         max_depenetration_rate: the same for angles, >= 0 [rad/s].
         position_projection: passes that move positions onto the joints after each step, 0 to 1000; None: 0. Joints are
             held to second order in the step without them.
+        numerical_damping: of springs, dampers and drives, 0 to 1 (docs/integrators.md). 1: backward Euler, of first
+            order; 0: the trapezoidal rule, of second order, which damps nothing; 0.1: damps what is too fast for the
+            step, and little else. An oscillation of w [rad/s] decays by numerical_damping · dt · w² / 2 per second more
+            than its dampers make it.
         refinement: passes of iterative refinement on the free motion, 0 to 1000; when None, 1 for models whose heaviest
             body has more than 100 times the mass of the lightest, else 0.
         pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant; >= 0 and < 1.
@@ -64,6 +68,7 @@ class SolverOptions(Configuration):
     max_depenetration_velocity: Annotated[NotNegative, Meaning("m/s, 0.6 by default")] = 0.6
     max_depenetration_rate: Annotated[NotNegative, Meaning("rad/s, 3 by default")] = 3.0
     position_projection: Annotated[int, Ge(0), Le(MOST_PASSES), Meaning("passes, or None")] | None = None
+    numerical_damping: Annotated[float, Ge(0.0), Le(1.0), Meaning("a share, 1 by default")] = 1.0
     refinement: Annotated[int, Ge(0), Le(MOST_PASSES), Meaning("passes, or None")] | None = None
     pivot_tolerance: Annotated[float, Ge(0.0), Lt(1.0), Meaning("a share, 1e-4 by default")] = 1.0e-4
     max_iterations: Annotated[int, Ge(1), Le(MOST_ITERATIONS), Meaning("1000, the default")] = 1000
@@ -77,6 +82,11 @@ class SolverOptions(Configuration):
     restitution_threshold: Annotated[NotNegative, Meaning("m/s, 0.15 by default")] = 0.15
     contact_margin: Annotated[NotNegative, Meaning("m, 1e-3 by default")] = 1.0e-3
     dense_rows: Annotated[int, Ge(0), Le(MOST_DENSE_ROWS), Meaning("rows, 128 by default")] = 128
+
+
+def spring_average(numerical_damping: float) -> float:
+    """Beta of the rule for springs, the least that is stable at any frequency (simwarp/kernels/dynamics/efforts.py)."""
+    return max(0.0, (1.0 - 2.0 * numerical_damping) / 4.0)
 
 
 def needs_all_solvers(model: Model, options: SolverOptions) -> bool:
@@ -100,9 +110,10 @@ def step_config(options: SolverOptions, dt: float, mass_ratio: float, *, reactio
     config.dt = dt
     for name in (
         "max_depenetration_velocity", "max_depenetration_rate", "pivot_tolerance", "max_iterations", "tolerance",
-        "row_tolerance", "restitution_threshold", "contact_margin", "dense_rows",
+        "row_tolerance", "restitution_threshold", "contact_margin", "dense_rows", "numerical_damping",
     ):  # fmt: skip
         setattr(config, name, getattr(options, name))
+    config.spring_average = spring_average(options.numerical_damping)
     config.projection_iterations = options.position_projection or 0
     config.curvature_share = CURVATURE_SHARE if config.projection_iterations == 0 else 1.0
     refined = int(mass_ratio > REFINED_MASS_RATIO)

@@ -13,6 +13,7 @@ from simwarp.core.types import Dof, JointType
 from simwarp.model.builder import ModelBuilder
 from tests.reference.step_laws import (
     DofInput,
+    Rule,
     box_constraints,
     drive_terms,
     implicit_terms,
@@ -64,9 +65,13 @@ class ReferenceStep:
     Args:
         rank: of the bilateral rows; measured in the initial configuration when None ("generic" assembly),
             "every" measures it in every step; the attribute `rank` is None then.
+        numerical_damping: of springs, dampers and drives.
     """
 
-    def __init__(self, builder: ModelBuilder, dt: float, *, rank: int | str | None = None) -> None:
+    def __init__(
+        self, builder: ModelBuilder, dt: float, *, rank: int | str | None = None, numerical_damping: float = 1.0
+    ) -> None:
+        self.rule = Rule(float(dt), numerical_damping)
         self.builder, self.dt, self.time = builder, float(dt), 0.0
         bodies = builder.bodies
         self.mass = np.array([b.mass for b in bodies])
@@ -232,7 +237,9 @@ class ReferenceStep:
         eta = self.rows.eta[:n]
         bend = self._bend()
         bias = np.clip(self.rows.value[:n] / h - (1.0 - CURVATURE_SHARE) * bend, -eta, eta) + bend
-        speeds = enumerate(prescribed_speed(dof, s, self.time, h) for dof, s in zip(self.dofs, inputs, strict=True))
+        speeds = enumerate(
+            prescribed_speed(dof, s, self.time, self.rule) for dof, s in zip(self.dofs, inputs, strict=True)
+        )
         wanted = {i: -speed for i, speed in speeds if speed is not None}
         self.prescribed = list(wanted)
         c = self.coupling_coefficients
@@ -265,10 +272,10 @@ class ReferenceStep:
         drive_terms_of: dict[int, tuple[float, float]] = {}
         for first in self.rotations:
             three = slice(first, first + 3)
-            gain, start = drive_terms(self.dofs[three], inputs[three], self.dt, bounded=True)
+            gain, start = drive_terms(self.dofs[three], inputs[three], self.rule, bounded=True)
             drive_terms_of |= {first + k: (float(gain[k, k]), float(start[k])) for k in range(3)}
         for i, (dof, s) in enumerate(zip(self.dofs, inputs, strict=True)):
-            for sign, *row in box_constraints(dof, s, self.dt, drive_terms_of.get(i)):
+            for sign, *row in box_constraints(dof, s, self.rule, drive_terms_of.get(i)):
                 jacobian.append(sign * self.dof_jacobian[i])
                 rest.append(row)
                 self.box_dof.append(i)
@@ -277,11 +284,11 @@ class ReferenceStep:
 
     def _implicit(self, inputs: list[DofInput]) -> tuple[np.ndarray, np.ndarray]:
         """(G, g) of the impulses g - G u along all degrees of freedom."""
-        terms = [implicit_terms(dof, s, self.dt) for dof, s in zip(self.dofs, inputs, strict=True)]
+        terms = [implicit_terms(dof, s, self.rule) for dof, s in zip(self.dofs, inputs, strict=True)]
         gain, start = np.diag([term[0] for term in terms]), np.array([term[1] for term in terms])
         for first in self.rotations:
             three = slice(first, first + 3)
-            gain[three, three], start[three] = rotation_terms(self.dofs[three], inputs[three], self.dt)
+            gain[three, three], start[three] = rotation_terms(self.dofs[three], inputs[three], self.rule)
         return gain, start
 
     def _record(

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from simwarp.core.types import Dof, PositionDrive, PrescribedPosition, PrescribedSpeed, Table, VelocityMotor
+from tests.reference.spring_rule import damper_impulse, spring_impulse
 from tests.reference.step_rows import matrices, quat_exp, rotation_log
 
 
@@ -45,7 +46,30 @@ def bounds_of(drive: PositionDrive | VelocityMotor) -> tuple[float, float]:
     return limit if isinstance(limit, tuple) else (-limit, limit)
 
 
-def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
+@dataclasses.dataclass(frozen=True)
+class Rule:
+    """How a step of `h` [s] integrates springs and dampers."""
+
+    h: float
+    zeta: float = 1.0
+
+    def terms(self, u0: float, spring: float, stiffness: float, damper: float, damping: float) -> tuple[float, float]:
+        """(G, g) of the impulse gamma = -G u + g of a spring and a damper with these efforts at the step's start."""
+
+        def impulse(u: float) -> float:
+            pull = spring_impulse(self.h, self.zeta, spring, stiffness, u0, u)
+            return float(pull + damper_impulse(self.h, self.zeta, damper, damping, u0, u))
+
+        return impulse(0.0) - impulse(1.0), impulse(0.0)
+
+    def spring_terms(self, u0: np.ndarray, torque: np.ndarray, stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of three springs about axes, whose stiffness is a matrix."""
+        zero = np.asarray(spring_impulse(self.h, self.zeta, torque, stiffness, u0, np.zeros(3)))
+        columns = [zero - spring_impulse(self.h, self.zeta, torque, stiffness, u0, u) for u in np.eye(3)]
+        return np.array(columns).T, zero
+
+
+def implicit_terms(dof: Dof, s: DofInput, rule: Rule) -> tuple[float, float]:
     """(G, g) of the impulse gamma = -G u + g of everything along `dof` that has no bound."""
     spring, stiffness = dof.stiffness * (s.q - dof.rest), dof.stiffness
     if dof.spring_table is not None:
@@ -54,13 +78,20 @@ def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
     if dof.damper_table is not None:
         damper, damping = table_value_slope(dof.damper_table, s.qd)
     damping, stiffness = max(damping, 0.0), max(stiffness, 0.0)  # a law that falls counts with its force alone
-    gain = dof.armature + h * damping + h * h * stiffness
-    start = dof.armature * s.qd + h * (s.force + dof.preload - spring - damper + damping * s.qd)
+    gain, start = rule.terms(s.qd, -spring, stiffness, -damper, damping)
+    gain += dof.armature
+    start += dof.armature * s.qd + rule.h * (s.force + dof.preload)
     drive = dof.drive
     if isinstance(drive, PositionDrive) and all(map(math.isinf, bounds_of(drive))):
-        gain += h * drive.damping + h * h * drive.stiffness
-        start += h * (drive.stiffness * (s.target_q - s.q) + drive.damping * s.target_qd)
+        more, along = pd_terms(drive, s, rule)
+        gain, start = gain + more, start + along
     return gain, start
+
+
+def pd_terms(drive: PositionDrive, s: DofInput, rule: Rule) -> tuple[float, float]:
+    """(G, g) of a PD drive on a coordinate of its own."""
+    pull, damp = drive.stiffness * (s.target_q - s.q), drive.damping * (s.target_qd - s.qd)
+    return rule.terms(s.qd, pull, drive.stiffness, damp, drive.damping)
 
 
 def relative_rotation(turn: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -86,26 +117,27 @@ def tangent_stiffness(stiffness: np.ndarray, gradients: np.ndarray) -> np.ndarra
     return gradients.T @ np.diag(stiffness) @ gradients
 
 
-def rotation_terms(dofs: list[Dof], inputs: list[DofInput], h: float) -> tuple[np.ndarray, np.ndarray]:
+def rotation_terms(dofs: list[Dof], inputs: list[DofInput], rule: Rule) -> tuple[np.ndarray, np.ndarray]:
     """(G, g) of `implicit_terms` for the three coordinates of a rotation vector: springs and drives are gradients of
     their potentials of the relative rotation, all else acts along the angular velocity.
     """
     turn = np.array([s.q for s in inputs])
     rest = np.array([dof.rest for dof in dofs])
     without = [dataclasses.replace(dof, stiffness=0.0, spring_table=None, preload=0.0, drive=None) for dof in dofs]
-    plain = np.array([implicit_terms(dof, s, h) for dof, s in zip(without, inputs, strict=True)])
+    plain = np.array([implicit_terms(dof, s, rule) for dof, s in zip(without, inputs, strict=True)])
     theta = relative_rotation(turn, rest)
     pulls = [table_value_slope(dof.spring_table, angle) if dof.spring_table else (dof.stiffness * angle, dof.stiffness)
              for dof, angle in zip(dofs, theta, strict=True)]  # fmt: skip
     pull, stiffness = np.array(pulls).T
     gradients = angle_gradients(theta)
-    gain = np.diag(plain[:, 0]) + h * h * tangent_stiffness(np.maximum(stiffness, 0.0), gradients)
-    start = plain[:, 1] + h * gradients.T @ (np.array([dof.preload for dof in dofs]) - pull)
-    more, along = drive_terms(dofs, inputs, h, bounded=False)
-    return gain + more, start + along
+    rates = np.array([s.qd for s in inputs])
+    torque = gradients.T @ (np.array([dof.preload for dof in dofs]) - pull)
+    springs = rule.spring_terms(rates, torque, tangent_stiffness(np.maximum(stiffness, 0.0), gradients))
+    drives = drive_terms(dofs, inputs, rule, bounded=False)
+    return np.diag(plain[:, 0]) + springs[0] + drives[0], plain[:, 1] + springs[1] + drives[1]
 
 
-def drive_terms(dofs: list[Dof], inputs: list[DofInput], h: float, *, bounded: bool) -> tuple[np.ndarray, np.ndarray]:
+def drive_terms(dofs: list[Dof], inputs: list[DofInput], rule: Rule, *, bounded: bool) -> tuple[np.ndarray, np.ndarray]:
     """(G, g) of the PD drives of a rotation that have a bound, or of those that have none."""
     drives = [dof.drive if isinstance(dof.drive, PositionDrive)
               and any(map(math.isfinite, bounds_of(dof.drive))) == bounded else PositionDrive(stiffness=0.0)
@@ -114,16 +146,19 @@ def drive_terms(dofs: list[Dof], inputs: list[DofInput], h: float, *, bounded: b
     gradients = angle_gradients(theta)
     stiffness, damping = np.array([(drive.stiffness, drive.damping) for drive in drives]).T
     implicit = np.full(3, stiffness.max()) if bounded else stiffness
-    gain = np.diag(h * damping) + h * h * tangent_stiffness(implicit, gradients)
-    start = h * (damping * np.array([s.target_qd for s in inputs]) - gradients.T @ (stiffness * theta))
-    return gain, start
+    rates = np.array([s.qd for s in inputs])
+    damp = damping * (np.array([s.target_qd for s in inputs]) - rates)
+    dampers = np.array([rule.terms(u0, 0.0, 0.0, f, d) for u0, f, d in zip(rates, damp, damping, strict=True)])
+    springs = rule.spring_terms(rates, -gradients.T @ (stiffness * theta), tangent_stiffness(implicit, gradients))
+    return np.diag(dampers[:, 0]) + springs[0], dampers[:, 1] + springs[1]
 
 
-def prescribed_speed(dof: Dof, s: DofInput, time: float, h: float) -> float | None:
+def prescribed_speed(dof: Dof, s: DofInput, time: float, rule: Rule) -> float | None:
     """The speed that a prescribed degree of freedom must have at the end of the step; None if it is not."""
-    drive = dof.drive
+    drive, h = dof.drive, rule.h
     if isinstance(drive, PrescribedSpeed):
-        return s.target_qd if drive.table is None else table_value_slope(drive.table, time + h)[0]
+        at = time + 0.5 * (1.0 + rule.zeta) * h
+        return s.target_qd if drive.table is None else table_value_slope(drive.table, at)[0]
     if not isinstance(drive, PrescribedPosition):
         return None
     if drive.table is None:
@@ -135,12 +170,12 @@ def prescribed_speed(dof: Dof, s: DofInput, time: float, h: float) -> float | No
 
 
 def box_constraints(
-    dof: Dof, s: DofInput, h: float, drive_term: tuple[float, float] | None = None
+    dof: Dof, s: DofInput, rule: Rule, drive_term: tuple[float, float] | None = None
 ) -> list[tuple[float, float, float, float, float]]:
     """(sign of the row, bias, compliance, low, high) of every box constraint of `dof`; `drive_term` are the gain and
     the effort of its drive, where its own coordinate alone does not make them.
     """
-    rows = []
+    rows, h = [], rule.h
     if dof.limit is not None:
         lower, upper = dof.limit
         if math.isfinite(lower):
@@ -154,9 +189,8 @@ def box_constraints(
         least, most = bounds_of(drive)
         rows.append((1.0, -s.target_qd, 0.0, h * least, h * most))
     if isinstance(drive, PositionDrive) and any(map(math.isfinite, bounds_of(drive))):
-        k, d = drive.stiffness, drive.damping
         least, most = bounds_of(drive)
-        gain, start = drive_term or (h * (h * k + d), h * (k * (s.target_q - s.q) + d * s.target_qd))
+        gain, start = drive_term or pd_terms(drive, s, rule)
         if gain > 0.0:
             rows.append((1.0, -start / gain, 1.0 / gain, h * least, h * most))
     return rows

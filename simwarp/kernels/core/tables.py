@@ -139,6 +139,8 @@ class StepConfig:
     """Numbers of one step."""
 
     dt: float
+    numerical_damping: float  # zeta of the rule for springs and dampers (efforts.py)
+    spring_average: float  # beta of that rule
     max_depenetration_velocity: float  # m/s
     max_depenetration_rate: float  # rad/s
     curvature_share: float  # of a step's own error of the joints, that is removed beforehand

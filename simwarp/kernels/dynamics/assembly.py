@@ -166,7 +166,7 @@ def factor_at_poses(
     time = state.world_time[world]
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     clear_velocities(topology, work)
-    load_tree_dofs(world, dt, time, topology, parameters, state, control, config, work)
+    load_tree_dofs(world, time, topology, parameters, state, control, config, work)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
         work.effort[tree_dof] = 0.0
@@ -174,7 +174,7 @@ def factor_at_poses(
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
-    combination_laws(world, dt, time, topology, parameters, state, control, config, work)
+    combination_laws(world, time, topology, parameters, state, control, config, work)
     loop_responses(topology, work)
     for coupling in range(topology.row_count - topology.joint_row_count):
         coupling_row(coupling, world, dt, topology, parameters, state, config, work)
@@ -284,7 +284,7 @@ def set_tree_velocities(
 ):  # fmt: skip
     """Velocities of the links at the poses in `work`, from the rates of the tree alone."""
     clear_velocities(topology, work)
-    load_tree_dofs(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
+    load_tree_dofs(world, state.world_time[world], topology, parameters, state, control, config, work)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
     place_joints(world, topology, parameters, config, work)

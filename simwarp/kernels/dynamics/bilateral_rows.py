@@ -12,6 +12,7 @@ from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.core.vector_math import column, to_float
 from simwarp.kernels.dynamics.efforts import (
     PRESCRIBED_POSITION,
+    damping_weight,
     dof_effort,
     is_prescribed,
     prescribed_rate,
@@ -240,16 +241,16 @@ def effort_law(gain: float, effort: float) -> RowLaw:
 
 @wp.func
 def dof_law(
-    dof: int, world: int, dt: float, time: wp.float64, limit: float, topology: Topology, parameters: Parameters,
-    state: StateArrays, control: ControlArrays,
+    dof: int, world: int, config: StepConfig, time: wp.float64, limit: float, topology: Topology,
+    parameters: Parameters, state: StateArrays, control: ControlArrays,
 ) -> RowLaw:  # fmt: skip
     """Law of a row that carries a coordinate: its prescribed motion, or its effort."""
     law = RowLaw()
     if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
-        law.bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
+        law.bias = -prescribed_rate(dof, world, config, time, state.joint_x[world, dof], limit, topology, control)
     else:
         implicit = dof_effort(
-            dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+            dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
         )
         law = effort_law(implicit.gain, implicit.effort)
     return law
@@ -269,7 +270,7 @@ def loop_row_law(
         bend = work.curvature_term[row]
         law.bias = wp.clamp(float(value) / dt - (1.0 - config.curvature_share) * bend, -limit, limit) + bend
     else:
-        law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
+        law = dof_law(dof, world, config, time, limit, topology, parameters, state, control)
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
     work.row_b[row] = law.bias + start_speed(row, topology, work, link0, link1)
@@ -278,7 +279,7 @@ def loop_row_law(
 
 @wp.func
 def rotation_rows(
-    index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    index: int, world: int, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
 ):  # fmt: skip
     """Right-hand sides and compliances of the rows of a rotation's efforts, which turn into directions in which these
@@ -297,14 +298,14 @@ def rotation_rows(
             axes[k, local] = axis[k]
         if not is_prescribed(first + local, topology):
             held[local] = 0
-    whole = rotation_effort(first, world, dt, 0, topology, parameters, state, control)
+    whole = rotation_effort(first, world, config, 0, topology, parameters, state, control)
     parts = split_effort(whole, held)
     for row in range(topology.loop_row[index, 1], topology.loop_row[index, 2]):
         local = topology.row_dof[row] - first
         law = RowLaw()
         if held[local] == 1:
             law = dof_law(
-                first + local, world, dt, time, config.max_depenetration_rate, topology, parameters, state, control
+                first + local, world, config, time, config.max_depenetration_rate, topology, parameters, state, control
             )
         else:
             direction = axes * to_float(column(parts.direction, local))
@@ -332,7 +333,7 @@ def loop_joint_rows(
         if row < rotation:
             loop_row_law(row, joint, world, dt, time, value, topology, parameters, state, control, config, work)
     if rotation < topology.loop_row[index, 2]:
-        rotation_rows(index, world, dt, time, topology, parameters, state, control, config, work)
+        rotation_rows(index, world, time, topology, parameters, state, control, config, work)
     return violation
 
 
@@ -392,7 +393,8 @@ def coupling_row(
     row = topology.coupling_row[coupling]
     for entry in range(topology.row_path[row], topology.row_path[row + 1]):
         work.y[row, topology.path_column[entry]] = 0.0
-    start = float(0.0)
+    start = float(0.0)  # rate of the step's start that the row's speed lacks
+    rate = float(0.0)  # the whole one
     value = -parameters.coupling_offset[world_row(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.max_depenetration_rate
     wc = world_row(world, parameters.coupling_coefficient.shape[0])
@@ -404,6 +406,7 @@ def coupling_row(
             if topology.dof_kind[dof] == POINT_AXIS0:
                 limit = config.max_depenetration_velocity
             if topology.dof_to_tree_dof[dof] >= 0:
+                rate += coefficient * state.joint_qd[world, dof]
                 project_tree_dof(row, topology.dof_to_tree_dof[dof], coefficient, topology, work, work.y)
             else:
                 start += turn_term(row, coupling, term, coefficient, world, topology, parameters, work)
@@ -411,8 +414,9 @@ def coupling_row(
     compliance = float(0.0)
     damping = parameters.coupling_damping[world_row(world, parameters.coupling_damping.shape[0]), coupling]
     if damping > 0.0:
-        bias = 0.0
-        compliance = 1.0 / (damping * dt)
+        after = damping_weight(config)
+        bias = (1.0 - after) / after * (rate + start)
+        compliance = 1.0 / (after * damping * dt)
     if topology.coupling_law[coupling] < 0:
         work.row_b[row] = bias + start
         work.row_compliance[row] = compliance
@@ -435,7 +439,7 @@ def is_length(dof: int, topology: Topology) -> bool:
 
 @wp.func
 def combination_laws(
-    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    world: int, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
 ):  # fmt: skip
     """Right-hand sides of the rows of combinations: their rates are those of the tree, starts included."""
@@ -445,7 +449,7 @@ def combination_laws(
             limit = config.max_depenetration_rate
             if is_length(dof, topology):
                 limit = config.max_depenetration_velocity
-            law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
+            law = dof_law(dof, world, config, time, limit, topology, parameters, state, control)
             work.row_b[topology.coupling_row[coupling]] = law.bias
             work.row_compliance[topology.coupling_row[coupling]] = law.compliance
 

@@ -180,7 +180,7 @@ def load_bodies(
 
 @wp.func
 def load_tree_dofs(
-    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    world: int, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
 ):  # fmt: skip
     """Gain, effort and prescribed rate of every tree degree of freedom."""
@@ -198,12 +198,12 @@ def load_tree_dofs(
                 if topology.dof_kind[dof] == POINT_AXIS0:
                     limit = config.max_depenetration_velocity
                 work.gain[tree_dof] = -1.0
-                work.rate[tree_dof] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
+                work.rate[tree_dof] = prescribed_rate(dof, world, config, time, q, limit, topology, control)
             elif kind == SPHERICAL:
                 work.rate[tree_dof] = state.joint_qd[world, dof]
             elif kind != FREE:
                 implicit = dof_effort(
-                    dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control
+                    dof, world, config, float(q), state.joint_qd[world, dof], topology, parameters, control
                 )
                 rate = state.joint_qd[world, dof]
                 work.gain[tree_dof] = implicit.gain
@@ -211,17 +211,17 @@ def load_tree_dofs(
                 work.rate[tree_dof] = rate
             last = tree_dof + 1 == topology.link_tree_dof[link + 1]
             if kind == SPHERICAL and last and topology.link_sprung[link] == 0:
-                load_rotation(tree_dof - 2, world, dt, topology, parameters, state, control, work)
+                load_rotation(tree_dof - 2, world, topology, parameters, state, control, config, work)
 
 
 @wp.func
 def load_rotation(
-    first: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays, work: Work,
+    first: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
 ):  # fmt: skip
     """Gains and efforts of the three tree degrees of freedom of a ball whose springs pull alike about all axes."""
     dof = topology.tree_dof_to_dof[first]
-    implicit = rotation_effort(dof, world, dt, 1, topology, parameters, state, control)
+    implicit = rotation_effort(dof, world, config, 1, topology, parameters, state, control)
     for i in range(3):
         if not is_prescribed(dof + i, topology):
             work.gain[first + i] = float(implicit.gain[i, i])
@@ -260,8 +260,8 @@ def distance_dof(index: int, world: int, topology: Topology, parameters: Paramet
 
 @wp.func
 def load_distances(
-    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
-    work: Work,
+    world: int, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    config: StepConfig, work: Work,
 ):  # fmt: skip
     """Springs and dampers along lines as efforts of the one coordinate that they depend on: no row is needed."""
     for index in range(topology.distance_count):
@@ -270,7 +270,7 @@ def load_distances(
         if work.gain[tree_dof] >= 0.0:  # not prescribed
             line = distance_dof(index, world, topology, parameters, work)
             implicit = dof_effort(
-                dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+                dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
             )
             gain = line.lever * line.lever * implicit.gain
             work.gain[tree_dof] = work.gain[tree_dof] + gain

@@ -55,14 +55,14 @@ class Candidate:
 
 @wp.func
 def bounded_drive(
-    dof: int, world: int, dt: float, q: float, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays,
+    dof: int, world: int, q: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig,
 ) -> ImplicitEffort:  # fmt: skip
     """A PD drive with an effort limit: of a rotation, what the three of it pull about the coordinate's own axis."""
     first = rotation_start(dof, topology)
     if first < 0:
-        return drive_effort(dof, world, dt, q, parameters, control)
-    whole = drive_pull(first, world, 1, True, wp.float64(dt), topology, parameters, state, control)
+        return drive_effort(dof, world, config, q, state.joint_qd[world, dof], parameters, control)
+    whole = drive_pull(first, world, 1, True, config, topology, parameters, state, control)
     implicit = ImplicitEffort()
     implicit.gain = float(whole.gain[dof - first, dof - first])
     implicit.effort = float(whole.effort[dof - first])
@@ -113,7 +113,7 @@ def candidate(
         if kind == MOTOR:
             row.bias = -control.joint_target_qd[world, dof]
         elif is_bounded(bounds):
-            implicit = bounded_drive(dof, world, dt, q, topology, parameters, state, control)
+            implicit = bounded_drive(dof, world, q, topology, parameters, state, control, config)
             gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
             row.bias = -implicit.effort / gain

@@ -1,8 +1,16 @@
 """Efforts on coordinates, linearised for an implicit step: impulse = effort - gain x rate at its end.
 
-Along one coordinate: with h the step, k and d the slopes of the passive effort, and f its value at the step's start,
-gain = armature + h d + h² k (+ drive) and effort = armature u0 + h (f + d u0) (+ drive): backward Euler on the
-spring and the damper, which stays stable however stiff they are.
+Along one coordinate: with h the step, u0 and u the rates before and after it, k and d the slopes of a spring and a
+damper, and f their effort at the step's start, -d u0 included. Positions belong to steps, rates to their middle:
+q⁺ = q + h u. Hence u0 and u lie half a step before and after q, and with zeta = `numerical_damping` and
+beta = `spring_average` = max(0, (1 - 2 zeta) / 4)
+
+    impulse = h (f - d (1 + zeta)/2 (u - u0) - beta h k (u - u0) - zeta h k u)
+    gain    = armature + h (1 + zeta)/2 d + h² (beta + zeta) k
+    effort  = armature u0 + h (f + (1 + zeta)/2 d u0) + h² beta k u0
+
+zeta = 1 is backward Euler on spring and damper, zeta = 0 the trapezoidal rule, of second order; both are stable however
+stiff these are, with all between (docs/integrators.md has the derivation). Drives follow the same rule.
 
 On a rotation (of a ball joint, a bushing or a floating body), whose rotation vector is no coordinate that forces act
 along: an effort proportional to its components would be the gradient of no energy. Each spring has a potential
@@ -17,7 +25,7 @@ import warp as wp
 from simwarp.core.types import DriveMode, JointType
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.piecewise_linear import segment_of
-from simwarp.kernels.core.tables import Topology, world_row
+from simwarp.kernels.core.tables import StepConfig, Topology, world_row
 from simwarp.kernels.core.vector_math import rotation_vector_of
 from simwarp.kernels.dynamics.joints import ANGLE0
 
@@ -42,6 +50,18 @@ class ImplicitEffort:
     gain: float
     effort: float
     change: float
+
+
+@wp.func
+def damping_weight(config: StepConfig) -> float:
+    """Share of a damper's slope over the rate that counts after the step; the rest counts before it."""
+    return 0.5 + 0.5 * config.numerical_damping
+
+
+@wp.func
+def stiffness_weight(config: StepConfig) -> float:
+    """Share of a spring's slope in the gain."""
+    return config.spring_average + config.numerical_damping
 
 
 @wp.func
@@ -168,23 +188,24 @@ def is_driven(dof: int, world: int, topology: Topology, parameters: Parameters) 
 
 @wp.func
 def dof_effort(
-    dof: int, world: int, dt: float, q: float, qd: float,
+    dof: int, world: int, config: StepConfig, q: float, qd: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
 ) -> ImplicitEffort:  # fmt: skip
     """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
     implicit = ImplicitEffort()
+    dt = config.dt
     armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
     stretch = q - parameters.joint_rest[world_row(world, parameters.joint_rest.shape[0]), dof]
     force = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
     law = passive_law(dof, world, q, qd, stretch, topology, parameters)
     k = law.stiffness
-    d = law.damping
+    d = damping_weight(config) * law.damping
     force += law.spring + law.damper + applied_effort(world, dof, control)
-    implicit.gain = armature + dt * d + dt * dt * k
-    implicit.effort = armature * qd + dt * (force + d * qd)
-    implicit.change = dt * force - dt * dt * k * qd
+    implicit.gain = armature + dt * d + dt * dt * (stiffness_weight(config) * k)
+    implicit.effort = armature * qd + dt * (force + d * qd) + dt * dt * (config.spring_average * k) * qd
+    implicit.change = dt * force - dt * dt * (config.numerical_damping * k) * qd
     if is_driven(dof, world, topology, parameters):
-        drive = drive_effort(dof, world, dt, q, parameters, control)
+        drive = drive_effort(dof, world, config, q, qd, parameters, control)
         implicit.gain += drive.gain
         implicit.effort += drive.effort
         implicit.change += drive.effort - drive.gain * qd
@@ -193,31 +214,36 @@ def dof_effort(
 
 @wp.func
 def drive_effort(
-    dof: int, world: int, dt: float, q: float, parameters: Parameters, control: ControlArrays
+    dof: int, world: int, config: StepConfig, q: float, qd: float, parameters: Parameters, control: ControlArrays
 ) -> ImplicitEffort:
-    """The PD drive alone: stiffness (target_q - q⁺) + damping (target_qd - u)."""
+    """The PD drive alone, stiffness (target_q - q) + damping (target_qd - u); `change` is left out."""
     implicit = ImplicitEffort()
+    dt = config.dt
+    after = damping_weight(config)
     stiffness = parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof]
     damping = parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof]
-    implicit.gain = dt * (damping + dt * stiffness)
-    implicit.effort = dt * (
-        stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof]
+    implicit.gain = dt * (after * damping + dt * (stiffness_weight(config) * stiffness))
+    implicit.effort = (
+        dt * (stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof])
+        - dt * ((1.0 - after) * damping - dt * (config.spring_average * stiffness)) * qd
     )
     return implicit
 
 
 @wp.func
 def prescribed_rate(
-    dof: int, world: int, dt: float, time: wp.float64, q: wp.float64, limit: float, topology: Topology,
+    dof: int, world: int, config: StepConfig, time: wp.float64, q: wp.float64, limit: float, topology: Topology,
     control: ControlArrays,
 ) -> float:  # fmt: skip
-    """Speed over the step that follows the motion: its own difference quotient plus the clamped correction."""
+    """Speed over the step that follows the motion: its own difference quotient plus the clamped correction. A table of
+    speeds is read at the step's end, or the less `numerical_damping` there is, the nearer to its middle.
+    """
     table = topology.dof_table[dof, 2]
-    h = wp.float64(dt)
+    h = wp.float64(config.dt)
     rate = control.joint_target_qd[world, dof]
     if topology.dof_drive[dof] == PRESCRIBED_SPEED:
         if table >= 0:
-            rate = float(table_value(table, time + h, topology))
+            rate = float(table_value(table, time + wp.float64(damping_weight(config)) * h, topology))
         return rate
     target = wp.float64(control.joint_target_q[world, dof])
     if table >= 0:
@@ -331,11 +357,14 @@ def is_prescribed(dof: int, topology: Topology) -> bool:
 
 @wp.func
 def drive_pull(
-    first: int, world: int, diagonal: int, bounded: bool, h: wp.float64, topology: Topology, parameters: Parameters,
-    state: StateArrays, control: ControlArrays,
+    first: int, world: int, diagonal: int, bounded: bool, config: StepConfig, topology: Topology,
+    parameters: Parameters, state: StateArrays, control: ControlArrays,
 ) -> RotationEffort:  # fmt: skip
     """The PD drives of a rotation alone, those with an effort limit or those without; `change` is left out."""
     pull = RotationEffort()
+    h = wp.float64(config.dt)
+    after = wp.float64(damping_weight(config))
+    omega = wp.vec3d()
     theta = relative_rotation(turn_of(first, world, state), target_of(first, world, control))
     gradients = gradient_map(theta)
     stiffness = wp.vec3d()
@@ -345,28 +374,34 @@ def drive_pull(
         driven = is_driven(dof, world, topology, parameters)
         if bounded:
             driven = topology.dof_drive[dof] == POSITION and is_bounded(effort_bounds(dof, world, parameters))
+        omega[i] = wp.float64(state.joint_qd[world, dof])
         if driven:
             k = wp.float64(parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof])
             d = wp.float64(parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof])
             stiffness[i] = k
             force[i] = -k * theta[i]
-            pull.gain[i, i] = h * d
-            pull.effort[i] = h * d * wp.float64(control.joint_target_qd[world, dof])
-    pull.gain = pull.gain + (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
+            pull.gain[i, i] = h * (after * d)
+            pull.effort[i] = (
+                h * d * wp.float64(control.joint_target_qd[world, dof])
+                - (h * ((wp.float64(1.0) - after) * d)) * omega[i]
+            )
+    tangent = tangent_stiffness(stiffness, gradients, diagonal)
+    pull.gain = pull.gain + (h * h * wp.float64(stiffness_weight(config))) * tangent
     pull.effort = pull.effort + h * (gradients * force)
+    pull.effort = pull.effort + (h * h * wp.float64(config.spring_average)) * (tangent * omega)
     return pull
 
 
 @wp.func
 def rotation_effort(
-    first: int, world: int, dt: float, diagonal: int, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays,
+    first: int, world: int, config: StepConfig, diagonal: int, topology: Topology, parameters: Parameters,
+    state: StateArrays, control: ControlArrays,
 ) -> RotationEffort:  # fmt: skip
     """Armature, springs, dampers, `joint_force`, and PD drives without effort limit, of the three coordinates from
     `first` on. With `diagonal` = 1 the stiffness of springs is a multiple of the identity.
     """
     implicit = RotationEffort()
-    h = wp.float64(dt)
+    h = wp.float64(config.dt)
     theta = relative_rotation(turn_of(first, world, state), rest_of(first, world, parameters))
     gradients = gradient_map(theta)
     stiffness = wp.vec3d()
@@ -383,7 +418,7 @@ def rotation_effort(
             armature = wp.float64(parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof])
             stiffness[i] = wp.float64(law.stiffness)
             pull[i] = wp.float64(preload + law.spring)
-            damping = h * wp.float64(law.damping)
+            damping = h * wp.float64(damping_weight(config) * law.damping)
             force = h * wp.float64(law.damper + applied_effort(world, dof, control))
             implicit.gain[i, i] = armature + damping
             implicit.effort[i] = (armature + damping) * omega[i] + force
@@ -391,11 +426,11 @@ def rotation_effort(
             driven = driven or is_driven(dof, world, topology, parameters)
     torque = h * (gradients * pull)
     spring = (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
-    implicit.gain = implicit.gain + spring
-    implicit.effort = implicit.effort + torque
-    implicit.change = implicit.change + torque - spring * omega
+    implicit.gain = implicit.gain + wp.float64(stiffness_weight(config)) * spring
+    implicit.effort = implicit.effort + torque + wp.float64(config.spring_average) * (spring * omega)
+    implicit.change = implicit.change + torque - wp.float64(config.numerical_damping) * (spring * omega)
     if driven:
-        drive = drive_pull(first, world, diagonal, False, h, topology, parameters, state, control)
+        drive = drive_pull(first, world, diagonal, False, config, topology, parameters, state, control)
         implicit.gain = implicit.gain + drive.gain
         implicit.effort = implicit.effort + drive.effort
         implicit.change = implicit.change + drive.effort - drive.gain * omega

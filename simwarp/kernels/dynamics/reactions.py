@@ -51,16 +51,17 @@ def subtract_relative_rotations(coupling: int, topology: Topology, work: Work):
 
 @wp.func
 def subtract_distance_spring(
-    index: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays, work: Work, reports: Reports,
+    index: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    config: StepConfig, work: Work, reports: Reports,
 ):  # fmt: skip
     """The impulse of a spring on a tree degree of freedom: its own reaction, off the account of the joint."""
     dof = topology.distance_dof[index, 0]
     joint = topology.dof_joint[dof]
     line = distance_dof(index, world, topology, parameters, work)
     implicit = dof_effort(
-        dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+        dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
     )
+    dt = config.dt
     impulse = implicit.effort - implicit.gain * line.lever * work.qd[topology.distance_dof[index, 1]]
     subtract_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
     subtract_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
@@ -154,7 +155,7 @@ def record_reactions(
     for coupling in range(topology.row_count - topology.joint_row_count):
         subtract_relative_rotations(coupling, topology, work)
     for index in range(topology.distance_count):
-        subtract_distance_spring(index, world, dt, topology, parameters, state, control, work, reports)
+        subtract_distance_spring(index, world, topology, parameters, state, control, config, work, reports)
     for block in range(blocks):
         index = work.active[block]
         if index >= topology.box_count:

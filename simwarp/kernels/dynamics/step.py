@@ -186,9 +186,9 @@ def load_state(
     apply_row_forces(world, dt, topology, parameters, control, work)
     if config.contact_model != RIGID and topology.pair_count > 0:
         apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
-    load_tree_dofs(world, dt, state.world_time[world], topology, parameters, state, control, config, work)
+    load_tree_dofs(world, state.world_time[world], topology, parameters, state, control, config, work)
     progress.position_error[world] = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
-    load_distances(world, dt, topology, parameters, state, control, work)
+    load_distances(world, topology, parameters, state, control, config, work)
     load_combinations(world, dt, topology, parameters, control, work)
 
 
@@ -238,7 +238,7 @@ def bias_rows(
                 row, joint, world, config.dt, time, wp.float64(work.row_b[row]), topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
-    combination_laws(world, config.dt, time, topology, parameters, state, control, config, work)
+    combination_laws(world, time, topology, parameters, state, control, config, work)
 
 
 @wp.func(inline=True)
@@ -249,9 +249,7 @@ def bias_rotations(
     """Right-hand sides of the rows that carry efforts on rotations: three of a ball or bushing."""
     for index in range(topology.loop_joint_count):
         if topology.loop_row[index, 1] < topology.loop_row[index, 2]:
-            rotation_rows(
-                index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
-            )
+            rotation_rows(index, world, state.world_time[world], topology, parameters, state, control, config, work)
 
 
 @wp.func(inline=True)

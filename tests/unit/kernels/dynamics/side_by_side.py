@@ -42,7 +42,8 @@ class Pair:
     @classmethod
     def of(cls, builder: ModelBuilder, dt: float = 1e-3, *, rank: int | str | None = None, **options: Any) -> Pair:
         options.setdefault("solver", sw.SolverOptions(position_projection=0))  # the reference does not project
-        return cls(sw.Simulation(builder.finalize(1, "cpu"), dt, **options), ReferenceStep(builder, dt, rank=rank))
+        sim = sw.Simulation(builder.finalize(1, "cpu"), dt, **options)
+        return cls(sim, ReferenceStep(builder, dt, rank=rank, numerical_damping=sim.solver.numerical_damping))
 
     def feed(self) -> None:
         """Gives the reference the state of record of the simulation."""
