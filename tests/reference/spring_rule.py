@@ -29,10 +29,12 @@ def spring_impulse(h: float, zeta: float, force: Values, stiffness: Values, u0: 
     return h * (force - stretch - zeta * h * drag)
 
 
-def damper_impulse(h: float, zeta: float, force: Values, damping: Values, u0: Values, u: Values) -> Values:
-    """Impulse of a damper whose effort at u0 is `force`."""
+def damper_impulse(
+    h: float, zeta: float, force: Values, damping: Values, u0: Values, u: Values, at: Values
+) -> Values:  # fmt: skip
+    """Impulse of a damper whose effort at the rate `at` is `force`."""
     acting = 0.5 * (1.0 - zeta) * u0 + 0.5 * (1.0 + zeta) * u
-    return h * (force - damping * (acting - u0))
+    return h * (force - damping * (acting - at))
 
 
 def oscillate(

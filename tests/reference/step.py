@@ -212,7 +212,8 @@ class ReferenceStep:
 
     def _inputs(self, force: np.ndarray, target_q: np.ndarray, target_qd: np.ndarray) -> list[DofInput]:
         eta = self.rows.eta[self.rows.bilateral :]
-        columns = (self.joint_q, self.joint_qd, force, target_q, target_qd, eta)
+        before = self.dof_jacobian @ self.velocity
+        columns = (self.joint_q, self.joint_qd, before, force, target_q, target_qd, eta)
         return [DofInput(*values) for values in zip(*columns, strict=True)]
 
     def _free_velocity(self, body_force: npt.ArrayLike | None, body_torque: npt.ArrayLike | None) -> np.ndarray:

@@ -30,10 +30,13 @@ def table_integral(table: Table, at: float) -> float:
 
 @dataclasses.dataclass
 class DofInput:
-    """One degree of freedom at the start of a step, and its controls."""
+    """One degree of freedom at the start of a step, and its controls; `qd` is the rate as published, along the axes of
+    the last step, `before` along those of this one.
+    """
 
     q: float
     qd: float
+    before: float
     force: float
     target_q: float
     target_qd: float
@@ -53,12 +56,12 @@ class Rule:
     h: float
     zeta: float = 1.0
 
-    def terms(self, u0: float, spring: float, stiffness: float, damper: float, damping: float) -> tuple[float, float]:
+    def terms(self, s: DofInput, spring: float, stiffness: float, damper: float, damping: float) -> tuple[float, float]:
         """(G, g) of the impulse gamma = -G u + g of a spring and a damper with these efforts at the step's start."""
 
         def impulse(u: float) -> float:
-            pull = spring_impulse(self.h, self.zeta, spring, stiffness, u0, u)
-            return float(pull + damper_impulse(self.h, self.zeta, damper, damping, u0, u))
+            pull = spring_impulse(self.h, self.zeta, spring, stiffness, s.before, u)
+            return float(pull + damper_impulse(self.h, self.zeta, damper, damping, s.before, u, s.qd))
 
         return impulse(0.0) - impulse(1.0), impulse(0.0)
 
@@ -78,7 +81,7 @@ def implicit_terms(dof: Dof, s: DofInput, rule: Rule) -> tuple[float, float]:
     if dof.damper_table is not None:
         damper, damping = table_value_slope(dof.damper_table, s.qd)
     damping, stiffness = max(damping, 0.0), max(stiffness, 0.0)  # a law that falls counts with its force alone
-    gain, start = rule.terms(s.qd, -spring, stiffness, -damper, damping)
+    gain, start = rule.terms(s, -spring, stiffness, -damper, damping)
     gain += dof.armature
     start += dof.armature * s.qd + rule.h * (s.force + dof.preload)
     drive = dof.drive
@@ -91,7 +94,7 @@ def implicit_terms(dof: Dof, s: DofInput, rule: Rule) -> tuple[float, float]:
 def pd_terms(drive: PositionDrive, s: DofInput, rule: Rule) -> tuple[float, float]:
     """(G, g) of a PD drive on a coordinate of its own."""
     pull, damp = drive.stiffness * (s.target_q - s.q), drive.damping * (s.target_qd - s.qd)
-    return rule.terms(s.qd, pull, drive.stiffness, damp, drive.damping)
+    return rule.terms(s, pull, drive.stiffness, damp, drive.damping)
 
 
 def relative_rotation(turn: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -130,7 +133,7 @@ def rotation_terms(dofs: list[Dof], inputs: list[DofInput], rule: Rule) -> tuple
              for dof, angle in zip(dofs, theta, strict=True)]  # fmt: skip
     pull, stiffness = np.array(pulls).T
     gradients = angle_gradients(theta)
-    rates = np.array([s.qd for s in inputs])
+    rates = np.array([s.before for s in inputs])
     torque = gradients.T @ (np.array([dof.preload for dof in dofs]) - pull)
     springs = rule.spring_terms(rates, torque, tangent_stiffness(np.maximum(stiffness, 0.0), gradients))
     drives = drive_terms(dofs, inputs, rule, bounded=False)
@@ -146,10 +149,11 @@ def drive_terms(dofs: list[Dof], inputs: list[DofInput], rule: Rule, *, bounded:
     gradients = angle_gradients(theta)
     stiffness, damping = np.array([(drive.stiffness, drive.damping) for drive in drives]).T
     implicit = np.full(3, stiffness.max()) if bounded else stiffness
-    rates = np.array([s.qd for s in inputs])
-    damp = damping * (np.array([s.target_qd for s in inputs]) - rates)
-    dampers = np.array([rule.terms(u0, 0.0, 0.0, f, d) for u0, f, d in zip(rates, damp, damping, strict=True)])
-    springs = rule.spring_terms(rates, -gradients.T @ (stiffness * theta), tangent_stiffness(implicit, gradients))
+    damp = damping * np.array([s.target_qd - s.qd for s in inputs])
+    dampers = np.array([rule.terms(s, 0.0, 0.0, f, d) for s, f, d in zip(inputs, damp, damping, strict=True)])
+    springs = rule.spring_terms(
+        np.array([s.before for s in inputs]), -gradients.T @ (stiffness * theta), tangent_stiffness(implicit, gradients)
+    )
     return np.diag(dampers[:, 0]) + springs[0], dampers[:, 1] + springs[1]
 
 

@@ -11,7 +11,9 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     combined_coordinate,
     combined_rate,
     link_of,
+    rate_before,
     rate_of,
+    rates_before,
     row_geometry,
 )
 from simwarp.kernels.dynamics.efforts import (
@@ -202,10 +204,9 @@ def load_tree_dofs(
             elif kind == SPHERICAL:
                 work.rate[tree_dof] = state.joint_qd[world, dof]
             elif kind != FREE:
-                implicit = dof_effort(
-                    dof, world, config, float(q), state.joint_qd[world, dof], topology, parameters, control
-                )
                 rate = state.joint_qd[world, dof]
+                before = rate_before(dof, world, topology, parameters, state, config, work)
+                implicit = dof_effort(dof, world, config, float(q), rate, before, topology, parameters, control)
                 work.gain[tree_dof] = implicit.gain
                 work.effort[tree_dof] = implicit.change
                 work.rate[tree_dof] = rate
@@ -221,7 +222,8 @@ def load_rotation(
 ):  # fmt: skip
     """Gains and efforts of the three tree degrees of freedom of a ball whose springs pull alike about all axes."""
     dof = topology.tree_dof_to_dof[first]
-    implicit = rotation_effort(dof, world, config, 1, topology, parameters, state, control)
+    before = rates_before(dof, world, topology, parameters, state, config, work)
+    implicit = rotation_effort(dof, world, config, before, 1, topology, parameters, state, control)
     for i in range(3):
         if not is_prescribed(dof + i, topology):
             work.gain[first + i] = float(implicit.gain[i, i])
@@ -269,9 +271,11 @@ def load_distances(
         tree_dof = topology.distance_dof[index, 1]
         if work.gain[tree_dof] >= 0.0:  # not prescribed
             line = distance_dof(index, world, topology, parameters, work)
+            before = line.lever * work.rate[tree_dof]
             implicit = dof_effort(
-                dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
-            )
+                dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], before, topology, parameters,
+                control,
+            )  # fmt: skip
             gain = line.lever * line.lever * implicit.gain
             work.gain[tree_dof] = work.gain[tree_dof] + gain
             work.effort[tree_dof] = work.effort[tree_dof] + line.lever * implicit.effort - gain * work.rate[tree_dof]
@@ -401,7 +405,7 @@ def publish_rates(world: int, topology: Topology, parameters: Parameters, state:
             else:
                 frames = joint_frames(joint, world, topology, parameters, work)
                 for dof in range(first, end):
-                    state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work)
+                    state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work.t_ang, work.t_lin)
 
 
 @wp.func

@@ -7,10 +7,11 @@ beta = `spring_average` = max(0, (1 - 2 zeta) / 4)
 
     impulse = h (f - d (1 + zeta)/2 (u - u0) - beta h k (u - u0) - zeta h k u)
     gain    = armature + h (1 + zeta)/2 d + h² (beta + zeta) k
-    effort  = armature u0 + h (f + (1 + zeta)/2 d u0) + h² beta k u0
+    effort  = armature u0 + h (f + d u0) + (h² beta k - h (1 - zeta)/2 d) u0
 
 zeta = 1 is backward Euler on spring and damper, zeta = 0 the trapezoidal rule, of second order; both are stable however
-stiff these are, with all between (docs/integrators.md has the derivation). Drives follow the same rule.
+stiff these are, with all between (docs/integrators.md has the derivation). Drives follow the same rule. Rates that the
+last step published are along the axes of its start; the last u0 of `effort` is along those of now (`before`).
 
 On a rotation (of a ball joint, a bushing or a floating body), whose rotation vector is no coordinate that forces act
 along: an effort proportional to its components would be the gradient of no energy. Each spring has a potential
@@ -62,6 +63,13 @@ def damping_weight(config: StepConfig) -> float:
 def stiffness_weight(config: StepConfig) -> float:
     """Share of a spring's slope in the gain."""
     return config.spring_average + config.numerical_damping
+
+
+@wp.func
+def start_gain(stiffness: float, damping: float, config: StepConfig) -> float:
+    """Impulse per rate before the step, beyond that of backward Euler."""
+    dt = config.dt
+    return dt * (dt * (config.spring_average * stiffness) - (1.0 - damping_weight(config)) * damping)
 
 
 @wp.func
@@ -188,10 +196,12 @@ def is_driven(dof: int, world: int, topology: Topology, parameters: Parameters) 
 
 @wp.func
 def dof_effort(
-    dof: int, world: int, config: StepConfig, q: float, qd: float,
+    dof: int, world: int, config: StepConfig, q: float, qd: float, before: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
 ) -> ImplicitEffort:  # fmt: skip
-    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
+    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit; `before` is the rate before the
+    step along its axes.
+    """
     implicit = ImplicitEffort()
     dt = config.dt
     armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
@@ -199,13 +209,14 @@ def dof_effort(
     force = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
     law = passive_law(dof, world, q, qd, stretch, topology, parameters)
     k = law.stiffness
-    d = damping_weight(config) * law.damping
+    d = law.damping
+    start = start_gain(k, d, config)
     force += law.spring + law.damper + applied_effort(world, dof, control)
-    implicit.gain = armature + dt * d + dt * dt * (stiffness_weight(config) * k)
-    implicit.effort = armature * qd + dt * (force + d * qd) + dt * dt * (config.spring_average * k) * qd
-    implicit.change = dt * force - dt * dt * (config.numerical_damping * k) * qd
+    implicit.gain = armature + dt * (damping_weight(config) * d) + dt * dt * (stiffness_weight(config) * k)
+    implicit.effort = armature * qd + dt * (force + d * qd) + start * before
+    implicit.change = dt * force - dt * dt * (config.numerical_damping * k) * qd + start * (before - qd)
     if is_driven(dof, world, topology, parameters):
-        drive = drive_effort(dof, world, config, q, qd, parameters, control)
+        drive = drive_effort(dof, world, config, q, before, parameters, control)
         implicit.gain += drive.gain
         implicit.effort += drive.effort
         implicit.change += drive.effort - drive.gain * qd
@@ -214,18 +225,17 @@ def dof_effort(
 
 @wp.func
 def drive_effort(
-    dof: int, world: int, config: StepConfig, q: float, qd: float, parameters: Parameters, control: ControlArrays
+    dof: int, world: int, config: StepConfig, q: float, before: float, parameters: Parameters, control: ControlArrays
 ) -> ImplicitEffort:
     """The PD drive alone, stiffness (target_q - q) + damping (target_qd - u); `change` is left out."""
     implicit = ImplicitEffort()
     dt = config.dt
-    after = damping_weight(config)
     stiffness = parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof]
     damping = parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof]
-    implicit.gain = dt * (after * damping + dt * (stiffness_weight(config) * stiffness))
+    implicit.gain = dt * (damping_weight(config) * damping + dt * (stiffness_weight(config) * stiffness))
     implicit.effort = (
         dt * (stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof])
-        - dt * ((1.0 - after) * damping - dt * (config.spring_average * stiffness)) * qd
+        + start_gain(stiffness, damping, config) * before
     )
     return implicit
 
@@ -357,14 +367,12 @@ def is_prescribed(dof: int, topology: Topology) -> bool:
 
 @wp.func
 def drive_pull(
-    first: int, world: int, diagonal: int, bounded: bool, config: StepConfig, topology: Topology,
+    first: int, world: int, diagonal: int, bounded: bool, config: StepConfig, before: wp.vec3d, topology: Topology,
     parameters: Parameters, state: StateArrays, control: ControlArrays,
 ) -> RotationEffort:  # fmt: skip
     """The PD drives of a rotation alone, those with an effort limit or those without; `change` is left out."""
     pull = RotationEffort()
     h = wp.float64(config.dt)
-    after = wp.float64(damping_weight(config))
-    omega = wp.vec3d()
     theta = relative_rotation(turn_of(first, world, state), target_of(first, world, control))
     gradients = gradient_map(theta)
     stiffness = wp.vec3d()
@@ -374,31 +382,29 @@ def drive_pull(
         driven = is_driven(dof, world, topology, parameters)
         if bounded:
             driven = topology.dof_drive[dof] == POSITION and is_bounded(effort_bounds(dof, world, parameters))
-        omega[i] = wp.float64(state.joint_qd[world, dof])
         if driven:
             k = wp.float64(parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof])
             d = wp.float64(parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof])
             stiffness[i] = k
             force[i] = -k * theta[i]
-            pull.gain[i, i] = h * (after * d)
-            pull.effort[i] = (
-                h * d * wp.float64(control.joint_target_qd[world, dof])
-                - (h * ((wp.float64(1.0) - after) * d)) * omega[i]
-            )
+            start = wp.float64(start_gain(0.0, float(d), config))
+            pull.gain[i, i] = h * (wp.float64(damping_weight(config)) * d)
+            pull.effort[i] = h * d * wp.float64(control.joint_target_qd[world, dof]) + start * before[i]
     tangent = tangent_stiffness(stiffness, gradients, diagonal)
     pull.gain = pull.gain + (h * h * wp.float64(stiffness_weight(config))) * tangent
     pull.effort = pull.effort + h * (gradients * force)
-    pull.effort = pull.effort + (h * h * wp.float64(config.spring_average)) * (tangent * omega)
+    pull.effort = pull.effort + (h * h * wp.float64(config.spring_average)) * (tangent * before)
     return pull
 
 
 @wp.func
 def rotation_effort(
-    first: int, world: int, config: StepConfig, diagonal: int, topology: Topology, parameters: Parameters,
-    state: StateArrays, control: ControlArrays,
+    first: int, world: int, config: StepConfig, before: wp.vec3d, diagonal: int, topology: Topology,
+    parameters: Parameters, state: StateArrays, control: ControlArrays,
 ) -> RotationEffort:  # fmt: skip
     """Armature, springs, dampers, `joint_force`, and PD drives without effort limit, of the three coordinates from
-    `first` on. With `diagonal` = 1 the stiffness of springs is a multiple of the identity.
+    `first` on. With `diagonal` = 1 the stiffness of springs is a multiple of the identity. `before` is the angular
+    velocity before the step along its axes.
     """
     implicit = RotationEffort()
     h = wp.float64(config.dt)
@@ -418,19 +424,22 @@ def rotation_effort(
             armature = wp.float64(parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof])
             stiffness[i] = wp.float64(law.stiffness)
             pull[i] = wp.float64(preload + law.spring)
-            damping = h * wp.float64(damping_weight(config) * law.damping)
+            damping = h * wp.float64(law.damping)
+            start = wp.float64(start_gain(0.0, law.damping, config))
             force = h * wp.float64(law.damper + applied_effort(world, dof, control))
-            implicit.gain[i, i] = armature + damping
-            implicit.effort[i] = (armature + damping) * omega[i] + force
-            implicit.change[i] = force
+            implicit.gain[i, i] = armature + wp.float64(damping_weight(config)) * damping
+            implicit.effort[i] = (armature + damping) * omega[i] + force + start * before[i]
+            implicit.change[i] = force + start * (before[i] - omega[i])
             driven = driven or is_driven(dof, world, topology, parameters)
     torque = h * (gradients * pull)
     spring = (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
     implicit.gain = implicit.gain + wp.float64(stiffness_weight(config)) * spring
-    implicit.effort = implicit.effort + torque + wp.float64(config.spring_average) * (spring * omega)
+    average = wp.float64(config.spring_average)
+    implicit.effort = implicit.effort + torque + average * (spring * before)
     implicit.change = implicit.change + torque - wp.float64(config.numerical_damping) * (spring * omega)
+    implicit.change = implicit.change + average * (spring * (before - omega))
     if driven:
-        drive = drive_pull(first, world, diagonal, False, config, topology, parameters, state, control)
+        drive = drive_pull(first, world, diagonal, False, config, before, topology, parameters, state, control)
         implicit.gain = implicit.gain + drive.gain
         implicit.effort = implicit.effort + drive.effort
         implicit.change = implicit.change + drive.effort - drive.gain * omega
