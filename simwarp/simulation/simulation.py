@@ -298,7 +298,11 @@ class Simulation(Readable, Readings, FixedAttributes):
             self._begin_sensors(mask)
 
     def measure_energy(self) -> wp.array:
-        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of joint springs."""
+        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of joint springs.
+
+        Positions are those of a step, velocities those half a step before: the sum swings with the motion
+        (docs/integrators.md).
+        """
         self._measuring_energy.launch()
         return self.diagnostics.energy
 
