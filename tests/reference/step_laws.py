@@ -92,7 +92,9 @@ def implicit_terms(dof: Dof, s: DofInput, rule: Rule) -> tuple[float, float]:
 
 
 def pd_terms(drive: PositionDrive, s: DofInput, rule: Rule) -> tuple[float, float]:
-    """(G, g) of a PD drive on a coordinate of its own."""
+    """(G, g) of a PD drive on a coordinate of its own. Bounded ones know the rate before as published."""
+    if not all(map(math.isinf, bounds_of(drive))):
+        s = dataclasses.replace(s, before=s.qd)
     pull, damp = drive.stiffness * (s.target_q - s.q), drive.damping * (s.target_qd - s.qd)
     return rule.terms(s, pull, drive.stiffness, damp, drive.damping)
 
@@ -124,6 +126,7 @@ def rotation_terms(dofs: list[Dof], inputs: list[DofInput], rule: Rule) -> tuple
     """(G, g) of `implicit_terms` for the three coordinates of a rotation vector: springs and drives are gradients of
     their potentials of the relative rotation, all else acts along the angular velocity.
     """
+    inputs = [dataclasses.replace(s, before=s.qd) for s in inputs]  # as published, along the axes of the last step
     turn = np.array([s.q for s in inputs])
     rest = np.array([dof.rest for dof in dofs])
     without = [dataclasses.replace(dof, stiffness=0.0, spring_table=None, preload=0.0, drive=None) for dof in dofs]
@@ -149,6 +152,7 @@ def drive_terms(dofs: list[Dof], inputs: list[DofInput], rule: Rule, *, bounded:
     gradients = angle_gradients(theta)
     stiffness, damping = np.array([(drive.stiffness, drive.damping) for drive in drives]).T
     implicit = np.full(3, stiffness.max()) if bounded else stiffness
+    rule = Rule(rule.h)  # backward Euler, whatever the numerical damping
     damp = damping * np.array([s.target_qd - s.qd for s in inputs])
     dampers = np.array([rule.terms(s, 0.0, 0.0, f, d) for s, f, d in zip(inputs, damp, damping, strict=True)])
     springs = rule.spring_terms(

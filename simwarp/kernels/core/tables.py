@@ -223,6 +223,7 @@ class WorkScratch(ScratchGroup):
     gain = scratch_array(wp.float32, "tree_dofs")
     effort = scratch_array(wp.float32, "tree_dofs")
     rate = scratch_array(wp.float32, "tree_dofs")  # prescribed
+    start = scratch_array(wp.float32, "tree_dofs")  # `ImplicitEffort.start`
     xi = scratch_array(wp.float32, "tree_dofs")
     qd = scratch_array(wp.float32, "tree_dofs")
     change = scratch_array(wp.float32, "tree_dofs")  # of the rate in this step, not rounded to the rate's digits

@@ -194,7 +194,7 @@ def record_accelerations(
             frames = joint_frames(joint, world, topology, parameters, work)
             if topology.dof_to_tree_dof[first] < 0:
                 for dof in range(first, end):
-                    change = rate_of(dof, joint, frames, topology, work.t_ang, work.t_lin) - state.joint_qd[world, dof]
+                    change = rate_of(dof, joint, frames, topology, work) - state.joint_qd[world, dof]
                     reports.joint_qdd[world, dof] = change / dt
             else:
                 for dof in range(first, end):

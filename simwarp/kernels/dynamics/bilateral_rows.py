@@ -26,8 +26,6 @@ from simwarp.kernels.dynamics.joints import (
     DOT,
     POINT_AXIS0,
     POINT_AXIS1,
-    REVOLUTE,
-    SHAFT,
     JointFrames,
     allowed_translation,
     curvature_term,
@@ -135,19 +133,17 @@ def link_of(body: int, topology: Topology) -> int:
 
 
 @wp.func
-def rate_of(
-    dof: int, joint: int, frames: JointFrames, topology: Topology, ang: wp.array[wp.vec3], lin: wp.array[wp.vec3]
-) -> float:
-    """Rate of a coordinate from velocities of the links: its row times V."""
+def rate_of(dof: int, joint: int, frames: JointFrames, topology: Topology, work: Work) -> float:
+    """Rate of a coordinate from the total velocities: its row times V."""
     axis = topology.dof_axis[dof]
     row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
     rate = float(0.0)
     if link0 >= 0:
-        rate += wp.dot(row.w0.ang, ang[link0]) + wp.dot(row.w0.lin, lin[link0])
+        rate += wp.dot(row.w0.ang, work.t_ang[link0]) + wp.dot(row.w0.lin, work.t_lin[link0])
     if link1 >= 0:
-        rate += wp.dot(row.w1.ang, ang[link1]) + wp.dot(row.w1.lin, lin[link1])
+        rate += wp.dot(row.w1.ang, work.t_ang[link1]) + wp.dot(row.w1.lin, work.t_lin[link1])
     return rate
 
 
@@ -156,34 +152,7 @@ def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, w
     """Rate of a coordinate that no tree degree of freedom holds, from the link velocities and the poses in `work`."""
     joint = topology.dof_joint[dof]
     frames = joint_frames(joint, world, topology, parameters, work)
-    return rate_of(dof, joint, frames, topology, work.t_ang, work.t_lin)
-
-
-@wp.func
-def rate_before(
-    dof: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays, config: StepConfig, work: Work
-) -> float:
-    """Rate of a coordinate before the step, along the axes at the poses in `work`. The published rate is along those of
-    the step before, from which slides and rotation vectors turn; backward Euler asks for no other.
-    """
-    joint = topology.dof_joint[dof]
-    kind = topology.joint_type[joint]
-    if config.numerical_damping == 1.0 or kind == REVOLUTE or kind == SHAFT or topology.dof_sum[dof] >= 0:
-        return state.joint_qd[world, dof]
-    frames = joint_frames(joint, world, topology, parameters, work)
-    return rate_of(dof, joint, frames, topology, work.o_ang, work.o_lin)
-
-
-@wp.func
-def rates_before(
-    first: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays, config: StepConfig,
-    work: Work,
-) -> wp.vec3d:  # fmt: skip
-    """The same of the three coordinates of a rotation."""
-    rates = wp.vec3d()
-    for i in range(3):
-        rates[i] = wp.float64(rate_before(first + i, world, topology, parameters, state, config, work))
-    return rates
+    return rate_of(dof, joint, frames, topology, work)
 
 
 @wp.func
@@ -275,16 +244,17 @@ def dof_law(
     dof: int, world: int, config: StepConfig, time: wp.float64, limit: float, before: float, topology: Topology,
     parameters: Parameters, state: StateArrays, control: ControlArrays,
 ) -> RowLaw:  # fmt: skip
-    """Law of a row that carries a coordinate: its prescribed motion, or its effort; `before` as in `dof_effort`."""
+    """Law of a row that carries a coordinate: its prescribed motion, or its effort; `before` is the rate of the
+    step's start along its axes.
+    """
     law = RowLaw()
     if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
         law.bias = -prescribed_rate(dof, world, config, time, state.joint_x[world, dof], limit, topology, control)
     else:
         implicit = dof_effort(
-            dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], before, topology, parameters,
-            control,
-        )  # fmt: skip
-        law = effort_law(implicit.gain, implicit.effort)
+            dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+        )
+        law = effort_law(implicit.gain, implicit.effort + implicit.start * before)
     return law
 
 
@@ -324,16 +294,14 @@ def rotation_rows(
     link1 = link_of(topology.joint_body1[joint], topology)
     held = wp.vec3i(1, 1, 1)
     axes = wp.mat33()
-    before = wp.vec3d()
     for row in range(topology.loop_row[index, 1], topology.loop_row[index, 2]):
         local = topology.row_dof[row] - first
         axis = work.j1_ang[row]
         for k in range(3):
             axes[k, local] = axis[k]
-        before[local] = wp.float64(start_speed(row, topology, work, link0, link1))
         if not is_prescribed(first + local, topology):
             held[local] = 0
-    whole = rotation_effort(first, world, config, before, 0, topology, parameters, state, control)
+    whole = rotation_effort(first, world, config, 0, topology, parameters, state, control)
     parts = split_effort(whole, held)
     for row in range(topology.loop_row[index, 1], topology.loop_row[index, 2]):
         local = topology.row_dof[row] - first

@@ -11,9 +11,7 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     combined_coordinate,
     combined_rate,
     link_of,
-    rate_before,
     rate_of,
-    rates_before,
     row_geometry,
 )
 from simwarp.kernels.dynamics.efforts import (
@@ -193,6 +191,7 @@ def load_tree_dofs(
         work.gain[tree_dof] = 0.0
         work.effort[tree_dof] = 0.0
         work.rate[tree_dof] = 0.0
+        work.start[tree_dof] = 0.0
         if dof >= 0:
             q = state.joint_x[world, dof]
             if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
@@ -205,10 +204,10 @@ def load_tree_dofs(
                 work.rate[tree_dof] = state.joint_qd[world, dof]
             elif kind != FREE:
                 rate = state.joint_qd[world, dof]
-                before = rate_before(dof, world, topology, parameters, state, config, work)
-                implicit = dof_effort(dof, world, config, float(q), rate, before, topology, parameters, control)
+                implicit = dof_effort(dof, world, config, float(q), rate, topology, parameters, control)
                 work.gain[tree_dof] = implicit.gain
                 work.effort[tree_dof] = implicit.change
+                work.start[tree_dof] = implicit.start
                 work.rate[tree_dof] = rate
             last = tree_dof + 1 == topology.link_tree_dof[link + 1]
             if kind == SPHERICAL and last and topology.link_sprung[link] == 0:
@@ -222,8 +221,7 @@ def load_rotation(
 ):  # fmt: skip
     """Gains and efforts of the three tree degrees of freedom of a ball whose springs pull alike about all axes."""
     dof = topology.tree_dof_to_dof[first]
-    before = rates_before(dof, world, topology, parameters, state, config, work)
-    implicit = rotation_effort(dof, world, config, before, 1, topology, parameters, state, control)
+    implicit = rotation_effort(dof, world, config, 1, topology, parameters, state, control)
     for i in range(3):
         if not is_prescribed(dof + i, topology):
             work.gain[first + i] = float(implicit.gain[i, i])
@@ -271,14 +269,13 @@ def load_distances(
         tree_dof = topology.distance_dof[index, 1]
         if work.gain[tree_dof] >= 0.0:  # not prescribed
             line = distance_dof(index, world, topology, parameters, work)
-            before = line.lever * work.rate[tree_dof]
             implicit = dof_effort(
-                dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], before, topology, parameters,
-                control,
-            )  # fmt: skip
+                dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+            )
+            effort = implicit.effort + implicit.start * (line.lever * work.rate[tree_dof])
             gain = line.lever * line.lever * implicit.gain
             work.gain[tree_dof] = work.gain[tree_dof] + gain
-            work.effort[tree_dof] = work.effort[tree_dof] + line.lever * implicit.effort - gain * work.rate[tree_dof]
+            work.effort[tree_dof] = work.effort[tree_dof] + line.lever * effort - gain * work.rate[tree_dof]
 
 
 @wp.func
@@ -405,7 +402,7 @@ def publish_rates(world: int, topology: Topology, parameters: Parameters, state:
             else:
                 frames = joint_frames(joint, world, topology, parameters, work)
                 for dof in range(first, end):
-                    state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work.t_ang, work.t_lin)
+                    state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work)
 
 
 @wp.func

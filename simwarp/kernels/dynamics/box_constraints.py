@@ -10,15 +10,7 @@ from simwarp.core.types import BoxKind
 from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import (
-    dof_rate,
-    free_combined_rate,
-    is_length,
-    link_of,
-    rate_before,
-    rates_before,
-    row_geometry,
-)
+from simwarp.kernels.dynamics.bilateral_rows import dof_rate, free_combined_rate, is_length, link_of, row_geometry
 from simwarp.kernels.dynamics.cone_rows import (
     Wrenches,
     loop_share,
@@ -64,15 +56,15 @@ class Candidate:
 @wp.func
 def bounded_drive(
     dof: int, world: int, q: float, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays, config: StepConfig, work: Work,
+    control: ControlArrays, config: StepConfig,
 ) -> ImplicitEffort:  # fmt: skip
     """A PD drive with an effort limit: of a rotation, what the three of it pull about the coordinate's own axis."""
     first = rotation_start(dof, topology)
     if first < 0:
-        rate = rate_before(dof, world, topology, parameters, state, config, work)
-        return drive_effort(dof, world, config, q, rate, parameters, control)
-    before = rates_before(first, world, topology, parameters, state, config, work)
-    whole = drive_pull(first, world, 1, True, config, before, topology, parameters, state, control)
+        drive = drive_effort(dof, world, config, q, parameters, control)
+        drive.effort += drive.start * state.joint_qd[world, dof]
+        return drive
+    whole = drive_pull(first, world, 1, True, wp.float64(config.dt), topology, parameters, state, control)
     implicit = ImplicitEffort()
     implicit.gain = float(whole.gain[dof - first, dof - first])
     implicit.effort = float(whole.effort[dof - first])
@@ -82,7 +74,7 @@ def bounded_drive(
 @wp.func
 def candidate(
     kind: int, dof: int, rate: float, world: int, dt: float, topology: Topology, parameters: Parameters,
-    state: StateArrays, control: ControlArrays, config: StepConfig, work: Work,
+    state: StateArrays, control: ControlArrays, config: StepConfig,
 ) -> Candidate:  # fmt: skip
     """Bounds and bias of one potential row for the free rate [m/s or rad/s] of its coordinate."""
     row = Candidate()
@@ -123,7 +115,7 @@ def candidate(
         if kind == MOTOR:
             row.bias = -control.joint_target_qd[world, dof]
         elif is_bounded(bounds):
-            implicit = bounded_drive(dof, world, q, topology, parameters, state, control, config, work)
+            implicit = bounded_drive(dof, world, q, topology, parameters, state, control, config)
             gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
             row.bias = -implicit.effort / gain
@@ -186,9 +178,7 @@ def collect_boxes(
             rate = free_combined_rate(dof, world, topology, parameters, work)
         else:
             rate = dof_rate(dof, world, topology, parameters, work)
-        row = candidate(
-            topology.box_kind[index], dof, rate, world, dt, topology, parameters, state, control, config, work
-        )
+        row = candidate(topology.box_kind[index], dof, rate, world, dt, topology, parameters, state, control, config)
         if row.acts == 1:
             box_response(count, count, dof, row.sign, world, topology, parameters, work, cone)
             if cone.diagonal[count] > TINY:  # a coordinate that cannot move takes no impulse

@@ -7,11 +7,12 @@ beta = `spring_average` = max(0, (1 - 2 zeta) / 4)
 
     impulse = h (f - d (1 + zeta)/2 (u - u0) - beta h k (u - u0) - zeta h k u)
     gain    = armature + h (1 + zeta)/2 d + h² (beta + zeta) k
-    effort  = armature u0 + h (f + d u0) + (h² beta k - h (1 - zeta)/2 d) u0
+    effort  = armature u0 + h (f + d u0) + start u0,    start = h² beta k - h (1 - zeta)/2 d
 
 zeta = 1 is backward Euler on spring and damper, zeta = 0 the trapezoidal rule, of second order; both are stable however
-stiff these are, with all between (docs/integrators.md has the derivation). Drives follow the same rule. Rates that the
-last step published are along the axes of its start; the last u0 of `effort` is along those of now (`before`).
+stiff these are, with all between (docs/integrators.md has the derivation). Drives follow the same rule, but for those
+of rotations. Rates that the
+last step published are along the axes of its start; the last u0 of `effort` is measured along those of now.
 
 On a rotation (of a ball joint, a bushing or a floating body), whose rotation vector is no coordinate that forces act
 along: an effort proportional to its components would be the gradient of no energy. Each spring has a potential
@@ -44,13 +45,14 @@ LEAST_PIVOT = wp.constant(wp.float64(1.0e-12))  # of a gain, relative to the lar
 
 @wp.struct
 class ImplicitEffort:
-    """gamma = -gain u + effort [N·s or N·m·s]; `change` is effort - gain u0, in which the armature's momentum, larger
-    than all else in a short step, has cancelled before it is rounded.
+    """gamma = -gain u + effort + start u0 [N·s or N·m·s]; `change` is effort + (start - gain) u0, in which the
+    armature's momentum, larger than all else in a short step, has cancelled before it is rounded.
     """
 
     gain: float
     effort: float
     change: float
+    start: float
 
 
 @wp.func
@@ -196,12 +198,10 @@ def is_driven(dof: int, world: int, topology: Topology, parameters: Parameters) 
 
 @wp.func
 def dof_effort(
-    dof: int, world: int, config: StepConfig, q: float, qd: float, before: float,
+    dof: int, world: int, config: StepConfig, q: float, qd: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
 ) -> ImplicitEffort:  # fmt: skip
-    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit; `before` is the rate before the
-    step along its axes.
-    """
+    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
     implicit = ImplicitEffort()
     dt = config.dt
     armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
@@ -210,22 +210,23 @@ def dof_effort(
     law = passive_law(dof, world, q, qd, stretch, topology, parameters)
     k = law.stiffness
     d = law.damping
-    start = start_gain(k, d, config)
     force += law.spring + law.damper + applied_effort(world, dof, control)
     implicit.gain = armature + dt * (damping_weight(config) * d) + dt * dt * (stiffness_weight(config) * k)
-    implicit.effort = armature * qd + dt * (force + d * qd) + start * before
-    implicit.change = dt * force - dt * dt * (config.numerical_damping * k) * qd + start * (before - qd)
+    implicit.effort = armature * qd + dt * (force + d * qd)
+    implicit.change = dt * force - dt * dt * (config.numerical_damping * k) * qd
+    implicit.start = start_gain(k, d, config)
     if is_driven(dof, world, topology, parameters):
-        drive = drive_effort(dof, world, config, q, before, parameters, control)
+        drive = drive_effort(dof, world, config, q, parameters, control)
         implicit.gain += drive.gain
         implicit.effort += drive.effort
-        implicit.change += drive.effort - drive.gain * qd
+        implicit.start += drive.start
+        implicit.change += drive.effort + drive.start * qd - drive.gain * qd
     return implicit
 
 
 @wp.func
 def drive_effort(
-    dof: int, world: int, config: StepConfig, q: float, before: float, parameters: Parameters, control: ControlArrays
+    dof: int, world: int, config: StepConfig, q: float, parameters: Parameters, control: ControlArrays
 ) -> ImplicitEffort:
     """The PD drive alone, stiffness (target_q - q) + damping (target_qd - u); `change` is left out."""
     implicit = ImplicitEffort()
@@ -233,10 +234,10 @@ def drive_effort(
     stiffness = parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof]
     damping = parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof]
     implicit.gain = dt * (damping_weight(config) * damping + dt * (stiffness_weight(config) * stiffness))
-    implicit.effort = (
-        dt * (stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof])
-        + start_gain(stiffness, damping, config) * before
+    implicit.effort = dt * (
+        stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof]
     )
+    implicit.start = start_gain(stiffness, damping, config)
     return implicit
 
 
@@ -351,7 +352,7 @@ def tangent_stiffness(stiffness: wp.vec3d, gradients: wp.mat33d, diagonal: int) 
 @wp.struct
 class RotationEffort:
     """impulse = effort - gain omega [N·m·s] on frame 1, axes of frame 0; `change` is effort - gain omega0, in which
-    large terms have cancelled before they are rounded.
+    large terms have cancelled before they are rounded. omega0 is as published.
     """
 
     gain: wp.mat33d
@@ -367,12 +368,13 @@ def is_prescribed(dof: int, topology: Topology) -> bool:
 
 @wp.func
 def drive_pull(
-    first: int, world: int, diagonal: int, bounded: bool, config: StepConfig, before: wp.vec3d, topology: Topology,
-    parameters: Parameters, state: StateArrays, control: ControlArrays,
+    first: int, world: int, diagonal: int, bounded: bool, h: wp.float64, topology: Topology, parameters: Parameters,
+    state: StateArrays, control: ControlArrays,
 ) -> RotationEffort:  # fmt: skip
-    """The PD drives of a rotation alone, those with an effort limit or those without; `change` is left out."""
+    """The PD drives of a rotation alone, those with an effort limit or those without: backward Euler, whatever the
+    numerical damping. `change` is left out.
+    """
     pull = RotationEffort()
-    h = wp.float64(config.dt)
     theta = relative_rotation(turn_of(first, world, state), target_of(first, world, control))
     gradients = gradient_map(theta)
     stiffness = wp.vec3d()
@@ -387,24 +389,20 @@ def drive_pull(
             d = wp.float64(parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof])
             stiffness[i] = k
             force[i] = -k * theta[i]
-            start = wp.float64(start_gain(0.0, float(d), config))
-            pull.gain[i, i] = h * (wp.float64(damping_weight(config)) * d)
-            pull.effort[i] = h * d * wp.float64(control.joint_target_qd[world, dof]) + start * before[i]
-    tangent = tangent_stiffness(stiffness, gradients, diagonal)
-    pull.gain = pull.gain + (h * h * wp.float64(stiffness_weight(config))) * tangent
+            pull.gain[i, i] = h * d
+            pull.effort[i] = h * d * wp.float64(control.joint_target_qd[world, dof])
+    pull.gain = pull.gain + (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
     pull.effort = pull.effort + h * (gradients * force)
-    pull.effort = pull.effort + (h * h * wp.float64(config.spring_average)) * (tangent * before)
     return pull
 
 
 @wp.func
 def rotation_effort(
-    first: int, world: int, config: StepConfig, before: wp.vec3d, diagonal: int, topology: Topology,
-    parameters: Parameters, state: StateArrays, control: ControlArrays,
+    first: int, world: int, config: StepConfig, diagonal: int, topology: Topology, parameters: Parameters,
+    state: StateArrays, control: ControlArrays,
 ) -> RotationEffort:  # fmt: skip
     """Armature, springs, dampers, `joint_force`, and PD drives without effort limit, of the three coordinates from
-    `first` on. With `diagonal` = 1 the stiffness of springs is a multiple of the identity. `before` is the angular
-    velocity before the step along its axes.
+    `first` on. With `diagonal` = 1 the stiffness of springs is a multiple of the identity.
     """
     implicit = RotationEffort()
     h = wp.float64(config.dt)
@@ -428,18 +426,16 @@ def rotation_effort(
             start = wp.float64(start_gain(0.0, law.damping, config))
             force = h * wp.float64(law.damper + applied_effort(world, dof, control))
             implicit.gain[i, i] = armature + wp.float64(damping_weight(config)) * damping
-            implicit.effort[i] = (armature + damping) * omega[i] + force + start * before[i]
-            implicit.change[i] = force + start * (before[i] - omega[i])
+            implicit.effort[i] = (armature + damping) * omega[i] + force + start * omega[i]
+            implicit.change[i] = force
             driven = driven or is_driven(dof, world, topology, parameters)
     torque = h * (gradients * pull)
     spring = (h * h) * tangent_stiffness(stiffness, gradients, diagonal)
     implicit.gain = implicit.gain + wp.float64(stiffness_weight(config)) * spring
-    average = wp.float64(config.spring_average)
-    implicit.effort = implicit.effort + torque + average * (spring * before)
+    implicit.effort = implicit.effort + torque + wp.float64(config.spring_average) * (spring * omega)
     implicit.change = implicit.change + torque - wp.float64(config.numerical_damping) * (spring * omega)
-    implicit.change = implicit.change + average * (spring * (before - omega))
     if driven:
-        drive = drive_pull(first, world, diagonal, False, config, before, topology, parameters, state, control)
+        drive = drive_pull(first, world, diagonal, False, h, topology, parameters, state, control)
         implicit.gain = implicit.gain + drive.gain
         implicit.effort = implicit.effort + drive.effort
         implicit.change = implicit.change + drive.effort - drive.gain * omega

@@ -265,6 +265,11 @@ def link_geometry(
         work.s_ang[tree_dof] = a
         work.s_lin[tree_dof] = v
         rate = work.rate[tree_dof]
+        if config.numerical_damping < 1.0:  # the published rate is along the axes of the step before
+            before = wp.dot(a, omega - carrier_ang)
+            if topology.dof_kind[dof] == POINT_AXIS0:
+                before = wp.dot(v, slip) * sign
+            work.effort[tree_dof] = work.effort[tree_dof] + work.start[tree_dof] * (before - rate)
         ang += a * rate
         lin += v * rate
     work.stabilisation_ang[link] = ang + carrier_ang - omega

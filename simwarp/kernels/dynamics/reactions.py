@@ -58,13 +58,13 @@ def subtract_distance_spring(
     dof = topology.distance_dof[index, 0]
     joint = topology.dof_joint[dof]
     line = distance_dof(index, world, topology, parameters, work)
-    before = line.lever * state.joint_qd[world, topology.tree_dof_to_dof[topology.distance_dof[index, 1]]]
+    tree_dof = topology.distance_dof[index, 1]
+    before = line.lever * state.joint_qd[world, topology.tree_dof_to_dof[tree_dof]]
     implicit = dof_effort(
-        dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], before, topology, parameters,
-        control,
-    )  # fmt: skip
+        dof, world, config, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+    )
     dt = config.dt
-    impulse = implicit.effort - implicit.gain * line.lever * work.qd[topology.distance_dof[index, 1]]
+    impulse = implicit.effort + implicit.start * before - implicit.gain * line.lever * work.qd[tree_dof]
     subtract_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
     subtract_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
     frames = joint_frames(joint, world, topology, parameters, work)
