@@ -22,7 +22,10 @@ DAMPING = (1.0, 0.1, 0.0)
 
 def errors() -> None:
     print("error at the end for steps that halve, and the order between the last two")
-    for name, model in {**integrators.LINEAR, **integrators.MOTIONS}.items():
+    models: list[tuple[str, integrators.Linear | integrators.Motion]] = [
+        *integrators.LINEAR.items(), *integrators.MOTIONS.items(),
+    ]  # fmt: skip
+    for name, model in models:
         for damping in DAMPING:
             found = model.errors(damping)
             row = "  ".join(f"{1e3 * h:g} ms {error:.1e}" for h, error in zip(model.steps, found, strict=True))
