@@ -66,6 +66,7 @@ def points_of(task):
     return eye[:, None, None] + ranges.unsqueeze(-1) * directions, ranges, eye[:, :2].numpy()
 
 
+@pytest.mark.slow
 def test_what_is_seen_above_the_ground_is_an_obstacle_and_none_near_is_missed():
     task = driving("off-road", 6, seed=3, obs="lidar", obstacles=120, lidar_columns=300)
     points, ranges, eyes = points_of(task)

@@ -59,7 +59,7 @@ def state_of(run):
     return load_checkpoint(Path(run.checkpoint))["actor_state_dict"]
 
 
-@pytest.mark.quick("multi-input-ranges", "multi-input-grid-of-points", "multi-input-mixture", "own-mixture")
+@pytest.mark.quick("multi-input-mixture", "own-mixture")
 @pytest.mark.parametrize(("network", "obs"), CASES)
 def test_all_that_a_policy_goes_through(tmp_path, network, obs):
     """Two iterations, the second one resumed; a file as exact as the network; a student of the policy's."""
