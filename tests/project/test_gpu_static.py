@@ -15,7 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 REGISTERS = 168
 """A thread's share of a multiprocessor on which twelve warps work."""
 MORE_REGISTERS = {
-    "load_state": 183, "publish_bodies": 172, "bias_rotations": 190, "list_triangles": 182, "clip_triangles": 174,
+    "load_state": 183, "publish_bodies": 172, "bias_rotations": 190, "compute_reactions": 188,
+    "list_triangles": 182, "clip_triangles": 174,
     "join_triangles": 192, "solve_by_psor": 218, "solve_by_spg": 242, "solve_by_padmm": 184, "solve_by_apgd": 246,
     "descend_for_padmm": 234, "descend_for_interior_point": 246, "step_newton": 225,
 }  # fmt: skip
