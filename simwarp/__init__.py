@@ -3,8 +3,8 @@
     import simwarp as sw
 
 gives the model builder, simulations and what they take (`simwarp/api.py` lists them), and when they are first used the
-packages `sw.actuators`, `sw.analysis`, `sw.motions`, `sw.vehicle`, `sw.sensors`, `sw.scenery`, `sw.scenes`, `sw.importers`,
-`sw.exporters`, `sw.viewer`, `sw.tasks`, `sw.train`.
+packages `sw.actuators`, `sw.analysis`, `sw.motions`, `sw.vehicle`, `sw.sensors`, `sw.scenery`, `sw.scenes`,
+`sw.importers`, `sw.exporters`, `sw.viewer`, `sw.tasks`, `sw.train`.
 """
 
 from __future__ import annotations

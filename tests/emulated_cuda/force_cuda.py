@@ -30,7 +30,7 @@ from tests.emulated_cuda.torch_calls.torch_tensor import CudaTensor
 CUDA = "cuda:0"
 TESTS = str(Path(__file__).resolve().parents[1])
 HERE = str(Path(__file__).resolve().parent)
-LIBRARIES = ("numpy", "torch", "_pytest", "contextlib", "tests.emulated_cuda.")
+LIBRARIES = ("numpy", "scipy", "torch", "_pytest", "contextlib", "tests.emulated_cuda.")
 """Beginnings of names of modules through which a test's line may call torch."""
 
 
@@ -114,7 +114,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     def numpy_here(self: CudaTensor, *, force: bool = False) -> Any:
         return numpy(self, force=force or _called_by_a_test())
 
+    def array_here(self: CudaTensor, *args: Any, **kwargs: Any) -> Any:
+        return numpy_here(self).__array__(*args, **kwargs)
+
     CudaTensor.numpy = numpy_here  # type: ignore[method-assign]
+    CudaTensor.__array__ = array_here  # type: ignore[method-assign]
     ModelBuilder.finalize = finalize_there  # type: ignore[method-assign]
     Task.__init__ = make_task_there  # type: ignore[method-assign]
     registry.resolve_device = lambda name: resolve(CUDA if name == "cpu" else name)

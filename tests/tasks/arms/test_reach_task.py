@@ -23,8 +23,8 @@ NAMES = tuple(ARMS)
 
 def place(task, q=None, qd=None):
     """Put every arm somewhere, as built unless ``q`` says otherwise."""
-    zero = torch.zeros(task.num_worlds, 6)
-    every = torch.ones(task.num_worlds, dtype=torch.bool)
+    zero = torch.zeros(task.num_worlds, 6, device=task.device)
+    every = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
     task.simulation.set_joint_state(every, zero if q is None else q, zero if qd is None else qd)
     if task._aiming is not None:
         task._aiming.rest.on(every)
@@ -87,10 +87,10 @@ def test_an_action_is_a_share_of_the_torque_and_cut_beyond_the_speed(name):
     task = still(name, 3)
     arm = ARMS[name]
     speed = arm.joints[3].speed
-    qd = torch.zeros(3, 6)
+    qd = torch.zeros(3, 6, device=task.device)
     qd[:, 3] = torch.tensor([0.99, 1.01, -1.01]) * speed
     place(task, qd=qd)
-    task.apply(torch.full((3, 6), 0.5))
+    task.apply(torch.full((3, 6), 0.5, device=task.device))
     force = task.views.joint_force
     torque = [0.5 * joint.torque for joint in arm.joints]
     assert force[0].tolist() == pytest.approx(torque)

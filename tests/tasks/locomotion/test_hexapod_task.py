@@ -223,7 +223,7 @@ def test_torque_is_cut_beyond_the_speed_limit():
     qd = torch.zeros(3, 18)
     qd[:, 2] = torch.tensor([0.99 * limit, 1.01 * limit, -1.01 * limit])
     place(task, qd=qd)
-    action = torch.zeros(3, 18)
+    action = torch.zeros(3, 18, device=task.device)
     action[:, 2], action[:, 7] = 0.5, -1.0
     task.apply(action)
     force = task.views.joint_force

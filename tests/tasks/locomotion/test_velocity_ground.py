@@ -50,7 +50,7 @@ def finish(task: Rolling, walked: float, asked: float) -> None:
     state = task.ground.extra_state()
     for name, value in (("walked", walked), ("asked", asked), ("expected", asked), ("farthest", 3.4)):
         state[f"ground_{name}"].fill_(value)
-    task.ground.choose(torch.ones(task.num_worlds, dtype=torch.bool))
+    task.ground.choose(torch.ones(task.num_worlds, dtype=torch.bool, device=task.device))
 
 
 # ---- heights -----------------------------------------------------------------------------------------------------
@@ -59,7 +59,7 @@ def finish(task: Rolling, walked: float, asked: float) -> None:
 def test_heights_are_those_of_the_patch_that_a_world_shows():
     task = rolling(40, rough=EVERY)
     points = torch.rand(40, 200, 2, generator=torch.Generator().manual_seed(0)) * 9.0 - 4.5  # beyond the border too
-    found = task.ground.height(points).numpy()
+    found = task.ground.height(points.to(task.device)).numpy()
     for world in range(40):
         wanted = height_at(patch_of(task, world), (SIDE, SIDE), points[world].double().numpy())
         # places are rounded to 1e-5 cells; a cell may rise by 0.6 m
@@ -108,7 +108,7 @@ def test_a_scan_is_the_ground_below_the_grid_over_the_feet(kind):
     draws = torch.Generator().manual_seed(3)
     position = torch.cat([torch.rand(20, 2, generator=draws) * 6.0 - 3.0, torch.rand(20, 1, generator=draws)], dim=1)
     yaw = torch.rand(20, generator=draws) * 6.2 - 3.1
-    found = task.ground.scan(position, yaw).numpy()
+    found = task.ground.scan(position.to(task.device), yaw.to(task.device)).numpy()
     assert found.shape == (20, 77)
     for world in range(20):
         heading = float(yaw[world])
@@ -154,7 +154,8 @@ def test_rays_also_see_boxes_and_no_roofs():
     simulation = sw.Simulation(builder.finalize(2, "cpu"), 0.01)
     scan = ScanConfig(ahead=3, across=1, spacing=1.0, limit=0.4)
     rays = RayScan(Visuals(builder).finalize(simulation.model), simulation, scan, 0.3)
-    found = rays(torch.tensor([[0.0, 0.0, 0.3], [0.0, 0.0, 1.1]]), torch.tensor([0.0, np.pi]))
+    places = torch.tensor([[0.0, 0.0, 0.3], [0.0, 0.0, 1.1]], device="cpu")
+    found = rays(places, torch.tensor([0.0, np.pi], device="cpu"))
     # the second one is 0.8 m above where it stands, turned about, and sees no farther down than 0.4 m
     np.testing.assert_allclose(found.numpy(), [[0.0, 0.0, 0.2], [-0.4, -0.4, -0.4]], atol=1e-6)
 
@@ -301,7 +302,7 @@ def test_only_worlds_of_the_mask_get_another_patch():
     task = rolling(8)
     before = {name: values.clone() for name, values in task.ground.extra_state().items()}
     assets = to_torch(task.simulation.model.shape_asset)[:, task.ground.shape].clone()
-    mask = torch.arange(8) % 2 == 0
+    mask = torch.arange(8, device=task.device) % 2 == 0
     task.episode_index += 1
     task.ground.choose(mask)
     for name, values in task.ground.extra_state().items():
