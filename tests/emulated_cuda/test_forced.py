@@ -9,7 +9,8 @@ from tests.emulated_cuda.emulated_runs import ROOT, run_emulated, skip_where_una
 
 FOLDERS = (
     "tests/unit/simulation", "tests/unit/sensors", "tests/unit/vehicle", "tests/unit/soil",
-    "tests/tasks/framework", "tests/tasks/actuation", "tests/tasks/randomisation",
+    "tests/tasks/framework", "tests/tasks/actuation", "tests/tasks/randomisation", "tests/tasks/arms",
+    "tests/tasks/locomotion",
 )  # fmt: skip
 FORCED = ("-m", "pytest", "-p", "tests.emulated_cuda.force_cuda", "-p", "no:cacheprovider", "-q")
 

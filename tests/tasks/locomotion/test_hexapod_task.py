@@ -58,8 +58,8 @@ def test_bodies_and_hinges_are_in_the_order_of_the_source():
     assert model.body_names[0] == "base"
     for index, joint in enumerate(builder.joints):
         assert (joint.parent, joint.child) == (0 if index < 6 else index - 5, index + 1)
-    np.testing.assert_allclose(np.asarray(model.parameters.joint_limit_upper), 0.5 * math.pi, rtol=1e-6)
-    np.testing.assert_allclose(np.asarray(model.parameters.joint_limit_lower), -0.5 * math.pi, rtol=1e-6)
+    np.testing.assert_allclose(model.parameters.joint_limit_upper.numpy(), 0.5 * math.pi, rtol=1e-6)
+    np.testing.assert_allclose(model.parameters.joint_limit_lower.numpy(), -0.5 * math.pi, rtol=1e-6)
 
 
 def source_matrix(quaternion):
@@ -115,7 +115,7 @@ def test_the_base_looks_along_x_and_the_tables_are_turned():
     np.testing.assert_allclose(np.diag(base.inertia), [0.0016536, 0.003434, 0.0048807], rtol=1e-6)
     model = hexapod().finalize(world_count=1, device="cpu")
     # Concentric4, body-hip 4: (0.06091, 0.0364, 0.12191) with Y up is ahead on the left
-    anchor = np.asarray(base.pose.position) + np.asarray(model.parameters.joint_anchor0)[0, model.joint("hip_4")]
+    anchor = np.asarray(base.pose.position) + model.parameters.joint_anchor0.numpy()[0, model.joint("hip_4")]
     np.testing.assert_allclose(anchor, [0.12191, 0.06091, 0.1325 + 0.0364], atol=1e-9)
 
 

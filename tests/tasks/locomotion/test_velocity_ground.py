@@ -71,8 +71,8 @@ def test_a_ball_rests_on_the_height_that_is_told():
     stairs = RoughConfig(kinds=(GroundKind.STAIRS_UP, GroundKind.STAIRS_DOWN), level=9)
     task = rolling(6, rough=stairs)
     # in the middle of the treads, which begin 1.05 m from the middle and are 0.25 m deep
-    x = torch.tensor([0.0, 1.175, -1.475, 2.675, -3.4, 1.775])
-    y = 0.3 * torch.ones(6)
+    x = torch.tensor([0.0, 1.175, -1.475, 2.675, -3.4, 1.775], device=task.device)
+    y = 0.3 * torch.ones(6, device=task.device)
     under = task.ground.height(torch.stack([x, y], dim=1)[:, None])[:, 0]
     assert len(under.unique()) >= 5
     put(task, x, y, under.double() + RADIUS + 0.002)
@@ -135,8 +135,8 @@ def test_rays_see_what_is_looked_up():
     rays = RayScan(visuals.finalize(task.simulation.model), task.simulation, task.config.scan, RADIUS)
     draws = torch.Generator().manual_seed(5)
     for _ in range(3):
-        yaw = torch.rand(30, generator=draws) * 6.2 - 3.1
-        flat = torch.rand(30, 2, generator=draws) * 6.0 - 3.0
+        yaw = (torch.rand(30, generator=draws) * 6.2 - 3.1).to(task.device)
+        flat = (torch.rand(30, 2, generator=draws) * 6.0 - 3.0).to(task.device)
         height = task.ground.height(flat[:, None])[:, 0] + RADIUS
         position = torch.cat([flat, height[:, None]], dim=1)
         looked, seen = task.ground.scan(position, yaw), rays(position, yaw)

@@ -40,7 +40,7 @@ def test_mirrored_worlds_stay_mirrored(obs):
     task.command[2:] = task.command[:2] * torch.tensor([1.0, -1.0, -1.0])
     task.past.copy_(task.proprioception().unsqueeze(1).expand_as(task.past))
     for _ in range(6):
-        half = 0.4 * torch.randn(2, 12, generator=generator)
+        half = (0.4 * torch.randn(2, 12, generator=generator)).to(task.device)
         result = task.step(torch.cat([half, images.actions(half)]))
         seen = result.observations["policy"]
         # contacts are solved to 1 mm/s, and their order is another one in the mirror; rates are up to 20 rad/s

@@ -44,7 +44,7 @@ def idle(task):
 
 def rolled(task, actions):
     """All observations and rewards of some steps."""
-    results = [task.step(action) for action in actions]
+    results = (task.step(action) for action in actions)  # a captured step hands out the same tensors again
     return [torch.cat([each.observations["policy"], each.rewards[:, None]], dim=1).clone() for each in results]
 
 
