@@ -32,6 +32,8 @@ WORST: Final = 2.0
 """Growth of the acceleration beyond its smallest at which Newton's method is given up and kinetic damping goes on."""
 NEARLY_STILL: Final = 20.0
 """Rate over the solver's tolerance below which a world rests on its contacts: a box on a slope trembles by ten."""
+INDEPENDENT: Final = 1e-6
+"""Part of the largest stiffness below which a direction has none, and Newton's method leaves it alone."""
 RESOLVED: Final = 1e-6
 """Step of Newton's method that is none [m or rad]: light links have accelerations that float32 does not resolve."""
 UNSTABLE: Final = 1e-3
@@ -141,20 +143,19 @@ class _Relaxation:
         self._speed = np.full(worlds, np.inf)
         self._energy = np.zeros(worlds)
         self._calm = 0
-        self._mass = np.repeat(np.asarray(sim.model.body_mass.numpy(), np.float64)[:, :, None], 3, axis=2)
+        self._mass = np.asarray(sim.model.body_mass.numpy(), np.float64)[:, :, None]
 
     def step(self) -> None:
         """One step of the simulation; worlds whose energy has turned stand still after it."""
-        sim, worlds = self.sim, self.sim.model.world_count
+        sim = self.sim
         before = _rates(sim)
         sim.step()
         after = _rates(sim)
         self.acceleration = np.abs(after - before).max(axis=1, initial=0.0) / sim.dt
         self._speed = np.abs(after).max(axis=1, initial=0.0)
-        v, omega = sim.state.body_v.numpy(), sim.state.body_omega.numpy()
-        energy = (self._mass * (v**2 + omega**2)).reshape(len(self._mass), -1)
-        energy = np.broadcast_to((energy.sum(axis=1) if len(energy) else np.zeros(1)), (worlds,)).copy()
-        energy += (sim.state.joint_qd.numpy().astype(np.float64) ** 2).sum(axis=1)
+        # Any norm of the rates turns with the energy; masses keep light links from ruling it
+        v, omega, qd = (getattr(sim.state, name).numpy() for name in ("body_v", "body_omega", "joint_qd"))
+        energy = (self._mass * (v**2 + omega**2)).sum(axis=(1, 2)) + (qd.astype(np.float64) ** 2).sum(axis=1)
         turned = (energy < self._energy) & (self._speed > NEARLY_STILL * sim.solver.tolerance)
         if turned.any():
             _stand_still(sim, turned)
@@ -228,7 +229,7 @@ class _Newton:
                 break
             values = np.linalg.eigvals(slope).real
             self.stable = values.max(axis=1) <= UNSTABLE * np.abs(values).max(axis=1)
-            step = np.stack([np.linalg.lstsq(-slope[w], a[w], rcond=1e-6)[0] for w in range(len(a))])
+            step = np.einsum("wij,wj->wi", np.linalg.pinv(-slope, rcond=INDEPENDENT), a)
             left = np.abs(a + np.einsum("wij,wj->wi", slope, step)).max(axis=1)
             short = np.abs(step).max(axis=1)
             close = (self.size <= self.tolerance) & (short <= 10.0 * RESOLVED)

@@ -100,7 +100,7 @@ class Variations:
         lanes: worlds that are to be used: those like `world`, or all.
 
     Raises:
-        ModelError: contacts push, or a world has broken down.
+        ModelError: a world has broken down.
     """
 
     def __init__(self, thing: str, simulation: Simulation, world: int | None, time_step: float = TIME_STEP) -> None:
