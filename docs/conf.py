@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 PACKAGES = (
-    "actuators", "exporters", "importers", "scenery", "scenes", "sensors", "soil", "tasks", "tasks.driving",
+    "actuators", "exporters", "flex", "importers", "scenery", "scenes", "sensors", "soil", "tasks", "tasks.driving",
     "train", "vehicle", "viewer",
 )  # fmt: skip
 

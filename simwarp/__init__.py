@@ -3,7 +3,7 @@
     import simwarp as sw
 
 gives the model builder, simulations and what they take (`simwarp/api.py` lists them), and when they are first used the
-packages `sw.actuators`, `sw.analysis`, `sw.motions`, `sw.vehicle`, `sw.sensors`, `sw.scenery`, `sw.scenes`,
+packages `sw.actuators`, `sw.analysis`, `sw.flex`, `sw.motions`, `sw.vehicle`, `sw.sensors`, `sw.scenery`, `sw.scenes`,
 `sw.importers`, `sw.exporters`, `sw.viewer`, `sw.tasks`, `sw.train`.
 """
 

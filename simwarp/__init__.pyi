@@ -2,6 +2,7 @@
 
 from simwarp import (
     actuators as actuators,
+    flex as flex,
     importers as importers,
     scenery as scenery,
     scenes as scenes,

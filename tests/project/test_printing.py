@@ -103,7 +103,7 @@ def things(tmp_path_factory):
 
 
 FRONT = (
-    "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.exporters", "simwarp.importers",
+    "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.exporters", "simwarp.flex", "simwarp.importers",
     "simwarp.kinematics", "simwarp.motions",
     "simwarp.scenery", "simwarp.sensors", "simwarp.soil", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
     "simwarp.vehicle", "simwarp.viewer",

@@ -19,7 +19,7 @@ import simwarp as sw
 
 PACKAGES = (
     "simwarp", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers", "simwarp.exporters",
-    "simwarp.actuators", "simwarp.analysis", "simwarp.motions", "simwarp.viewer",
+    "simwarp.actuators", "simwarp.analysis", "simwarp.flex", "simwarp.motions", "simwarp.viewer",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
 )  # fmt: skip
 
