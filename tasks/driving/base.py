@@ -16,6 +16,7 @@ import warp as wp
 import simwarp as sw
 from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
+from ..framework.agents import beside
 from ..framework.config import require
 from ..framework.errors import InputError, TaskError
 from ..framework.recorded_launches import TensorFunction, WorldLaunch, filled, launch_over, share_over, zeros_of
@@ -130,6 +131,11 @@ class DrivingConfig(ConditionsConfig):
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
 
 
+def _name(agent: int) -> str:
+    """Return what follows a name that belongs to one of several agents; of the first, or a single one, nothing."""
+    return f" {agent}" if agent else ""
+
+
 class DrivingTask(Task[DrivingT]):
     """A task whose actions are steering (positive to the left) and the pedals (positive throttle, negative brake).
 
@@ -183,7 +189,9 @@ class DrivingTask(Task[DrivingT]):
     vehicle: sw.vehicle.Vehicle
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: sw.sensors.Camera | None
-    """The policy's camera; None with other ``obs``. From `attach` on."""
+    """The policy's camera, of several agents the first one's; None with other ``obs``. From `attach` on."""
+    cameras: list[sw.sensors.Camera]
+    """Those of all agents; empty with other ``obs``. From `attach` on."""
     lidar: sw.sensors.Lidar | None
     """The policy's lidar; None with other ``obs``. From `attach` on."""
     images: CameraImages | None
@@ -192,8 +200,11 @@ class DrivingTask(Task[DrivingT]):
     """Friction, light, fog, contrast and noise of the running episodes; from `setup` on."""
     soil: DrivenSoil | None
     """The soil below the wheels; None on rigid ground. From `attach` on."""
+    navigations: list[Navigation]
+    """Those of all agents; empty where there is no `navigation`. From `attach` on."""
     navigation: Navigation | None
-    """Receiver and gyroscope where the task `navigates` and has a camera or a lidar, else None; from `attach` on."""
+    """Of the first agent: receiver and gyroscope where the task `navigates` and has a camera or a lidar, else None;
+    from `attach` on."""
     difficulty: torch.Tensor
     """(W,) float32 in [0, 1]: curriculum level of the running episodes; from `setup` on."""
     hit: torch.Tensor
@@ -360,30 +371,41 @@ class DrivingTask(Task[DrivingT]):
                 spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
             )  # fmt: skip
         below = [] if self.soil is None else [self.soil.element]
-        self.camera = self._make_camera(model) if config.obs is Observing.CAMERA else None
+        seeing = self.seeing_parts()
+        self.cameras = []
+        if config.obs is Observing.CAMERA:
+            self.cameras = [self._make_camera(model, parts, _name(at)) for at, parts in enumerate(seeing)]
+        self.camera = self.cameras[0] if self.cameras else None
         self.lidar = self._make_lidar(model) if config.obs is Observing.LIDAR else None
-        self.navigation = None
-        sensors: list[Any] = [] if self.sensor is None else [self.sensor]
+        sensors: list[Any] = [*self.cameras, *([] if self.lidar is None else [self.lidar])]
+        self.navigations = []
         if sensors and self.navigates:
-            self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
-            sensors += self.navigation.sensors
+            timing = (config.dt, config.decimation, self.random)
+            self.navigations = [Navigation(model, parts, *timing, _name(at)) for at, parts in enumerate(seeing)]
+        self.navigation = self.navigations[0] if self.navigations else None
+        for navigation in self.navigations:
+            sensors += navigation.sensors
         return Attachments(elements=[*self.more_elements(model), self._driven, *below], sensors=sensors)
 
-    def _mount(self) -> sw.sensors.Mount:
-        place = np.asarray(self.camera_place) + self.parts.reference
-        return sw.sensors.Mount(body=self.parts.chassis, pose=sw.pose(place))
+    def seeing_parts(self) -> Sequence[sw.vehicle.VehicleParts]:
+        """Return the vehicles that have a camera and instruments, one for each agent; a single agent's is `parts`."""
+        return (self.parts,)
 
-    def _make_camera(self, model: sw.Model) -> sw.sensors.Camera:
+    def _mount(self, parts: sw.vehicle.VehicleParts) -> sw.sensors.Mount:
+        place = np.asarray(self.camera_place) + parts.reference
+        return sw.sensors.Mount(body=parts.chassis, pose=sw.pose(place))
+
+    def _make_camera(self, model: sw.Model, parts: sw.vehicle.VehicleParts, name: str) -> sw.sensors.Camera:
         config, lights = self.config, self.lighting()
         rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
         suns = len(lights.suns if lights is not None else sw.sensors.Lighting().suns)
         return sw.sensors.Camera(
-            self._scene_of(model), self._mount(),
+            self._scene_of(model), self._mount(parts),
             sw.sensors.CameraConfig(
                 schedule=sw.sensors.Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
                 lens=sw.sensors.Pinhole(fov=config.camera_fov),
             ),
-            lights=lights, per_world=config.camera_arrays(suns),
+            lights=lights, name=f"camera{name}", per_world=config.camera_arrays(suns),
         )  # fmt: skip
 
     def _make_lidar(self, model: sw.Model) -> sw.sensors.Lidar:
@@ -393,7 +415,7 @@ class DrivingTask(Task[DrivingT]):
             elevation=(_LIDAR_ELEVATION, -_LIDAR_ELEVATION),
         )  # fmt: skip
         return sw.sensors.Lidar(
-            self._scene_of(model), self._mount(),
+            self._scene_of(model), self._mount(self.parts),
             sw.sensors.LidarConfig(
                 schedule=sw.sensors.Schedule(rate=min(1.0 / config.control_dt, 1.0 / config.dt)), beams=beams,
                 far=config.lidar_range, outputs=("ranges",), miss="far",
@@ -444,10 +466,15 @@ class DrivingTask(Task[DrivingT]):
         """
         self.input = sw.to_torch(self._driven.input)
         friction = sw.to_torch(self._driven.tires.ground_friction) if self.soil is None else None
-        self.images = None if self.camera is None else CameraImages(self.camera, self.simulation, self.random)
+        self._camera_images = [
+            CameraImages(camera, self.simulation, self.random, _name(at)) for at, camera in enumerate(self.cameras)
+        ]
+        self.images = self._camera_images[0] if self._camera_images else None
+        images = [sw.to_torch(camera.data) for camera in self.cameras]
+        self._all_images = torch.stack(images, dim=1) if len(images) > 1 else None
         self._ranges = None if self.lidar is None else sw.to_torch(self.lidar.ranges)
         self.conditions = DrawnConditions(
-            self.config, self.random, self.num_worlds, friction, self.images, self.device
+            self.config, self.random, self.num_worlds, friction, self._camera_images, self.device
         )  # fmt: skip
         self._settle()
         state = self.simulation.state
@@ -553,8 +580,14 @@ class DrivingTask(Task[DrivingT]):
         if self.images is None:
             return {"policy": self.exact_state()}
         if self.config.images_alone:
-            return {"camera": self.images.read()}
-        return {"policy": self.measured(), "camera": self.images.read()}
+            return {"camera": self.seen_images()}
+        return {"policy": self.measured(), "camera": self.seen_images()}
+
+    def seen_images(self) -> torch.Tensor:
+        """Return the images (W, height, width, 3) uint8 that policies see, of several agents (W, N, ...); the buffer
+        itself.
+        """
+        return beside([each.read() for each in self._camera_images], self._all_images)
 
     def privileged(self) -> torch.Tensor | None:
         """Return the `exact_state` (W, N) where the policy sees images; None where it sees that state itself."""
@@ -575,16 +608,17 @@ class DrivingTask(Task[DrivingT]):
     def finish_physics(self) -> None:
         """Notice the last touch, read the instruments, and end the step."""
         self._notice.launch()
-        if self.navigation is not None:
-            self.navigation.advance()
+        for navigation in self.navigations:
+            navigation.advance()
         self.end_step()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the ``difficulty`` (W,) of the running episodes, from which their worlds are drawn, and, where there
-        is a `navigation`, its ``heading`` (W,) [rad]. A subclass adds its own to what ``super()`` returns.
+        are `navigations`, the ``heading`` (W,) of each [rad]. A subclass adds its own to what ``super()`` returns.
         """
-        measured = {} if self.navigation is None else {"heading": self.navigation.heading}
-        return super().extra_state() | measured
+        return super().extra_state() | {
+            f"heading{_name(at)}": navigation.heading for at, navigation in enumerate(self.navigations)
+        }
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take back what `extra_state` returned, name -> (W,), and draw the worlds of the running episodes again.
@@ -592,8 +626,8 @@ class DrivingTask(Task[DrivingT]):
         A subclass calls ``super()`` first.
         """
         super().load_extra_state(state)
-        if self.navigation is not None:
-            self.navigation.heading.copy_(state["heading"])
+        for at, navigation in enumerate(self.navigations):
+            navigation.heading.copy_(state[f"heading{_name(at)}"])
         self.conditions.draw(self._every_world)
         if self.soil is not None:
             self.soil.draw(self._every_world)

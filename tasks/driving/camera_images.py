@@ -37,14 +37,15 @@ class CameraImages:
         camera: sensor of the policy, with rows for each world in `ConditionsConfig.camera_arrays`.
         simulation: that takes the images.
         random: of the task, which draws the noise.
+        name: of the vehicle, of several in a world: its noise is its own.
 
     Attributes:
         has_sun: the task's light has one.
     """
 
-    def __init__(self, camera: sw.sensors.Camera, simulation: Any, random: WorldRandom) -> None:
+    def __init__(self, camera: sw.sensors.Camera, simulation: Any, random: WorldRandom, name: str = "") -> None:
         lights = camera.lights
-        self._simulation, self._random = simulation, random
+        self._simulation, self._random, self._purpose = simulation, random, f"image noise{name}"
         self._exposure, self._fog = sw.to_torch(camera.image_processing.exposure), sw.to_torch(lights.fog_density)
         self._sun, self._sun_color = sw.to_torch(lights.sun_direction), sw.to_torch(lights.sun_color)
         self._built_sun, self._built_color = self._sun.clone(), self._sun_color.clone()
@@ -75,7 +76,7 @@ class CameraImages:
             Disturbance,
             contrast=values.get("contrast", torch.ones(worlds, device=device)),
             noise=values.get("image_noise", torch.zeros(worlds, device=device)),
-            stream=self._random.stream("image noise"),
+            stream=self._random.stream(self._purpose),
             last=wp.from_torch(self._made, dtype=wp.uint64),
         )
         pairs = (clear[0].numel() + 1) // 2

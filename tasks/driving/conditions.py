@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, Final, TypeAlias
 
@@ -182,7 +182,7 @@ class DrawnConditions:
         random: of the task.
         worlds: their number W.
         friction: (W,) of the ground below the tires, written here; None on soil, whose own strength counts.
-        images: of the policy's camera, which show light, fog and noise; None without a camera.
+        images: of the policies' cameras, which show light, fog and noise; none without a camera.
 
     Attributes:
         values: name -> (W,) float32, of the running episodes; those that are neutral are not there.
@@ -193,12 +193,12 @@ class DrawnConditions:
 
     def __init__(
         self, config: ConditionsConfig, random: WorldRandom, worlds: int, friction: torch.Tensor | None,
-        images: CameraImages | None, device: torch.device,
+        images: Sequence[CameraImages], device: torch.device,
     ) -> None:  # fmt: skip
         self._random, self._friction, self._images = random, friction, images
-        acting = (*(("friction",) if friction is not None else ()), *(SEEN if images is not None else ()))
+        acting = (*(("friction",) if friction is not None else ()), *(SEEN if images else ()))
         spans = {name: config.span(name) for name in acting}
-        if images is not None and not images.has_sun:
+        if images and not images[0].has_sun:
             for name in SUN:
                 if getattr(config, name) is not None:
                     raise InputError(f"{name.replace('_', '-')}: there is no sun in this task's light; leave it away")
@@ -209,21 +209,20 @@ class DrawnConditions:
         }  # fmt: skip
         self._drawn = {name: span for name, span in spans.items() if span is not None and span[0] < span[1]}
         self._nominal = {name: self._nominal_value(config, name) for name in self._drawn if config.left_to_chance(name)}
-        if images is not None:
-            images.bind(self.values)
+        for each in images:
+            each.bind(self.values)
         self._write()
 
     def _nominal_value(self, config: ConditionsConfig, name: str) -> torch.Tensor:
         """Return the value (W,) of a condition as the task is built."""
         if name in SUN:
-            assert self._images is not None
-            return self._images.built_sun()[SUN.index(name)]
+            return self._images[0].built_sun()[SUN.index(name)]
         return torch.full_like(self.values[name], float(getattr(config, name)))
 
     def draw(self, world_mask: torch.Tensor) -> None:
         """Draw the conditions of the running episodes, which begin or are taken up, where ``world_mask`` is true."""
-        if self._images is not None:
-            self._images.begin(world_mask)
+        for images in self._images:
+            images.begin(world_mask)
         if not self._drawn:
             return
         nominal = self._random.uniform("nominal conditions").squeeze(1) < NOMINAL_SHARE
@@ -238,5 +237,5 @@ class DrawnConditions:
         """Hand the values to what they act on: the same numbers again in worlds that have not drawn."""
         if self._friction is not None and "friction" in self.values:
             self._friction.copy_(self.values["friction"])
-        if self._images is not None:
-            self._images.light_up()
+        for images in self._images:
+            images.light_up()

@@ -20,7 +20,7 @@ import warp as wp
 import simwarp as sw
 from simwarp.tasks import Ge, Gt, Le, Positive
 
-from ..framework.agents import lead_of
+from ..framework.agents import beside, lead_of
 from ..framework.config import RewardWeights, require
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import (
@@ -67,6 +67,8 @@ LARGE = 4
 """Large obstacles that generated paths pass."""
 ENDS = ("collision", "bumped", "lost", "upset", "goal")
 METRICS = ("distance", "path_deviation", "obstacle_hits")
+MAP_HALF = (110.0, 40.0)
+"""Half lengths of the rectangle around generated paths in which scattered obstacles stand [m]."""
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
 
@@ -101,6 +103,10 @@ class ConvoyConfig(DrivingConfig):
     """Physics steps per control step: five actions a second."""
     max_episode_steps: int = 310
     """Control steps after which an episode is truncated; leaders are at the end of the path before."""
+    scattered: Annotated[int, Ge(0), Le(500)] = 0
+    """Obstacles of various sizes besides, anywhere on 220 x 80 m where the path leaves room; with ``generated``."""
+    drive_on: bool = False
+    """A follower that touches something drives on, and touches are counted; with ``leaders`` simulated."""
     latest_start: Annotated[float, Ge(0.0), Le(0.8)] = 0.5
     """The nearest leader starts between 0.05 and this more of its path, as shares."""
     generated: bool = False
@@ -150,8 +156,10 @@ class ConvoyConfig(DrivingConfig):
         if self.leaders is Leaders.GHOSTS:
             require(self.leading == 3, self, "leading", "3 where leaders are ghosts")
             require(self.followers == 1, self, "followers", "1 where leaders are ghosts")
+            require(not self.drive_on, self, "drive_on", "False where leaders are ghosts")
+        require(self.generated or not self.scattered, self, "scattered", "0 without generated paths")
         if self.followers > 1:
-            require(self.obs is Observing.STATE, self, "obs", "state where there are several followers")
+            require(self.obs is not Observing.LIDAR, self, "obs", "state or camera where there are several followers")
 
     def chassis_names(self) -> tuple[str, ...]:
         """Return the names of all vehicles' chassis."""
@@ -208,7 +216,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             ObstacleKind(sw.scenery.tree("spruce", 1), (0.7, 1.0)),
         ]
         large = LARGE if self.config.generated else 0
-        self.obstacles = Obstacles(kinds, BESIDE + large, group=1, mask=CHASSIS_GROUP)
+        self.obstacles = Obstacles(kinds, BESIDE + large + self.config.scattered, group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
 
     def visuals(self, visuals: sw.sensors.Visuals) -> None:
@@ -252,8 +260,12 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
         state, shape = self.simulation.state.arrays, (self.num_worlds, self.agents)
         if self.navigation is not None:
-            measured = [column, state, self._navigator, self.random.draws, routes, follow, platoon]
-            self._measure = ComputedRows(self, measure_follower, *measured, width=5 if self.config.raw else 6)
+            others, width = [self.random.draws, routes, follow, platoon], 5 if self.config.raw else 6
+            self._measures = [
+                ComputedRows(self, measure_follower, agent, column, state, each.tables, *others, width=width)
+                for agent, each in enumerate(self.navigations)
+            ]
+            self._all_measured = torch.zeros(*shape, width, device=self.device) if self.agents > 1 else None
         seen = [column, state, self.action.view(-1, 2), routes, follow, self.obstacles.slots, platoon]
         self._observe = ComputedRows(
             self, observe_followers, *seen, width=17 + _RAYS, shape=lead_of(self), threads=shape
@@ -296,6 +308,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         )  # fmt: skip
         purposes = {
             "path": "path", "begin": "begin", "sides": "sides", "gaps": "gaps", "headings": "obstacle headings",
+            "scatter": "scattered",
         }  # fmt: skip
         return filled(
             Column,
@@ -303,6 +316,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             leader_half=wp.vec2(*LEADER_HALF[:2]),
             in_world_axes=int(config.place_frame is Frame.WORLD),
             raw=int(config.raw),
+            drive_on=int(config.drive_on),
+            map_half=wp.vec2(*MAP_HALF),
             reach=_REACH,
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
             large=wp.array(large, dtype=wp.vec3, device=str(self.device)),
@@ -402,10 +417,10 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     # ---- what a policy observes and is rewarded for ------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 6), or (W, 5) with ``raw``: place of the first leader, heading and speed by GPS and IMU, the
-        leader's speed; the buffer itself.
+        """Return (W, 6), or (W, 5) with ``raw``, (W, N, ...) of several followers: place of the one ahead, heading and
+        speed by GPS and IMU, the other's speed; the buffer itself.
         """
-        return self._measure()
+        return beside([measure() for measure in self._measures], self._all_measured)
 
     def exact_state(self) -> torch.Tensor:
         """Return the leaders' places, the first one's heading and speed, motion, tilt, inputs, ranges to obstacles; the

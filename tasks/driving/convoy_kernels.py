@@ -34,6 +34,8 @@ APART = wp.constant(0.05)
 """Distance of the vehicles along the path, as a share of it."""
 DURATION = wp.constant(60.0)
 """Time in which a leader that starts at the beginning comes to the end, ever faster [s]."""
+CLEAR = wp.constant(1.5)
+"""Least distance of what stands beside the path from a vehicle on it [m]."""
 LENGTHS = wp.constant(20.0)
 """By which lengths are divided in observations [m]."""
 SPEED = wp.constant(10.0)
@@ -60,6 +62,8 @@ class Column:
     failure_weight: float
     speed_weight: float
     lost_distance: float  # [m]
+    drive_on: int  # 1: a touch ends nothing
+    map_half: wp.vec2  # half lengths of the rectangle in which scattered obstacles stand [m]
     reach: float  # of the rays [m]
     direction: wp.array[wp.vec2]  # (rays,)
     large: wp.array2d[wp.vec3]  # (K, L) x, y and radius of what generated paths pass [m]
@@ -68,6 +72,7 @@ class Column:
     sides: wp.array[wp.uint64]
     gaps: wp.array[wp.uint64]
     headings: wp.array[wp.uint64]
+    scatter: wp.array[wp.uint64]
     ghost: int  # first leader among the instances of the scene
     shown_x: wp.array2d[wp.vec3d]  # (W, I) places of the scene; of no length: there is none
     shown_rot: wp.array2d[wp.quat]
@@ -263,13 +268,16 @@ def draw_roadside(
     mask: wp.array[wp.bool], column: Column, draws: Draws, routes: RouteTables, follow: Follow, slots: Slots,
     model: SlotArrays, scene: SlotArrays,
 ):  # fmt: skip
-    """Things at equal steps along the path, to either side, so far away that it stays free; and large ones between."""
+    """Things at equal steps along the path, to either side, so far away that it stays free; large ones between; others
+    anywhere.
+    """
     world, slot = wp.tid()
     if not mask[world]:
         return
     route = int(follow.route[world])
     thing = drawn_thing(world, slot, slots, draws)
     place = wp.vec2()
+    clear = float(0.5)
     if slot < BESIDE:
         reach = thing.scale * slots.reach[thing.kind]
         share = (float(slot) + 1.0) / (float(BESIDE) + 1.0)
@@ -278,14 +286,19 @@ def draw_roadside(
         if uniform_at(episode_key(column.sides, world, draws), slot, 0.0, 1.0) < 0.5:
             side = -1.0
         gap = uniform_at(episode_key(column.gaps, world, draws), slot, 0.0, 2.0)
-        aside = side * (reach + column.leader_half[1] + 1.5 + gap)
+        aside = side * (reach + column.leader_half[1] + CLEAR + gap)
         place = wp.vec2(at[0] - aside * wp.sin(at[2]), at[1] + aside * wp.cos(at[2]))
+    elif slot >= BESIDE + column.large.shape[1]:
+        key = episode_key(column.scatter, world, draws)
+        x = uniform_at(key, 2 * slot, -column.map_half[0], column.map_half[0])
+        place = wp.vec2(x, uniform_at(key, 2 * slot + 1, -column.map_half[1], column.map_half[1]))
+        clear = CLEAR
     else:
         large = column.large[route, slot - BESIDE]
         thing.kind = 0
         thing.scale = large[2] / slots.reach[0]
         place = wp.vec2(large[0], large[1])
-    needed = thing.scale * slots.reach[thing.kind] + column.leader_half[1] + 0.5
+    needed = thing.scale * slots.reach[thing.kind] + column.leader_half[1] + clear
     free = route_distance(route, place, routes) > needed
     sunk = -0.1 * (thing.scale * slots.tallness[thing.kind])
     heading = uniform_at(episode_key(column.headings, world, draws), slot, -PI, PI)
@@ -391,12 +404,12 @@ def measure_leader(
 
 @wp.kernel
 def measure_follower(
-    column: Column, state: StateArrays, navigator: Navigator, draws: Draws, routes: RouteTables, follow: Follow,
-    platoon: Platoon, policy: wp.array2d[float],
+    agent: int, column: Column, state: StateArrays, navigator: Navigator, draws: Draws, routes: RouteTables,
+    follow: Follow, platoon: Platoon, policy: wp.array2d[float],
 ):  # fmt: skip
-    """What a single follower measures: place of the one ahead, heading and speed, the other's speed: (W, 6 or 5)."""
+    """What a follower measures: place of the one ahead, heading and speed, the other's speed: (W, 6 or 5)."""
     world = wp.tid()
-    ahead = platoon.chassis.shape[0] - 2
+    ahead = platoon.leading + agent - 1
     time = time_of(world, column, follow)
     leader = vehicle_at(world, ahead, time, platoon, state, routes, follow)
     speed = speed_of(world, ahead, time, platoon, state, routes, follow)
@@ -491,15 +504,17 @@ def compute_follower_rewards(
 def end_followers(
     column: Column, state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon, ends: wp.array2d[wp.bool]
 ):
-    """Collision, bumped, lost, upset, goal: (R, W * N). Who is struck from behind goes on."""
+    """Collision, bumped, lost, upset, goal: (R, W * N). Who is struck from behind goes on; with `drive_on` everyone."""
     world, agent = wp.tid()
     vehicle = platoon.leading + agent
     row = row_of(world, agent, platoon)
     gone = time_of(world, column, follow) / DURATION
     pushed = touches_from(world, vehicle, 0, platoon.chassis.shape[0], column, platoon, state, routes, follow)
-    collided = platoon.hit[world, vehicle] and not pushed
+    ending = column.drive_on == 0
+    collided = ending and platoon.hit[world, vehicle] and not pushed
+    bumped = touches_from(world, vehicle, platoon.first, vehicle, column, platoon, state, routes, follow)
     ends[0, row] = collided
-    ends[1, row] = touches_from(world, vehicle, platoon.first, vehicle, column, platoon, state, routes, follow)
+    ends[1, row] = ending and bumped
     away = behind_vehicle(world, vehicle, column, platoon, state, routes, follow)
     ends[2, row] = wp.length(away) > column.lost_distance
     ends[3, row] = is_upset(world, car_at(vehicle, platoon), state)

@@ -35,6 +35,7 @@ class Navigation:
         dt: physics step [s].
         decimation: physics steps per control step.
         random: draws the noise.
+        name: of the vehicle, of several in a world: its noise is its own.
 
     Attributes:
         sensors: to be given to the simulation.
@@ -43,17 +44,21 @@ class Navigation:
     """
 
     def __init__(
-        self, model: sw.Model, parts: sw.vehicle.VehicleParts, dt: float, decimation: int, random: WorldRandom
-    ) -> None:
+        self, model: sw.Model, parts: sw.vehicle.VehicleParts, dt: float, decimation: int, random: WorldRandom,
+        name: str = "",
+    ) -> None:  # fmt: skip
         period = dt * decimation
         mount = sw.sensors.Mount(body=parts.chassis, pose=sw.pose(parts.reference))
-        gps = sw.sensors.Gps(model, mount, sw.sensors.GpsConfig(schedule=sw.sensors.Schedule(rate=1.0 / period)))
+        gps = sw.sensors.Gps(
+            model, mount, sw.sensors.GpsConfig(schedule=sw.sensors.Schedule(rate=1.0 / period)), name=f"gps{name}"
+        )
         imu = sw.sensors.Imu(
             model,
             mount,
             sw.sensors.ImuConfig(
                 schedule=sw.sensors.Schedule(rate=1.0 / period, window=period), outputs=("gyroscope",)
             ),
+            name=f"imu{name}",
         )
         self.sensors: list[Any] = [gps, imu]
         heading = wp.zeros(model.world_count, dtype=float, device=model.device)
@@ -69,10 +74,10 @@ class Navigation:
             speed_noise=SPEED_NOISE,
             rate_noise=RATE_NOISE,
             rate_bias=RATE_BIAS,
-            place_stream=random.stream("receiver"),
-            speed_stream=random.stream("receiver velocity"),
-            rate_stream=random.stream("gyroscope"),
-            bias_stream=random.stream("gyroscope bias"),
+            place_stream=random.stream(f"receiver{name}"),
+            speed_stream=random.stream(f"receiver velocity{name}"),
+            rate_stream=random.stream(f"gyroscope{name}"),
+            bias_stream=random.stream(f"gyroscope bias{name}"),
         )
         device = self.heading.device
         fixed = [self.tables, random.draws]

@@ -16,19 +16,23 @@ import warp as wp
 
 import simwarp as sw
 
+from ..framework.agents import lead_of
 from ..framework.drawing import Line
-from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over
+from ..framework.recorded_launches import TensorLaunch, WorldLaunch, filled, launch_over, share_over
 from .base import CHASSIS_GROUP, SETTLING
 from .convoy import ConvoyTask
 from .convoy_kernels import Platoon
 from .outlines import outline
 from .platoon_kernels import (
+    Touches,
     begin_driver,
     begin_platoon,
+    count_touches,
     drive_platoon,
     finish_platoon,
     notice_platoon,
     pace_driver,
+    start_heading,
     start_platoon,
     steer_platoon,
 )
@@ -42,12 +46,15 @@ BRAKE = (0.0, -1.0)
 class PlatoonTask(ConvoyTask):
     """`convoy` with leaders that are vehicles; with several followers, an agent each.
 
-    Observations: ``policy`` (W, N, 34) as `ConvoyTask` tells them; of a single follower (W, 34), or by camera.
+    Observations: those of `ConvoyTask` for each of N followers, ``policy`` (W, N, 34) or, by camera, ``policy``
+    (W, N, 6) and ``camera`` (W, N, height, width, 3); of a single one (W, ...).
 
     Attributes:
         vehicles: all of them, from the head of the convoy to its tail.
         deviation: (W, V) float32, each vehicle's mean distance from the path in its episode [m].
         touched: (W, V) bool, the chassis touched something in the last control step.
+        touches: (W, N, 2) int32, with ``drive_on`` the touches of each follower in its episode: of obstacles, and of
+            vehicles ahead.
     """
 
     name: ClassVar[str] = "convoy"
@@ -57,6 +64,7 @@ class PlatoonTask(ConvoyTask):
     vehicles: sw.vehicle.Vehicles
     deviation: torch.Tensor
     touched: torch.Tensor
+    touches: torch.Tensor
 
     @property
     def agents(self) -> int:  # type: ignore[override]
@@ -86,6 +94,10 @@ class PlatoonTask(ConvoyTask):
         self.build_world(builder)
         self._builder = builder
         self._scene: sw.sensors.Scene | None = None
+
+    def seeing_parts(self) -> Sequence[sw.vehicle.VehicleParts]:
+        """Return the followers."""
+        return self._parts[self.config.leading :]
 
     def make_vehicle(self, model: sw.Model, ground: Any) -> sw.vehicle.Vehicles:
         """Make all vehicles; ``vehicle`` is the last one."""
@@ -149,6 +161,10 @@ class PlatoonTask(ConvoyTask):
             hit=self.touched,
             deviation=self.deviation,
         )
+        self.touches = torch.zeros(worlds, self.agents, 2, dtype=torch.int32, device=device)
+        self._touching = torch.zeros_like(self.touches, dtype=torch.bool)
+        counted = {"count": self.touches, "last": self._touching} if self.config.drive_on else {}
+        self._touches = filled(Touches, **counted)
         self._steer_all = launch_over(self, steer_platoon, self._actions, self._platoon)
         self._clear = launch_over(self, begin_platoon, self._platoon)
         self._notice_all = launch_over(self, notice_platoon, self._platoon)
@@ -157,7 +173,13 @@ class PlatoonTask(ConvoyTask):
         """Record what places the vehicles, and what is launched while they drive."""
         column, routes, follow, platoon = self.column, self.routes.tables, self.follow, self._platoon
         state, every = self.simulation.state.arrays, self._every_world
-        self._start = launch_over(self, start_platoon, every, self._navigator, state, routes, follow, platoon)
+        self._start = launch_over(self, start_platoon, every, state, routes, follow, platoon, self._touches)
+        self._start_headings = [
+            launch_over(self, start_heading, every, agent, navigation.tables, routes, follow, platoon)
+            for agent, navigation in enumerate(self.navigations)
+        ]
+        counted = [column, state, routes, follow, platoon, self._touches]
+        self._count_touches = TensorLaunch(count_touches, (self.num_worlds, self.agents), counted, self.device)
         self._finish = launch_over(self, finish_platoon, column, state, routes, follow, platoon)
         self._begin_drivers = [
             launch_over(self, begin_driver, every, follow, driver.path, driver.memory["segment"])
@@ -173,7 +195,7 @@ class PlatoonTask(ConvoyTask):
     def start(self, world_mask: torch.Tensor) -> None:
         """One behind the other on the path."""
         self._start.on(world_mask)
-        for begin in self._begin_drivers:
+        for begin in (*self._start_headings, *self._begin_drivers):
             begin.on(world_mask)
         self.simulation.measure(world_mask, sensors=False)
 
@@ -201,10 +223,30 @@ class PlatoonTask(ConvoyTask):
     def end_step(self) -> None:
         """Notice the last touch, and store the distances from the path."""
         self._finish.launch()
+        if self.config.drive_on:
+            self._count_touches.launch()
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return what `convoy` does; with ``drive_on`` ``obstacle_hits`` counts those of the episode, and ``bumps`` the
+        touches of vehicles ahead.
+        """
+        found = super().metrics()
+        if self.config.drive_on:
+            hits, bumps = self.touches.view(*lead_of(self), 2).float().unbind(-1)
+            found |= {"obstacle_hits": hits, "bumps": bumps}
+        return found
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return what `convoy` does and, with ``drive_on``, the touches (W, N, 2) and which of them last."""
+        counted = {"touches": self.touches, "touching": self._touching} if self.config.drive_on else {}
+        return super().extra_state() | counted
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Load what `convoy` has; the drivers' memory is the simulation's."""
+        """Load what `convoy` has, and touches; the drivers' memory is the simulation's."""
         super().load_extra_state(state)
+        if self.config.drive_on:
+            self.touches.copy_(state["touches"])
+            self._touching.copy_(state["touching"])
         for begin, driver in zip(self._begin_drivers, self._drivers, strict=True):
             segment = driver.memory["segment"].numpy()
             begin.on(self._every_world)

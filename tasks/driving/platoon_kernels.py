@@ -12,7 +12,17 @@ from simwarp.kernels.core.world_range import WorldRange
 from ..framework.control_step_kernels import follow as follow_request
 from ..framework.frames_kernels import heading_quaternion, quat_product, rotate
 from .base_kernels import Drive, not_negative, plane, point_of
-from .convoy_kernels import Column, Follow, Platoon, car_at, mean_with, scheduled, scheduled_speed, time_of
+from .convoy_kernels import (
+    Column,
+    Follow,
+    Platoon,
+    car_at,
+    mean_with,
+    scheduled,
+    scheduled_speed,
+    time_of,
+    touches_from,
+)
 from .navigation_kernels import Navigator
 from .routes_kernels import RouteTables, locate, route_at
 
@@ -22,6 +32,14 @@ CATCH_UP = wp.constant(0.5)
 """Speed that a driver adds per metre that it is behind its schedule [1/s]."""
 HASTE = wp.constant(3.0)
 """The most that it adds [m/s]."""
+
+
+@wp.struct
+class Touches:
+    """Touches of followers, where they drive on after one; of no length where they do not."""
+
+    count: wp.array3d[int]  # (W, N, 2) in the episode: of obstacles, and of vehicles ahead
+    last: wp.array3d[wp.bool]  # (W, N, 2) whether there was one at the end of the last control step
 
 
 @wp.func
@@ -94,9 +112,8 @@ def finish_platoon(
 
 @wp.kernel
 def start_platoon(
-    mask: wp.array[wp.bool], navigator: Navigator, state: StateArrays, routes: RouteTables, follow: Follow,
-    platoon: Platoon,
-):  # fmt: skip
+    mask: wp.array[wp.bool], state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon, touches: Touches
+):
     """Every vehicle, settled and at rest, where it should be at the beginning."""
     world = wp.tid()
     if not mask[world]:
@@ -115,9 +132,39 @@ def start_platoon(
     for vehicle in range(platoon.chassis.shape[0]):
         platoon.deviation[world, vehicle] = 0.0
         platoon.hit[world, vehicle] = False
-    if navigator.heading.shape[0] > 0:
-        last = platoon.chassis.shape[0] - 1
-        navigator.heading[world] = route_at(route, scheduled(world, last, 0.0, platoon, routes, follow), routes)[2]
+    for agent in range(touches.count.shape[1]):
+        for kind in range(2):
+            touches.count[world, agent, kind] = 0
+            touches.last[world, agent, kind] = False
+
+
+@wp.kernel
+def start_heading(
+    mask: wp.array[wp.bool], agent: int, navigator: Navigator, routes: RouteTables, follow: Follow, platoon: Platoon
+):
+    """The heading of a follower's instruments, where it should be at the beginning."""
+    world = wp.tid()
+    if mask[world]:
+        arc = scheduled(world, platoon.leading + agent, 0.0, platoon, routes, follow)
+        navigator.heading[world] = route_at(int(follow.route[world]), arc, routes)[2]
+
+
+@wp.kernel
+def count_touches(
+    column: Column, state: StateArrays, routes: RouteTables, follow: Follow, platoon: Platoon, touches: Touches
+):
+    """After a control step: count the touches of followers that began in it."""
+    world, agent = wp.tid()
+    vehicle = platoon.leading + agent
+    pushed = touches_from(world, vehicle, 0, platoon.chassis.shape[0], column, platoon, state, routes, follow)
+    bumped = touches_from(world, vehicle, platoon.first, vehicle, column, platoon, state, routes, follow)
+    for kind in range(2):
+        now = platoon.hit[world, vehicle] and not pushed
+        if kind == 1:
+            now = bumped
+        if now and not touches.last[world, agent, kind]:
+            touches.count[world, agent, kind] = touches.count[world, agent, kind] + 1
+        touches.last[world, agent, kind] = now
 
 
 @wp.kernel

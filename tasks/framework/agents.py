@@ -59,6 +59,11 @@ def lead_of(task: Any) -> tuple[int, ...]:
     return (task.num_worlds,) if task.agents == 1 else (task.num_worlds, task.agents)
 
 
+def beside(parts: Sequence[torch.Tensor], out: torch.Tensor | None) -> torch.Tensor:
+    """Return what each of N agents has, (W, ...), as (W, N, ...) in ``out``; of a single agent what it has."""
+    return parts[0] if out is None else torch.stack(list(parts), dim=1, out=out)
+
+
 class Agents:
     """Agents of a batch of worlds: which are done.
 

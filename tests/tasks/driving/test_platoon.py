@@ -7,10 +7,12 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError
+from simwarp.tasks.driving.convoy import LEADER_HALF, MAP_HALF
 from simwarp.tasks.driving.convoy_kernels import APART, DURATION, LENGTHS, SPEED
+from simwarp.tasks.driving.navigation import PLACE_NOISE
 from simwarp.tasks.driving.platoon import PlatoonTask
 from simwarp.tasks.framework.step_check import check_step
-from tests.tasks.driving.driving_checks import driving
+from tests.tasks.driving.driving_checks import SMALL, driving
 
 SIMULATED = {"leaders": "simulated"}
 FOUR = {**SIMULATED, "leading": 1, "followers": 3}
@@ -183,8 +185,12 @@ def test_wrong_convoys_are_refused_in_one_line():
         driving("convoy", 1, followers=2)
     with pytest.raises(InputError, match="leading must be 3 where leaders are ghosts"):
         driving("convoy", 1, leading=1)
-    with pytest.raises(InputError, match="obs must be state where there are several followers"):
-        driving("convoy", 1, obs="camera", **FOUR)
+    with pytest.raises(InputError, match="obs must be state or camera where there are several followers"):
+        driving("convoy", 1, obs="lidar", **FOUR)
+    with pytest.raises(InputError, match="drive-on must be False where leaders are ghosts"):
+        driving("convoy", 1, drive_on=True)
+    with pytest.raises(InputError, match="scattered must be 0 without generated paths"):
+        driving("convoy", 1, scattered=10)
     with pytest.raises(InputError, match="leaders must be one of ghosts, simulated"):
         driving("convoy", 1, leaders="parked")
 
@@ -214,3 +220,100 @@ def test_obstacles_are_seen_where_they_stand_and_nothing_else_is_moved_to_them()
     others = [index for index in range(len(scene.names)) if index not in slots]
     assert "v0_body" in [scene.names[index] for index in others]
     assert seen[:, others].norm(dim=2).max() < 5.0  # on bodies, or the ground
+
+
+def test_each_follower_sees_the_one_ahead_by_a_camera_and_instruments_of_its_own():
+    task = platoon(2, **SMALL)
+    for _ in range(6):
+        seen = task.step(held(task, 0.0, 0.2)).observations
+    assert seen["camera"].shape == (2, 3, 36, 40, 3)
+    assert seen["policy"].shape == (2, 3, 6)
+    images = seen["camera"].float()
+    assert all((images[:, one] - images[:, other]).abs().mean() > 3.0 for one, other in ((0, 1), (1, 2), (0, 2)))
+    # The one ahead is red and stands in the middle of each picture; beside it there is grass
+    redness = (images[..., 0] - images[..., 1])[..., 15:30, :].mean(dim=(0, 2))
+    assert (redness[:, 16:24].mean(dim=1) > redness[:, :8].mean(dim=1) + 5.0).all()
+    at, noise = places(task), []
+    for agent in range(3):
+        truth = seen_from(at[:, agent + 1], at[:, agent]) / LENGTHS
+        noise.append(seen["policy"][:, agent, :2].double() - truth)
+        assert noise[-1].abs().max() < 5.0 * PLACE_NOISE / LENGTHS + 0.01
+    assert not torch.allclose(noise[0], noise[1], atol=1e-5), "receivers err each by itself"
+    alone = driving("convoy", 2, seed=1, latest_start=0.0, **SMALL, **SIMULATED)
+    assert alone.step(torch.zeros(2, 2)).observations["camera"].shape == (2, 36, 40, 3)
+
+
+def test_a_saved_convoy_by_camera_goes_on_exactly():
+    task = platoon(2, **SMALL, drive_on=True, conditions="random")
+    for _ in range(3):
+        task.step(held(task, 0.0, 1.0))
+    saved = task.state_dict()
+    ahead = [task.step(held(task, 0.1, 0.3)).observations for _ in range(2)]
+    last = {name: group.clone() for name, group in ahead[-1].items()}
+    other = platoon(2, seed=4, **SMALL, drive_on=True, conditions="random")
+    other.load_state_dict(saved)
+    for _ in range(2):
+        result = other.step(held(other, 0.1, 0.3))
+    assert all(torch.equal(result.observations[name], last[name]) for name in last)
+    assert torch.equal(other.touches, task.touches)
+
+
+def test_who_drives_on_is_not_ended_by_touches_which_are_counted():
+    task = platoon(2, drive_on=True, lost_distance=200.0)
+    action = held(task, 0.0, -1.0)
+    action[0, 1] = torch.tensor([0.0, 1.0])  # in world 0 the second follower runs into the first
+    for _ in range(30):
+        result = task.step(action)
+        assert (result.end_reason == -1).all()
+    assert result.acting.all()
+    bumps = result.metrics["bumps"]
+    assert bumps[0, 1] >= 1.0
+    assert bumps[1].max() == 0.0
+    assert result.metrics["obstacle_hits"].max() == 0.0
+    assert torch.equal(task.touches[..., 1].float(), bumps)
+    task.begin_episodes(torch.tensor([True, False]))
+    assert task.touches.max() == 0
+
+
+def test_an_obstacle_on_the_way_is_counted_once_while_it_is_touched():
+    task = platoon(1, drive_on=True, lost_distance=200.0)
+    task.restart(seed=3)
+    # A rock in front of the last one, which presses against it
+    ahead = places(task)[0, 3, :2] + 6.0 * torch.stack([places(task)[0, 3, 2].cos(), places(task)[0, 3, 2].sin()])
+    count = task.obstacles.count
+    place = ahead.view(1, 1, 2).expand(1, count, 2).clone()
+    place[:, 1:] += 500.0
+    zeros, ones = torch.zeros(1, count), torch.ones(1, count)
+    kinds = torch.zeros(1, count, dtype=torch.int64)
+    task.obstacles.fill(torch.tensor([True]), place, zeros, zeros, kinds, 1.5 * ones, ones.bool())
+    action = held(task, 0.0, -1.0)
+    action[0, 2, 1] = 0.6
+    hits = []
+    for _ in range(25):
+        result = task.step(action)
+        assert (result.end_reason == -1).all()
+        hits.append(int(result.metrics["obstacle_hits"][0, 2]))
+    assert hits[0] == 0
+    assert 1 <= hits[-1] <= 3, "while it presses there is one touch, but for a bounce"
+    assert result.metrics["obstacle_hits"][0, :2].max() == 0.0
+    assert result.metrics["bumps"].max() == 0.0
+
+
+def test_scattered_obstacles_stand_anywhere_but_on_the_way_and_change_nothing_else():
+    plain = platoon(3, generated=True, generated_paths=4)
+    task = platoon(3, generated=True, generated_paths=4, scattered=60)
+    for each in (plain, task):
+        each.restart(seed=3)
+    assert torch.equal(task.obstacles.radius[:, :12], plain.obstacles.radius[:, :12])
+    assert torch.equal(task.obstacles.place[:, :12], plain.obstacles.place[:, :12])
+    place, radius = task.obstacles.place[:, 12:], task.obstacles.radius[:, 12:]
+    there = radius > 0.0
+    assert (there.sum(dim=1) > 40).all()
+    assert (radius[there].max() / radius[there].min()) > 5.0, "of various sizes"
+    away = place.abs().flatten(0, 1).max(dim=0).values
+    assert (away > torch.tensor(MAP_HALF) * 0.8).all()
+    assert (away < torch.tensor(MAP_HALF)).all()
+    for world in range(3):
+        route = task.route[world].expand(60)
+        near = task.routes.distance(route, place[world]) - radius[world]
+        assert near[there[world]].min() > LEADER_HALF[1] + 1.4
