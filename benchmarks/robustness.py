@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,7 +57,7 @@ from simwarp.train.evaluation.grid import (
     PointResult,
     evaluate_grid,
 )
-from simwarp.train.networks.policies import find_policy
+from simwarp.train.networks.policies import PolicySource, find_policy
 
 EPISODES: Final = {"hallway": 48, "barrier-track": 48, "convoy": 64}
 """Of tasks whose episodes are long; of others `USUAL_EPISODES`."""
@@ -76,24 +76,51 @@ def has_sun(task: str, config: Any) -> bool:
 def evaluate_policy(task: str, label: str, where: str, options: argparse.Namespace, console: Console) -> bool:
     """Evaluate a policy at the points that are not there yet; False if it was asked to stop."""
     source = find_policy(task, Path(where.replace("{task}", task)), obs=options.obs)
-    config, digest, path = nominal_config(source, task), digest_of(source), path_of(task, options.obs, label)
+    config, path = nominal_config(source, task), path_of(task, options.obs, label)
     episodes = options.episodes or EPISODES.get(task, USUAL_EPISODES)
     axes = axes_of_task(task, options.obs, options.axes)
     if SUN & axes.keys() and not has_sun(task, config):
         axes = {name: axis for name, axis in axes.items() if name not in SUN}
     if options.values:
         axes = {name: thinned(axis, options.values) for name, axis in axes.items()}
+    points = {
+        point: GridPoint(changes or {"conditions": NOMINAL}, changed(config, changes))
+        for point, changes in wanted_points(config, axes, options.maps).items()
+    }
+    settings = GridSettings(
+        episodes=episodes, seed=SEED, device=resolve_device(options.device), num_envs=options.num_envs,
+        paths_driven=False,
+    )  # fmt: skip
+    return evaluate_points(task, f"{task}, {label}", source, points, path, settings, console)
+
+
+def evaluate_points(
+    task: str, name: str, source: PolicySource, points: Mapping[str, GridPoint], path: Path, settings: GridSettings,
+    console: Console,
+) -> bool:  # fmt: skip
+    """Evaluate a policy at the points that its file of rows lacks, and add their rows one by one.
+
+    Args:
+        task: name of the task.
+        name: of the policy, for the output.
+        source: the policy.
+        points: by their names in the rows.
+        path: of the rows.
+        settings: of the evaluation.
+        console: for the output.
+
+    Returns:
+        False if it was asked to stop.
+    """
+    digest, episodes = digest_of(source), settings.episodes
     there = read_rows(path, digest)
     missing = {
-        point: changes
-        for point, changes in wanted_points(config, axes, options.maps).items()
-        if point not in there or there[point]["episodes"] < episodes
+        point: each for point, each in points.items() if point not in there or there[point]["episodes"] < episodes
     }
-    console.print(f"{task}, {label}: {source.origin}; {len(missing)} points to evaluate", highlight=False)
+    console.print(f"{name}: {source.origin}; {len(missing)} points to evaluate", highlight=False)
     if not missing:
         return True
-    points = [GridPoint(changes or {"conditions": NOMINAL}, changed(config, changes)) for changes in missing.values()]
-    names = {id(point): name for point, name in zip(points, missing, strict=True)}
+    names = {id(each): point for point, each in missing.items()}
     results: list[PointResult] = []
     written: list[PointResult] = []
 
@@ -102,13 +129,10 @@ def evaluate_policy(task: str, label: str, where: str, options: argparse.Namespa
             write_row(path, digest, names[id(result.point)], result)
             written.append(result)
 
-    settings = GridSettings(
-        episodes=episodes, seed=SEED, device=resolve_device(options.device), num_envs=options.num_envs,
-        paths_driven=False,
-    )  # fmt: skip
-    with stop_on_signals() as stop, GridDisplay(console, len(points), 1, episodes) as display:
+    wanted = list(missing.values())
+    with stop_on_signals() as stop, GridDisplay(console, len(wanted), 1, episodes) as display:
         try:
-            evaluate_grid(task, source.policy, points, settings, results=results, display=display, stop=stop,
+            evaluate_grid(task, source.policy, wanted, settings, results=results, display=display, stop=stop,
                           after=after)  # fmt: skip
         except EvaluationStoppedError as stopped:
             console.print(f"stopped at {stopped.where}; the same command goes on", highlight=False)

@@ -9,12 +9,16 @@ import pytest
 from benchmarks import convoy_test
 from benchmarks.convoy_test import (
     COLUMNS,
+    COUNTED,
+    Kind,
     Runs,
     draw,
     left,
     numbers_of,
     paired,
+    path_of,
     read_rows,
+    report,
     table,
     vehicle_numbers,
     write_rows,
@@ -26,9 +30,17 @@ def row(run, vehicle, reason, seconds=50.0, deviation=1.0):
     return dict(zip(COLUMNS, values, strict=True))
 
 
+BY_CAMERA = Kind("camera", drive_on=True, scattered=30)
+
+
+def counted_row(run, vehicle, reason, largest, hits, bumps=0):
+    return row(run, vehicle, reason) | dict(zip(COUNTED, (largest, hits, bumps), strict=True))
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(convoy_test, "RESULTS", tmp_path)
+    monkeypatch.setattr(convoy_test, "PICTURES", tmp_path)
     return tmp_path
 
 
@@ -91,3 +103,39 @@ def test_table_and_picture_are_made_of_rows(folder):
     assert "| reduced | hard | 2 | 3 | 0.0 % (0.0 to 56.1) |" in lines[2 + 4 + 2]
     draw(numbers, folder / "picture.png")
     assert (folder / "picture.png").stat().st_size > 1000
+
+
+def test_followers_by_camera_drive_on_and_their_touches_are_in_the_rows(folder):
+    rows = Runs("reduced", "rigid", 7, 2, BY_CAMERA, max_episode_steps=8).play()
+    assert [(each["run"], each["vehicle"]) for each in rows] == [(run, v) for run in (7, 8) for v in range(4)]
+    assert all(tuple(each) == (*COLUMNS, *COUNTED) for each in rows)
+    assert all(each["largest"] >= each["deviation"] for each in rows)
+    assert [each["hits"] for each in rows if each["vehicle"]] == 6 * [0.0]
+    assert all(math.isnan(each["hits"]) for each in rows if not each["vehicle"]), "a driver's are not counted"
+    path = path_of("reduced", "rigid", BY_CAMERA)
+    assert path.name == "reduced.rigid.camera.on.scattered-30.csv"
+    assert path_of("reduced", "rigid").name == "reduced.rigid.csv"
+    write_rows(path, rows)
+    assert [tuple(each) for each in read_rows(path)] == [tuple(each) for each in rows]
+    assert list(left(["reduced"], ["rigid"], 9, 9, BY_CAMERA)) == [("reduced", "rigid", 0, 9)]
+
+
+def test_touches_are_counted_and_the_largest_distance_is_that_of_all(folder, capsys):
+    rows = [counted_row(run, 0, "driver", 0.5, math.nan, math.nan) for run in range(4)]
+    rows += [counted_row(run, 1, "goal", 1.0 + run, run, bumps=int(run == 0)) for run in range(4)]
+    found = vehicle_numbers(rows, 1)
+    assert found["most"] == 4.0
+    assert found["largest"]["mean"] == 2.5
+    assert found["hits"]["mean"] == 1.5
+    assert found["bumps"]["mean"] == 0.25
+    assert found["touches"]["count"] == 4, "runs with a touch of anything"
+    assert "hits" not in vehicle_numbers(rows, 0)
+    for ground in ("rigid", "soft"):
+        more = [counted_row(run, vehicle, "goal", 2.0, 1) for run in range(4) for vehicle in (2, 3)]
+        write_rows(path_of("reduced", ground, BY_CAMERA), rows + more)
+    report(BY_CAMERA)
+    told = capsys.readouterr().out
+    assert "| reduced | soft | 1 | 4 | 100.0 % (51.0 to 100.0) | 0.0 % (0.0 to 49.0) | 1.50 (" in told
+    assert "reduced hits of vehicle 1, soft less rigid: +0.000 (+0.000 to +0.000), 4 runs" in told
+    assert (folder / "convoy_test_camera_on_scattered-30.json").is_file()
+    assert (folder / "convoy_test_camera_on_scattered-30.png").stat().st_size > 1000
