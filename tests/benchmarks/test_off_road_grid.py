@@ -76,18 +76,18 @@ def test_points_that_are_there_are_not_evaluated_again(folder, monkeypatch):
         seen.append((task, [point.label for point in points], settings.episodes))
 
     monkeypatch.setattr(robustness, "evaluate_grid", evaluate)
-    arguments = ["--grounds", "mid", "--episodes", "10"]
+    arguments = ["--grounds", "hard", "--episodes", "10"]
     assert main(arguments) == 0
     source = find_policy("off-road", Path("shipped"), obs="camera")
-    write(dict.fromkeys(places(["mid"])[1:], 9))
+    write(dict.fromkeys(places(["hard"])[1:], 9))
     path = off_road_grid.RESULTS / "camera.csv"
     path.write_text(path.read_text().replace("abc", robustness.digest_of(source)))
     assert main(arguments) == 0
-    assert main(["--grounds", "mid", "--episodes", "20"]) == 0
+    assert main(["--grounds", "hard", "--episodes", "20"]) == 0
     assert [(task, len(points), episodes) for task, points, episodes in seen] == [
         ("off-road", 6, 10), ("off-road", 1, 10), ("off-road", 6, 20),
     ]  # fmt: skip
-    assert seen[1][1] == ["obstacles = 0, hills = 0, soil = mid"]
+    assert seen[1][1] == ["obstacles = 0, hills = 0, soil = hard"]
 
 
 def test_no_episodes_are_refused(capsys):
