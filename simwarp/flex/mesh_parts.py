@@ -1,0 +1,148 @@
+"""Meshes as a user gives them: points, and parts of one kind of element and one material."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted
+from simwarp.flex.materials import Elastic, Rubber
+from simwarp.flex.solid_elements import CORNERS
+
+KINDS = {3: "triangles", 4: "tetrahedra", 8: "hexahedra"}
+"""Elements by their number of nodes."""
+FLAT = 1e-9
+"""Area or volume of an element, over that of a regular one of its size, below which it is flat."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MeshPart:
+    """Elements of one kind and one material.
+
+    Attributes:
+        elements: (e, 3) triangles, (e, 4) tetrahedra or (e, 8) hexahedra: nodes of each. Triangles go counter-clockwise
+            about their normal, tetrahedra have node 3 above the normal of the first three, hexahedra go
+            counter-clockwise around their lower face, then around their upper one.
+        material: what it is made of.
+        thickness: of triangles [m].
+        pressure: that pushes triangles along their normals [Pa].
+    """
+
+    elements: npt.NDArray[np.int32]
+    material: Elastic | Rubber
+    thickness: float | None = None
+    pressure: float = 0.0
+
+    @property
+    def kind(self) -> str:
+        """Name of its elements."""
+        return KINDS[self.elements.shape[1]]
+
+
+def checked_points(label: str, points: Any) -> npt.NDArray[np.float64]:
+    """Points of a mesh, (n, 3), finite.
+
+    Raises:
+        ModelError: they are not.
+    """
+    given = np.asarray(points, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] != 3 or not len(given):
+        raise ModelError(f"{label}: points must be of shape (n, 3), got {given.shape}; give x, y, z of each node [m]")
+    bad = np.flatnonzero(~(np.abs(given) <= FLOAT32_MAX).all(axis=1))
+    if len(bad):
+        raise ModelError(
+            f"{label}: points must be finite, got {formatted(given[bad[0]].tolist())} for node {bad[0]}; "
+            "replace or leave out such values"
+        )
+    return given
+
+
+def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) -> MeshPart:
+    """A part whose elements are what they should be.
+
+    Raises:
+        ModelError: an element is of no known kind, flat, inside out or of nodes that are not there.
+    """
+    elements = np.asarray(part.elements)
+    if elements.ndim != 2 or elements.shape[1] not in KINDS or not len(elements) or elements.dtype.kind not in "iu":
+        raise ModelError(
+            f"{label}: elements must be integers of shape (e, 3), (e, 4) or (e, 8), got {elements.dtype} "
+            f"{elements.shape}; give the nodes of triangles, tetrahedra or hexahedra"
+        )
+    wrong = np.flatnonzero(((elements < 0) | (elements >= len(points))).any(axis=1))
+    if len(wrong):
+        raise ModelError(
+            f"{label}: nodes of an element must be 0 to {len(points) - 1}, got {elements[wrong[0]].tolist()} for "
+            f"element {wrong[0]}; number nodes as the points"
+        )
+    kind = KINDS[elements.shape[1]]
+    shape = _shapes(points, elements)
+    if (shape < FLAT).any():
+        worst = int(np.argmin(shape))
+        what = "inside out" if shape[worst] < -FLAT else "flat"
+        raise ModelError(
+            f"{label}: {kind} must have a positive {'area' if kind == 'triangles' else 'volume'}, got element {worst} "
+            f"of nodes {elements[worst].tolist()}, which is {what}; reorder its nodes or repair the mesh"
+        )
+    if kind == "triangles":
+        _check_sheet(label, elements, part)
+    elif part.thickness is not None or part.pressure != 0.0:
+        raise ModelError(
+            f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
+            f"{part.pressure!r}; they are of triangles"
+        )
+    return dataclasses.replace(part, elements=elements.astype(np.int32))
+
+
+def _shapes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Area or volume of each element, over that of the cube or square of its longest side; of hexahedra the least."""
+    x = points[elements]
+    size = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1) + np.finfo(float).tiny
+    if elements.shape[1] == 3:
+        return np.asarray(np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / size**2)
+    if elements.shape[1] == 4:
+        return np.asarray(np.linalg.det(x[:, 1:] - x[:, :1]) / size**3)
+    least = np.full(len(x), np.inf)
+    for corner in CORNERS:
+        factors = (1.0 + CORNERS * corner) / 2.0
+        slopes = [CORNERS[:, i] * np.delete(factors, i, axis=1).prod(axis=1) for i in range(3)]
+        least = np.minimum(least, np.linalg.det(np.stack(slopes) @ x))
+    return least / size**3
+
+
+def _check_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> None:
+    """Rules of triangles: a thickness, and sides that two of them at most share, each in its own direction."""
+    if part.thickness is None or not 0.0 < part.thickness <= FLOAT32_MAX:
+        raise ModelError(f"{label}: thickness must be positive, got {formatted(part.thickness)}; give metres")
+    if not abs(part.pressure) <= FLOAT32_MAX:
+        raise ModelError(f"{label}: pressure must be finite, got {formatted(part.pressure)}; give pascals")
+    sides = np.concatenate([elements[:, [0, 1]], elements[:, [1, 2]], elements[:, [2, 0]]])
+    found, count = np.unique(sides, axis=0, return_counts=True)
+    if (count > 1).any():
+        side = found[np.argmax(count)].tolist()
+        raise ModelError(
+            f"{label}: triangles at a side must be two, which pass it in opposite directions, got more, or alike ones, "
+            f"at nodes {side}; orient them alike, or split the mesh there"
+        )
+
+
+def lumped_masses(points: npt.NDArray[np.float64], parts: Sequence[MeshPart]) -> npt.NDArray[np.float64]:
+    """(n,) mass of each node: equal shares of its elements' [kg]."""
+    masses = np.zeros(len(points))
+    for part in parts:
+        x = points[part.elements]
+        if part.kind == "triangles":
+            size = (
+                np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2.0 * (part.thickness or 0.0)
+            )
+        elif part.kind == "tetrahedra":
+            size = np.linalg.det(x[:, 1:] - x[:, :1]) / 6.0
+        else:
+            size = np.linalg.det(CORNERS.T @ x / 8.0) * 8.0
+        share = np.repeat(part.material.density * size / part.elements.shape[1], part.elements.shape[1])
+        np.add.at(masses, part.elements.reshape(-1), share)
+    return masses
