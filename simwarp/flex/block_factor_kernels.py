@@ -42,6 +42,7 @@ _COLUMNS = (
     struct Column {
         Real v[4];
         CUDA_CALLABLE Real& operator[](int i) { return v[i]; }
+        CUDA_CALLABLE Real operator[](int i) const { return v[i]; }
         CUDA_CALLABLE Column operator*(Real s) const { return {v[0] * s, v[1] * s, v[2] * s, Real(0)}; }
         CUDA_CALLABLE Column operator*(Column o) const {
             return {v[0] * o.v[0], v[1] * o.v[1], v[2] * o.v[2], Real(0)};

@@ -150,7 +150,7 @@ def _postordered(order: list[int], rows: list[set[int]]) -> tuple[list[int], lis
     place = {node: k for k, node in enumerate(order)}
     parent = [min((place[node] for node in each), default=-1) for each in rows]
     children: list[list[int]] = [[] for _ in order]
-    roots = []
+    roots: list[int] = []
     for column, above in enumerate(parent):
         (roots if above < 0 else children[above]).append(column)
     sequence: list[int] = []

@@ -81,7 +81,7 @@ def make_mesh(
     unknown = np.full(len(points), -1, dtype=np.int64)
     free = np.setdiff1d(np.arange(len(points)), np.asarray(fixed, dtype=np.int64))
     unknown[free] = np.arange(len(free))
-    tables = MeshTables()
+    tables: Any = MeshTables()
     elements: list[list[int]] = []
     blocks = shares = 0
     for kind in ORDER:
@@ -136,7 +136,7 @@ def _element_tables(
 
     if kind == "triangles":
         flat = triangles_constants(points, nodes)
-        sheet = TriangleTables()
+        sheet: Any = TriangleTables()
         sheet.node = array(np.where(flat.nodes >= 0, flat.nodes, flat.nodes[:, :1]), int)
         sheet.slope, sheet.plain = array(flat.slope, wp.vec2d), array(flat.plain, wp.vec2d)
         sheet.area, sheet.curvature = array(flat.area, float), array(flat.curvature, wp.vec3d)
@@ -144,11 +144,11 @@ def _element_tables(
         sheet.thickness = array([[each.thickness or 0.0 for each in parts]], float)
         sheet.pressure = array([[each.pressure for each in parts]], float)
         return sheet, flat.nodes
-    solid = SolidTables()
+    solid: Any = SolidTables()
     if kind == "tetrahedra":
         found = tetrahedra_constants(points, nodes)
     else:
-        found = hexahedra_constants(points, nodes, np.array([parts[index].material.poisson for index in part]))
+        found = hexahedra_constants(points, nodes, np.array([parts[index].material.poisson for index in part.tolist()]))
     solid.node, solid.part = array(nodes, int), array(part, int)
     solid.gradient, solid.volume = array(found.gradient, wp.vec3d), array(found.volume, float)
     solid.hourglass = array(found.hourglass, wp.vec4d)
@@ -158,7 +158,7 @@ def _element_tables(
 
 def _structure_tables(structure: BlockStructure, free: npt.NDArray[np.int64], device: Any) -> Any:
     """The structure on a device, whose columns are named by nodes of the mesh."""
-    tables = BlockTables()
+    tables: Any = BlockTables()
     for field in ("column_start", "block_row", "target_start", "target", "term_start", "term", "share_start", "share"):
         setattr(tables, field, wp.array(getattr(structure, field), dtype=int, device=device))
     tables.order = wp.array(free[structure.order], dtype=int, device=device)
@@ -167,7 +167,7 @@ def _structure_tables(structure: BlockStructure, free: npt.NDArray[np.int64], de
 
 def _materials(parts: Sequence[MeshPart], device: Any) -> Any:
     """Materials of parts, shared by all worlds."""
-    tables = FlexibleMaterials()
+    tables: Any = FlexibleMaterials()
     kinds = [int(RUBBER) if isinstance(part.material, Rubber) else int(ELASTIC) for part in parts]
     tables.kind = wp.array(kinds, dtype=int, device=device)
     tables.poisson = wp.array([part.material.poisson for part in parts], dtype=float, device=device)

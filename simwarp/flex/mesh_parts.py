@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import FLOAT32_MAX, ModelError, formatted
 from simwarp.flex.materials import Elastic, Rubber
-from simwarp.flex.solid_elements import CORNERS
+from simwarp.flex.solid_elements import CORNERS, hexahedra_volumes, natural_slopes
 
 KINDS = {3: "triangles", 4: "tetrahedra", 8: "hexahedra"}
 """Elements by their number of nodes."""
@@ -108,9 +108,7 @@ def _shapes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.
         return np.asarray(np.linalg.det(x[:, 1:] - x[:, :1]) / size**3)
     least = np.full(len(x), np.inf)
     for corner in CORNERS:
-        factors = (1.0 + CORNERS * corner) / 2.0
-        slopes = [CORNERS[:, i] * np.delete(factors, i, axis=1).prod(axis=1) for i in range(3)]
-        least = np.minimum(least, np.linalg.det(np.stack(slopes) @ x))
+        least = np.minimum(least, 8.0 * np.linalg.det(natural_slopes(corner) @ x))
     return least / size**3
 
 
@@ -142,7 +140,7 @@ def lumped_masses(points: npt.NDArray[np.float64], parts: Sequence[MeshPart]) ->
         elif part.kind == "tetrahedra":
             size = np.linalg.det(x[:, 1:] - x[:, :1]) / 6.0
         else:
-            size = np.linalg.det(CORNERS.T @ x / 8.0) * 8.0
+            size = hexahedra_volumes(x)
         share = np.repeat(part.material.density * size / part.elements.shape[1], part.elements.shape[1])
         np.add.at(masses, part.elements.reshape(-1), share)
     return masses

@@ -1,14 +1,14 @@
 """Constants of solid elements: gradients of their shape functions, volumes, what holds a hexahedron's hourglass modes.
 
-Both kinds have one point of integration: tetrahedra with four nodes, and hexahedra with eight, whose further twelve
-shapes, which have no strain at the point, get the stiffness of the element with incompatible modes (Taylor, Beresford
-and Wilson 1976, IJNME 10:1211). For box-shaped cells both together are that element.
+Both kinds have one strain: tetrahedra with four nodes, and hexahedra with eight, of which it is the mean (Flanagan and
+Belytschko 1981, IJNME 17:679). A hexahedron's further twelve shapes, which have no mean strain, get the stiffness of
+the element with incompatible modes (Taylor, Beresford and Wilson 1976, IJNME 10:1211). For box-shaped cells both
+together are that element.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,8 @@ MODES: Array = np.stack([
     CORNERS[:, 0] * CORNERS[:, 1] * CORNERS[:, 2],
 ])  # fmt: skip
 """(4, 8) shapes of a hexahedron that have no gradient at its centre."""
+POINTS: Array = CORNERS / np.sqrt(3.0)
+"""Natural coordinates of the points of Gauss's rule for a hexahedron; their weights are one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +33,7 @@ class SolidConstants:
     """Constants of elements of one kind.
 
     Attributes:
-        gradient: (e, k, 3) of the shape functions in the rest shape [1/m].
+        gradient: (e, k, 3) of the shape functions in the rest shape, of hexahedra the mean [1/m].
         volume: (e,) [m³], positive.
         hourglass: (e, k, 4) a hexahedron's hourglass vectors; no elements of tetrahedra.
         hourglass_stiffness: (e, 4, 3, 4, 3) between amplitudes of these, for a Young's modulus of one [m].
@@ -62,10 +64,14 @@ def hexahedra_constants(points: Array, elements: npt.NDArray[np.int32], poisson:
         poisson: (e,) Poisson's ratio of each.
     """
     x = points[elements]
-    jacobian = CORNERS.T @ x / 8.0  # (e, natural, space)
-    gradient = np.swapaxes(np.linalg.solve(jacobian, np.broadcast_to(CORNERS.T / 8.0, (len(x), 3, 8))), 1, 2)
-    volume = 8.0 * np.linalg.det(jacobian)
+    gradient, volume = np.zeros(x.shape), hexahedra_volumes(x)
+    for point in POINTS:
+        natural = natural_slopes(point)
+        jacobian = natural @ x  # (e, natural, space)
+        weight = np.linalg.det(jacobian) / volume
+        gradient += (weight[:, None, None] * np.linalg.solve(jacobian, natural[None])).swapaxes(1, 2)
     slopes = MODES @ x  # (e, 4, 3)
+    # Fields with constant gradients have none of these shapes
     hourglass = (MODES.T - gradient @ slopes.swapaxes(1, 2)) / 8.0
     stiffness = np.zeros((len(x), 4, 3, 4, 3))
     known: dict[tuple[bytes, float], Array] = {}
@@ -78,8 +84,19 @@ def hexahedra_constants(points: Array, elements: npt.NDArray[np.int32], poisson:
     return SolidConstants(gradient, volume, hourglass, stiffness)
 
 
+def hexahedra_volumes(x: Array) -> Array:
+    """(e,) volumes of hexahedra with nodes (e, 8, 3)."""
+    return np.asarray(sum(np.linalg.det(natural_slopes(point) @ x) for point in POINTS))
+
+
+def natural_slopes(point: Array) -> Array:
+    """(3, 8) slopes of a hexahedron's shape functions over its natural coordinates, at a point."""
+    factors = 1.0 + CORNERS * point
+    return np.stack([CORNERS[:, i] * np.delete(factors, i, axis=1).prod(axis=1) / 8.0 for i in range(3)])
+
+
 def _hourglass_stiffness(nodes: Array, gradient: Array, hourglass: Array, poisson: float) -> Array:
-    """(4, 3, 4, 3) stiffness of the incompatible element against displacements without a gradient at the centre."""
+    """(4, 3, 4, 3) stiffness of the incompatible element against displacements without a mean gradient."""
     still = np.vstack([gradient.T, np.ones(8)])
     shapes = np.linalg.svd(still)[2][4:].T  # (8, 4) spans what has neither gradient nor mean
     shapes = shapes @ np.linalg.inv(hourglass.T @ shapes)
@@ -95,10 +112,8 @@ def incompatible_stiffness(nodes: Array, poisson: float) -> Array:
     law[:3, :3] += lame
     centre = CORNERS.T @ nodes / 8.0
     total = np.zeros((33, 33))
-    for point in itertools.product((-1.0, 1.0), repeat=3):
-        xi = np.array(point) / np.sqrt(3.0)
-        factors = 1.0 + CORNERS * xi
-        natural = np.stack([CORNERS[:, i] * np.delete(factors, i, axis=1).prod(axis=1) / 8.0 for i in range(3)])
+    for xi in POINTS:
+        natural = natural_slopes(xi)
         jacobian = natural @ nodes
         weight = np.linalg.det(jacobian)
         inner = np.linalg.solve(centre, np.diag(-2.0 * xi)) * np.linalg.det(centre) / weight

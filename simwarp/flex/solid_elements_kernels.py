@@ -1,4 +1,4 @@
-"""Forces and matrices of tetrahedra and hexahedra with one point: strains from float64 positions, objective damping.
+"""Forces and matrices of tetrahedra and hexahedra with one strain each, from float64 positions; objective damping.
 
 Linear elasticity is that of Saint Venant and Kirchhoff, rubber is stable neo-Hookean (Smith, de Goes and Kim 2018). The
 matrix has the material part, which is positive, and of the part that stress causes only that of tension. A hexahedron's

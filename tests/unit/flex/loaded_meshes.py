@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 @wp.kernel
 def load(
     m: MeshTables, step: FlexibleStep, memory: MeshMemory, x: wp.array[wp.vec3d], v: wp.array[wp.vec3],
-    inverted: wp.array[int],
+    inverted: wp.array(dtype=int),  # type: ignore[valid-type]
 ):  # fmt: skip
     inverted[0] = load_meshes(0, m, step, x, v, mesh_work(memory, 0), 1)
 

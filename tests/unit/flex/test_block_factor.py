@@ -32,7 +32,7 @@ MESHES = {
 @wp.kernel
 def solve(
     n: int, count: int, t: BlockTables, parts: wp.array[wp.mat33], masses: wp.array[float], least: float,
-    blocks: wp.array[float], x: wp.array[float], raised: wp.array[int],
+    blocks: wp.array[float], x: wp.array[float], raised: wp.array(dtype=int),  # type: ignore[valid-type]
 ):  # fmt: skip
     assemble(n, count, t.term_start, t.term, parts, masses, blocks, 1)
     raised[0] = factor(n, t.column_start, t.target_start, t.target, least, blocks, 1)
@@ -43,7 +43,7 @@ def solve(
 @wp.kernel
 def solve_double(
     n: int, count: int, t: BlockTables, parts: wp.array[wp.mat33], masses: wp.array[float], least: float,
-    blocks: wp.array[wp.float64], x: wp.array[wp.float64], raised: wp.array[int],
+    blocks: wp.array[wp.float64], x: wp.array[wp.float64], raised: wp.array(dtype=int),  # type: ignore[valid-type]
 ):  # fmt: skip
     assemble_double(n, count, t.term_start, t.term, parts, masses, blocks, 1)
     raised[0] = factor_double(n, t.column_start, t.target_start, t.target, least, blocks, 1)
@@ -60,7 +60,8 @@ def tables_of(structure):
 
 def problem(elements, count, rng):
     """Random positive element matrices in the order of the kernels, and the dense sum of them and of masses."""
-    parts, total = [], np.zeros((count, 3, count, 3))
+    parts: list = []
+    total = np.zeros((count, 3, count, 3))
     for nodes in elements:
         k = len(nodes)
         factor = rng.standard_normal((3 * k, 3 * k))
@@ -82,7 +83,7 @@ def solved(structure, parts, masses, right, *, double, least=1e-6):
     real = wp.float64 if double else float
     vector = np.zeros((n, 4))
     vector[:, :3] = right.reshape(n, 3)[structure.order]
-    x = wp.array(vector.reshape(-1), dtype=real, device="cpu")
+    x: wp.array = wp.array(vector.reshape(-1), dtype=real, device="cpu")
     blocks = wp.zeros(BLOCK * structure.block_count, dtype=real, device="cpu")
     raised = wp.zeros(1, dtype=int, device="cpu")
     wp.launch(

@@ -16,7 +16,7 @@ from tests.unit.flex.loaded_meshes import loads
 YOUNG, POISSON, THICKNESS = 3e5, 0.4, 0.02
 KINDS = ("tetrahedra", "hexahedra", "triangles")
 SOLIDS = ("tetrahedra", "hexahedra")
-MATERIALS = {"elastic": Elastic, "rubber": Rubber}
+MATERIALS: dict[str, type[Elastic | Rubber]] = {"elastic": Elastic, "rubber": Rubber}
 DENSITIES = {"elastic": reference.elastic_density, "rubber": reference.rubber_density}
 
 

@@ -50,7 +50,7 @@ def spun(mesh, spin):
 def test_a_step_is_the_dense_formula(kind, double):
     h, zeta, gravity = 2e-3, 0.15, np.array([0.5, -1.0, -9.81])
     mesh = block(kind, damping_time=1e-3, fixed=[0, 5], double=double)
-    sim = FreeMeshes(mesh, 1, h, numerical_damping=zeta, gravity=gravity, device="cpu")
+    sim = FreeMeshes(mesh, 1, h, numerical_damping=zeta, gravity=gravity.tolist(), device="cpu")
     rng = np.random.default_rng(0)
     x = mesh.points + 2e-3 * rng.standard_normal(mesh.points.shape)
     v = rng.standard_normal(x.shape).astype(np.float32)
@@ -122,11 +122,10 @@ def test_a_stretched_bar_swings_at_its_frequency_and_decays_by_the_law(kind):
         shape = 1e-4 * np.sin(np.pi * points[:, 0] / 2.0 / length)
         sim.node_x.assign((points + shape[:, None] * (1.0, 0.0, 0.0))[None])
         mode = masses(mesh) * shape
-        found = []
-        for _ in range(800):
+        found = np.zeros(800)
+        for index in range(len(found)):
             sim.step()
-            found.append(mode @ (sim.node_x.numpy()[0] - points)[:, 0])
-        found = np.array(found)
+            found[index] = mode @ (sim.node_x.numpy()[0] - points)[:, 0]
         crossings = np.flatnonzero(found[:-1] * found[1:] < 0.0)
         exact = crossings + found[crossings] / (found[crossings] - found[crossings + 1])
         omega = np.pi / np.mean(np.diff(exact)) / h
