@@ -152,7 +152,11 @@ def _element_tables(
     solid.node, solid.part = array(nodes, int), array(part, int)
     solid.gradient, solid.volume = array(found.gradient, wp.vec3d), array(found.volume, float)
     solid.hourglass = array(found.hourglass, wp.vec4d)
-    solid.hourglass_stiffness = array(found.hourglass_stiffness.transpose(0, 1, 3, 2, 4), wp.mat33)
+    stiffness = found.hourglass_stiffness.transpose(0, 1, 3, 2, 4)
+    solid.hourglass_stiffness = array(stiffness, wp.mat33)
+    weights, (rows, columns) = found.hourglass, np.tril_indices(size)
+    pairs = np.einsum("eam,emnij,ebn->eabij", weights, stiffness, weights, optimize=True)
+    solid.hourglass_blocks = array(pairs[:, rows, columns], wp.mat33)
     return solid, nodes
 
 

@@ -36,6 +36,7 @@ class SolidTables:
     part: wp.array[int]
     hourglass: wp.array2d[wp.vec4d]  # (e, nodes) weights of a node in the four amplitudes; no elements of tetrahedra
     hourglass_stiffness: wp.array3d[wp.mat33]  # (e, 4, 4) for a Young's modulus of one [m]
+    hourglass_blocks: wp.array2d[wp.mat33]  # (e, 36) the same between pairs of nodes [m]
     first_share: int  # place of the first element's first node among all elements' nodes
     first_block: int  # place of its first block among all elements' blocks
 
@@ -159,17 +160,17 @@ def load_solid(
         if s.hourglass.shape[0] > 0:
             impulse += shares[place + a]
         shares[place + a] = impulse
-    write_solid_blocks(element, s, law, matrix_to_float(f), tensile_part(matrix_to_float(second)), blocks)
-    if s.hourglass.shape[0] > 0:
-        add_hourglass_blocks(element, s, law, matrix_to_float(rotation), blocks)
+    tension = tensile_part(matrix_to_float(second))
+    write_solid_blocks(element, s, law, matrix_to_float(f), matrix_to_float(rotation), tension, blocks)
     return wp.where(d.determinant > wp.float64(0.0), 0, 1)
 
 
 @wp.func
 def write_solid_blocks(
-    element: int, s: SolidTables, law: Law, f: wp.mat33, tension: wp.mat33, blocks: wp.array[wp.mat33]
+    element: int, s: SolidTables, law: Law, f: wp.mat33, rotation: wp.mat33, tension: wp.mat33,
+    blocks: wp.array[wp.mat33],
 ):  # fmt: skip
-    """Blocks of the element's point."""
+    """An element's blocks of the matrix."""
     nodes = s.node.shape[1]
     volume = s.volume[element]
     shear = law.material_gain * volume * float(law.shear)
@@ -177,6 +178,7 @@ def write_solid_blocks(
     left = f * wp.transpose(f)
     pushed = wp.zeros(shape=8, dtype=wp.vec3)
     place = s.first_block + element * (nodes * (nodes + 1) // 2)
+    held = law.material_gain * law.young
     for a in range(nodes):
         slope = to_float(s.gradient[element, a])
         pushed[a] = f * slope
@@ -185,6 +187,8 @@ def write_solid_blocks(
             other = to_float(s.gradient[element, b])
             block = lame * wp.outer(pushed[a], pushed[b]) + shear * wp.outer(pushed[b], pushed[a])
             block += shear * wp.dot(slope, other) * left + wp.dot(pulled, other) * wp.identity(n=3, dtype=float)
+            if s.hourglass.shape[0] > 0:
+                block += held * (rotation * s.hourglass_blocks[element, a * (a + 1) // 2 + b] * wp.transpose(rotation))
             blocks[place] = block
             place += 1
 
@@ -231,30 +235,3 @@ def load_hourglass(
             pull += float(weights[mode]) * effort[mode]
         shares[place + a] = -h * (turned * pull)
     return -rotation * wp.skew(turn * torque) / wp.float64(s.volume[element])
-
-
-@wp.func
-def add_hourglass_blocks(element: int, s: SolidTables, law: Law, rotation: wp.mat33, blocks: wp.array[wp.mat33]):
-    """Adds the hourglass shapes' stiffness to the element's blocks."""
-    upright = wp.transpose(rotation)
-    between = wp.zeros(shape=16, dtype=wp.mat33)
-    gain = law.material_gain * law.young
-    for mode in range(MODES):
-        for other in range(MODES):
-            between[4 * mode + other] = gain * (rotation * s.hourglass_stiffness[element, mode, other] * upright)
-    place = s.first_block + 36 * element
-    for a in range(8):
-        mine = s.hourglass[element, a]
-        row = wp.zeros(shape=4, dtype=wp.mat33)
-        for other in range(MODES):
-            total = wp.mat33()
-            for mode in range(MODES):
-                total += float(mine[mode]) * between[4 * mode + other]
-            row[other] = total
-        for b in range(a + 1):
-            theirs = s.hourglass[element, b]
-            total = wp.mat33()
-            for other in range(MODES):
-                total += float(theirs[other]) * row[other]
-            blocks[place] = blocks[place] + total
-            place += 1
