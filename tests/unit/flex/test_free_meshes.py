@@ -16,7 +16,7 @@ KINDS = ("tetrahedra", "hexahedra", "triangles")
 BOX = (0.1, 0.1, 0.05)
 
 
-def block(kind, *, cells=(3, 3, 2), young=1e6, damping_time=0.0, fixed=(), double=False, material=Rubber):
+def block(kind, *, cells=(3, 3, 2), young=1e6, damping_time=0.0, fixed=(), double=False, material=Rubber, device="cpu"):
     """A block, or a sheet."""
     made = material(young=young, poisson=0.4, density=1100.0, damping_time=damping_time)
     if kind == "triangles":
@@ -25,7 +25,7 @@ def block(kind, *, cells=(3, 3, 2), young=1e6, damping_time=0.0, fixed=(), doubl
     else:
         points, elements = (box_of_tetrahedra if kind == "tetrahedra" else box_of_hexahedra)(cells, BOX)
         part = MeshPart(elements=elements, material=made)
-    return make_mesh("block", points, [part], fixed=fixed, double=double, device="cpu")
+    return make_mesh("block", points, [part], fixed=fixed, double=double, device=device)
 
 
 def masses(mesh):
@@ -193,3 +193,21 @@ def test_a_crushed_block_recovers():
     sim.step(1500)
     assert sim.inverted.numpy()[0] == 0
     assert np.isfinite(sim.node_x.numpy()).all()
+
+
+@pytest.mark.cuda
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_lanes_of_a_gpu_find_what_a_cpu_finds(kind, double):
+    found = []
+    for device in ("cpu", "cuda:0", "cuda:0"):
+        mesh = block(kind, cells=(2, 2, 1), double=double, fixed=[3], device=device)
+        sim = FreeMeshes(mesh, 3, 1e-3, device=device)
+        v = 0.1 * np.random.default_rng(1).standard_normal((3, len(mesh.points), 3)).astype(np.float32)
+        v[:, 3] = 0.0
+        sim.node_v.assign(v)
+        sim.step(3)
+        found.append((sim.node_x.numpy(), sim.node_v.numpy()))
+    for cpu, gpu, again, bound in zip(*found, (1e-8, 1e-5), strict=True):
+        assert np.abs(cpu - gpu).max() < bound
+        assert (gpu == again).all()
