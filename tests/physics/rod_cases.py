@@ -355,6 +355,89 @@ def princeton_cases() -> list[StaticCase]:
     return [princeton(force, angle) for force in PRINCETON_FORCES for angle in PRINCETON_ANGLES]
 
 
+IMPERFECTION = 1e-4
+"""Of the buckling rods: part of the length by which the tip is off the axis."""
+BUCKLED = (0.905051457, 0.380392257, 0.0)
+"""Tip of a perfect cantilever of 1 m (ROUND, 10 mm, steel) under 1.05 times its critical load, by shooting [m]."""
+
+
+def buckling_load(young: float = STEEL, radius: float = 0.01) -> float:
+    """pi^2 E I / 4 L^2 of a cantilever of 1 m [N]."""
+    return math.pi**2 * young * math.pi * radius**4 / 16.0
+
+
+def _buckling() -> list[StaticCase]:
+    """Below the critical load an imperfection grows as 1 / (1 - P / P_c); above it the rod bends over."""
+    parts = [k / 20.0 for k in range(21)]
+    points = tuple((s, IMPERFECTION * (1.0 - math.cos(0.5 * math.pi * s)), 0.0) for s in parts)
+    beam = Beam(points, round_numbers(0.01), STEEL)
+    cases = (
+        (0.95, (FREE, IMPERFECTION / 0.05, 0.0), 0.05 * IMPERFECTION / 0.05, "amplification 1 / (1 - P / P_c)"),
+        (1.05, BUCKLED, 0.01, "shooting without the imperfection"),
+    )
+    return [
+        StaticCase(
+            f"buckling, {part:g}",
+            beam,
+            expected,
+            tolerance,
+            source,
+            loads=(Load((-part * buckling_load(), 0.0, 0.0)),),
+            steps=20,
+        )
+        for part, expected, tolerance, source in cases
+    ]
+
+
+CATENARY_SPAN, CATENARY_LENGTH, CATENARY_RADIUS, CATENARY_YOUNG = 8.0, 10.0, 0.002, 1e9
+CATENARY_SAG = 2.654703497
+"""Of the elastic catenary, by its equations [m]."""
+CATENARY_FORCE = (0.416864386, 0.616380479)
+"""Horizontal and vertical part of an end's support [N]; to 1 %."""
+
+
+def catenary_case(elements: int = 20) -> StaticCase:
+    """A rope of 10 m over a span of 8 m, hinged at both ends, built along its inextensible catenary (c of the curve is
+    found to rounding), so that its rest shape is curved: that bends so little that the sag moves by 5e-5.
+    """
+    low, high = 0.1, 100.0
+    for _ in range(200):
+        c = 0.5 * (low + high)
+        if 2.0 * c * math.sinh(0.5 * CATENARY_SPAN / c) > CATENARY_LENGTH:
+            low = c
+        else:
+            high = c
+    arcs = [CATENARY_LENGTH * (k / elements - 0.5) for k in range(elements + 1)]
+    top = math.hypot(c, 0.5 * CATENARY_LENGTH)
+    points = tuple((c * math.asinh(s / c) + 0.5 * CATENARY_SPAN, 0.0, math.hypot(c, s) - top) for s in arcs)
+    return StaticCase(
+        "catenary",
+        Beam(
+            points,
+            round_numbers(CATENARY_RADIUS),
+            CATENARY_YOUNG,
+            density=1000.0,
+            up=(0.0, 1.0, 0.0),
+            start=End.HINGE,
+            end=End.HINGE,
+        ),
+        (0.5 * CATENARY_SPAN, 0.0, -CATENARY_SAG),
+        0.005 * CATENARY_SAG,
+        "H.M. Irvine, Cable Structures, section 1.5: elastic catenary",
+        gravity=(0.0, 0.0, -9.81),
+        node=elements // 2,
+    )
+
+
 def static_cases() -> list[StaticCase]:
-    """All but the Princeton beam."""
-    return [*_tip_loads(), _own_weight(), _pull(), _roll_up(), *_bends(), _shear_cantilever(), *_elastica()]
+    """All but the Princeton beam and the catenary."""
+    return [
+        *_tip_loads(),
+        _own_weight(),
+        _pull(),
+        _roll_up(),
+        *_bends(),
+        _shear_cantilever(),
+        *_elastica(),
+        *_buckling(),
+    ]

@@ -176,6 +176,61 @@ def test_order_in_the_length_of_an_element_is_two() -> None:
     assert 1.9 < math.log2(errors[1] / errors[2]) < 2.1
 
 
+def test_catenary() -> None:
+    """Sag to 0.5 %, forces of the ends to 1 %; the case's numbers against the equations."""
+    case = rod_cases.catenary_case()
+    model, pose = rods_of(case.beam)
+    loads = loads_of(case, model)
+    hung = rods.equilibrium(model, pose, loads, {0: (0, 1, 2, 3), -1: rods.HINGE})  # nothing else holds its turning
+    assert np.abs(hung.position[case.node] - np.array(case.expected)).max() < case.tolerance
+    force = rods.reactions(model, hung, loads)
+    horizontal, vertical = rod_cases.CATENARY_FORCE
+    for node, side in ((0, -1.0), (-1, 1.0)):
+        assert force[node, 0] == pytest.approx(side * horizontal, rel=0.01)
+        assert force[node, 2] == pytest.approx(vertical, rel=0.01)
+    area = math.pi * rod_cases.CATENARY_RADIUS**2
+    exact = rod_continuum.Catenary(
+        rod_cases.CATENARY_SPAN, rod_cases.CATENARY_LENGTH, 9810.0 * area, rod_cases.CATENARY_YOUNG * area
+    )
+    assert exact.sag() == pytest.approx(rod_cases.CATENARY_SAG, rel=1e-8)
+    assert exact.end_force() == pytest.approx(rod_cases.CATENARY_FORCE, rel=1e-8)
+
+
+def test_the_buckled_tip_is_that_of_the_exact_rod() -> None:
+    case = {case.name: case for case in rod_cases.static_cases()}["buckling, 1.05"]
+    section = section_of(case.beam.section, case.beam.poisson)
+    load = 1.05 * rod_cases.buckling_load()
+    rod = rod_continuum.Cantilever(
+        1.0, tuple(section.stiffness(case.beam.young, case.beam.poisson)), force=(-load, 0, 0)
+    )
+    found, _ = rod_continuum.tip(rod, guess=np.array([0.0, 0.0, 0.4 * load]))
+    assert np.abs(found - np.array(rod_cases.BUCKLED)).max() < 1e-7
+
+
+def _ring(twist: float, elements: int = 40) -> float:
+    """Smallest eigenvalue of a ring's stiffness beside the one of its rolling about its own axis, which is zero."""
+    angle = np.linspace(0.0, 2.0 * math.pi, elements + 1)
+    cosine, sine, zero = np.cos(angle), np.sin(angle), 0.0 * angle
+    axes = [
+        np.stack(axis, axis=1) for axis in ((-sine, cosine, zero), (-cosine, -sine, zero), (zero, zero, zero + 1.0))
+    ]
+    turned = rods.exponential(np.outer(twist * np.arange(elements + 1) / elements, [1.0, 0.0, 0.0]))
+    stiffness = section_of(rod_cases.round_numbers(0.01), 0.3).stiffness(1e9, 0.3)
+    points = np.stack([cosine, sine, zero], axis=1)
+    model, pose = rods.build(points, stiffness, frames=np.stack(axes, axis=2) @ turned, straight=True)
+    ends = {0: rods.CLAMP, -1: rods.CLAMP}
+    pose = rods.equilibrium(model, pose, rods.no_loads(model.nodes), ends)
+    values = np.linalg.eigvalsh(rods.free_tangent(model, pose, ends))
+    return float(min(values, key=lambda value: (abs(value) < 1e-6, value)))
+
+
+def test_a_twisted_ring_writhes_where_michell_says() -> None:
+    """The stiffness loses its sign within 2 % of 2 pi sqrt(3) E I / G J; discs, so that the ratio is 1 + nu."""
+    critical = 2.0 * math.pi * math.sqrt(3.0) * 1.3
+    assert _ring(0.98 * critical) > 0.0
+    assert _ring(1.02 * critical) < 0.0
+
+
 @pytest.mark.skipif(not RECORDED.is_dir(), reason="recorded runs of Chrono are not beside the checkout")
 def test_recorded_cantilevers() -> None:
     """ANCF cables and corotational beams of 32 elements: 0.3 % of the deflection, up to ten times E I / L^2."""

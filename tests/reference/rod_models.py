@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,3 +55,21 @@ def loads_of(case: rod_cases.StaticCase, model: rods.Rods) -> rods.Loads:
         onto = out.following if load.follows else out.dead
         onto[load.node] += np.concatenate([load.force, load.moment])
     return out
+
+
+def with_mass(model: rods.Rods, node: int, mass: float) -> rods.Rods:
+    """A point mass on a node [kg]."""
+    masses = model.mass.copy()
+    masses[node] += mass
+    return dataclasses.replace(model, mass=masses)
+
+
+def together(parts: Sequence[tuple[rods.Rods, rods.Pose]]) -> tuple[rods.Rods, rods.Pose]:
+    """Several rods as one model; nodes are numbered on."""
+    models, poses = zip(*parts, strict=True)
+    first = np.cumsum([0, *(model.nodes for model in models)])
+    elements = np.concatenate([model.elements + start for model, start in zip(models, first, strict=False)])
+    names = ("length", "rest", "stiffness", "mass", "inertia")
+    arrays = {name: np.concatenate([getattr(model, name) for model in models]) for name in names}
+    positions, rotations = ([getattr(pose, name) for pose in poses] for name in ("position", "rotation"))
+    return rods.Rods(elements=elements, **arrays), rods.Pose(np.concatenate(positions), np.concatenate(rotations))

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -357,7 +357,7 @@ HINGE = (0, 1, 2)
 """Unknowns of a node that a support holds."""
 
 
-def held(rods: Rods, supports: dict[int, Sequence[int]]) -> npt.NDArray[np.bool_]:
+def held(rods: Rods, supports: Mapping[int, Sequence[int]]) -> npt.NDArray[np.bool_]:
     """(N * 6,) which unknowns do not move; negative nodes count from the end."""
     out = np.zeros((rods.nodes, 6), bool)
     for node, which in supports.items():
@@ -393,7 +393,7 @@ def equilibrium(
     rods: Rods,
     pose: Pose,
     loads: Loads,
-    supports: dict[int, Sequence[int]],
+    supports: Mapping[int, Sequence[int]],
     *,
     steps: int = 1,
     moving: Array | None = None,
@@ -441,7 +441,7 @@ def reactions(rods: Rods, pose: Pose, loads: Loads) -> Array:
     return -(forces(rods, pose) + loads.at(pose)).reshape(-1, 6)
 
 
-def free_tangent(rods: Rods, pose: Pose, supports: dict[int, Sequence[int]], loads: Loads | None = None) -> Array:
+def free_tangent(rods: Rods, pose: Pose, supports: Mapping[int, Sequence[int]], loads: Loads | None = None) -> Array:
     """Symmetric part of the tangent of the free unknowns: its smallest eigenvalue says whether a pose is stable."""
     free = np.flatnonzero(~held(rods, supports))
     matrix = assembled(rods, tangent_blocks(rods, pose))
