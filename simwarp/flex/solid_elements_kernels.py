@@ -72,13 +72,32 @@ def isotropic(law: Law, strain: wp.mat33d) -> wp.mat33d:
 
 
 @wp.func
-def tensile_part(stress: wp.mat33) -> wp.mat33:
-    """A symmetric matrix without its eigenvalues below zero."""
-    axes = wp.mat33()
-    values = wp.vec3()
-    wp.eig3(stress, axes, values)
-    kept = wp.vec3(wp.max(values[0], 0.0), wp.max(values[1], 0.0), wp.max(values[2], 0.0))
-    return axes * wp.diag(kept) * wp.transpose(axes)
+def tensile_part(stress: wp.mat33d) -> wp.mat33d:
+    """A symmetric matrix without its eigenvalues below zero.
+
+    Eigenvalues come from the cubic; the one whose sign is not that of the others has a projector that is well defined.
+    """
+    unit = unit_matrix()
+    mean = wp.trace(stress) / wp.float64(3.0)
+    rest = stress - mean * unit
+    size = wp.sqrt(wp.ddot(rest, rest) / wp.float64(6.0))
+    if size <= wp.float64(1.0e-14) * wp.abs(mean):
+        return wp.max(mean, wp.float64(0.0)) * unit
+    cosine = wp.determinant(rest) / (wp.float64(2.0) * size * size * size)
+    turn = wp.cos(wp.acos(wp.clamp(cosine, wp.float64(-1.0), wp.float64(1.0))) / wp.float64(3.0))
+    high = mean + wp.float64(2.0) * size * turn
+    low = mean - size * (turn + wp.sqrt(wp.max(wp.float64(3.0) - wp.float64(3.0) * turn * turn, wp.float64(0.0))))
+    middle = wp.float64(3.0) * mean - high - low
+    zero = wp.float64(0.0)
+    if low >= zero:
+        return stress
+    if high <= zero:
+        return wp.mat33d()
+    if middle <= zero:
+        share = high / ((high - middle) * (high - low))
+        return share * (stress - middle * unit) * (stress - low * unit)
+    share = low / ((low - middle) * (low - high))
+    return stress - share * (stress - high * unit) * (stress - middle * unit)
 
 
 @wp.func
@@ -91,7 +110,7 @@ def rotation_of(f: wp.mat33d) -> wp.mat33d:
             following = wp.float64(0.5) * (r + cofactor(r) / wp.determinant(r))
             change = wp.ddot(following - r, following - r)
             r = following
-            if change < wp.float64(1.0e-26):
+            if change < wp.float64(1.0e-14):  # what is left is the square of that
                 break
         return r
     u = wp.mat33()
@@ -160,7 +179,7 @@ def load_solid(
         if s.hourglass.shape[0] > 0:
             impulse += shares[place + a]
         shares[place + a] = impulse
-    tension = tensile_part(matrix_to_float(second))
+    tension = matrix_to_float(tensile_part(second))
     write_solid_blocks(element, s, law, matrix_to_float(f), matrix_to_float(rotation), tension, blocks)
     return wp.where(d.determinant > wp.float64(0.0), 0, 1)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from scipy.spatial.transform import Rotation
 
 from simwarp.flex.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
@@ -9,9 +10,12 @@ from simwarp.flex.materials import Elastic, Rubber
 from simwarp.flex.mesh_model import make_mesh
 from simwarp.flex.mesh_parts import MeshPart
 from simwarp.flex.solid_elements import hexahedra_constants, incompatible_stiffness
+from simwarp.flex.solid_elements_kernels import tensile_part
 from simwarp.flex.triangle_elements import with_neighbours
 from tests.reference import flexible_elements as reference
 from tests.unit.flex.loaded_meshes import loads
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 YOUNG, POISSON, THICKNESS = 3e5, 0.4, 0.02
 KINDS = ("tetrahedra", "hexahedra", "triangles")
@@ -197,3 +201,27 @@ def test_what_is_inside_out_is_counted_and_has_finite_forces(kind):
     assert inverted == len(elements)
     assert np.isfinite(forces).all()
     assert np.isfinite(matrix.data).all()
+
+
+@wp.kernel
+def find_tensile_parts(stress: wp.array[wp.mat33d], found: wp.array(dtype=wp.mat33d)):  # type: ignore[valid-type]
+    found[wp.tid()] = tensile_part(stress[wp.tid()])
+
+
+def test_the_tensile_part_has_the_eigenvalues_above_zero():
+    rng = np.random.default_rng(0)
+    values = [
+        *rng.standard_normal((200, 3)), (1, 1, 1), (-1, -1, -1), (2, 2, -3), (-2, -2, 3), (1, 0, 0), (-1, 0, 0),
+        (0, 0, 0), (1e-9, -1e-9, 1), (1, 1, 0), (1e9, 1, -1e9), (1, 1 + 1e-12, -1e-12),
+    ]  # fmt: skip
+    axes = Rotation.random(len(values), rng=rng).as_matrix()
+
+    def with_values(kept):
+        return axes @ (np.array(kept)[:, :, None] * axes.swapaxes(1, 2))
+
+    found = wp.zeros(len(values), dtype=wp.mat33d, device="cpu")
+    given: wp.array = wp.array(with_values(values), dtype=wp.mat33d, device="cpu")
+    wp.launch(find_tensile_parts, len(values), inputs=[given, found], device="cpu")
+    exact = with_values(np.maximum(values, 0.0))
+    size = np.abs(values).max(axis=1)[:, None, None]
+    assert (np.abs(found.numpy() - exact) <= 1e-7 * size).all()

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+import warp as wp
 
 from simwarp.flex.free_meshes import FreeMeshes
 from simwarp.flex.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
@@ -168,6 +169,32 @@ def test_worlds_do_not_touch_each_other(kind):
         alone.step(20)
         assert (alone.node_x.numpy()[0] == many.node_x.numpy()[world]).all()
         assert (alone.node_v.numpy()[0] == many.node_v.numpy()[world]).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_world_has_its_own_parameters(kind):
+    values = {"young": (1e5, 1e6, 3e6), "damping_time": (0.0, 1e-3, 1e-2), "density": (1100.0, 900.0, 2000.0),
+              "thickness": (2e-3, 1e-3, 4e-3), "pressure": (0.0, 50.0, -20.0)}  # fmt: skip
+
+    def with_values(worlds):
+        mesh = block(kind)
+        chosen = {name: np.array(row, dtype=np.float32)[worlds, None] for name, row in values.items()}
+        for table, name in ((mesh.tables.materials, "young"), (mesh.tables.materials, "damping_time"),
+                            (mesh.tables.triangles, "thickness"), (mesh.tables.triangles, "pressure")):  # fmt: skip
+            setattr(table, name, wp.array(chosen[name], dtype=float, device="cpu"))
+        heavier = mesh.tables.node_mass.numpy() * chosen["density"] / 1100.0
+        mesh.tables.node_mass = wp.array(heavier.astype(np.float32), dtype=float, device="cpu")
+        sim = FreeMeshes(mesh, len(worlds), 1e-3, device="cpu")
+        v = 0.1 * np.random.default_rng(1).standard_normal((1, *mesh.points.shape))
+        sim.node_v.assign(np.repeat(v, len(worlds), axis=0))
+        sim.step(10)
+        return sim.node_x.numpy()
+
+    together = with_values([0, 1, 2])
+    for world in range(3):
+        assert (together[world] == with_values([world])[0]).all()
+    assert np.abs(together[0] - together[1]).max() > 1e-5
+    assert np.abs(together[2] - together[1]).max() > 1e-5
 
 
 def test_far_from_the_origin_a_block_is_as_stiff():

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
+import trimesh
 from scipy.spatial.transform import Rotation
 
+from simwarp.flex.free_meshes import FreeMeshes
 from simwarp.flex.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
 from simwarp.flex.materials import Elastic
 from simwarp.flex.mesh_model import make_mesh
@@ -14,9 +17,9 @@ YOUNG = 1e6
 SOLIDS = {"tetrahedra": box_of_tetrahedra, "hexahedra": box_of_hexahedra}
 
 
-def mesh_of(points, elements, poisson=0.3, thickness=None, young=YOUNG):
+def mesh_of(points, elements, poisson=0.3, thickness=None, young=YOUNG, pressure=0.0):
     material = Elastic(young=young, poisson=poisson, density=1000.0)
-    part = MeshPart(elements=elements, material=material, thickness=thickness)
+    part = MeshPart(elements=elements, material=material, thickness=thickness, pressure=pressure)
     return make_mesh("mesh", points, [part], device="cpu")
 
 
@@ -143,3 +146,43 @@ def test_a_strip_of_triangles_rolls_up_without_a_force():
     mesh = mesh_of(points, elements, thickness=0.01)
     forces, _, _ = loads(mesh, Rotation.from_rotvec([1.0, 0.2, -2.0]).apply(points))
     assert np.abs(forces).max() < 1e-12 * YOUNG * 0.01 * 0.2
+
+
+def test_a_sphere_under_pressure_grows_as_membranes_do():
+    sphere = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
+    thickness, poisson, pressure = 0.005, 0.3, 10.0
+    points = np.array(sphere.vertices)
+    mesh = mesh_of(points, np.array(sphere.faces, dtype=np.int32), poisson, thickness, pressure=pressure)
+    forces, matrix, _ = loads(mesh, points)
+    # Nothing holds it: soft springs to where each node is, a millionth of the stiffness
+    held = 4.0 * matrix + 1e-6 * abs(4.0 * matrix).max() * scipy.sparse.eye_array(points.size)
+    found = scipy.sparse.linalg.spsolve(held.tocsc(), forces.reshape(-1)).reshape(-1, 3)
+    radial = np.einsum("ij,ij->i", found, points) / 0.5
+    exact = pressure * 0.5**2 * (1.0 - poisson) / (2.0 * YOUNG * thickness)
+    assert radial.mean() == pytest.approx(exact, rel=0.02)
+    # Uneven triangles: equal thirds of their pressure are not what each node's surroundings are
+    assert radial.std() < 0.05 * exact
+
+
+def test_a_strip_bends_far_by_a_force_at_its_end():
+    """10 x 1 x 0.1, E = 1.2e6, ν = 0, P = 4: 6.698 down, 3.286 back (Sze, Liu and Lo 2004, table 1)."""
+    cells, length, pull = 32, 10.0, 4.0
+    side = length / cells
+    points, elements = rectangle_of_triangles((cells + 1, 3), (length + side, 1.0))
+    points[:, 0] -= side  # a row of nodes before the clamp, which holds the slope
+    material = Elastic(young=1.2e6, poisson=0.0, density=1.0, damping_time=0.02)
+    fixed = np.flatnonzero(points[:, 0] < 1e-9).tolist()
+    part = MeshPart(elements=elements, material=material, thickness=0.1)
+    mesh = make_mesh("strip", points, [part], fixed=fixed, double=True, device="cpu")
+    sim = FreeMeshes(mesh, 1, 2e-3, numerical_damping=1.0, gravity=(0.0, 0.0, 0.0), device="cpu")
+    end = np.isclose(points[:, 0], length)
+    force = np.zeros((1, len(points), 3), dtype=np.float32)
+    force[0, end, 2] = pull * np.array([0.5, 1.0, 1.0, 0.5]) / 3.0
+    sim.node_force.assign(force)
+    for _ in range(400):
+        sim.step(20)
+        sim.node_v.assign(0.85 * sim.node_v.numpy())  # about critical damping of the slowest vibration
+    assert np.abs(sim.node_v.numpy()).max() < 1e-2
+    moved = (sim.node_x.numpy()[0] - points)[end].mean(axis=0)
+    assert moved[2] == pytest.approx(6.698, rel=0.03)
+    assert -moved[0] == pytest.approx(3.286, rel=0.06)
