@@ -17,6 +17,8 @@ KINDS = {3: "triangles", 4: "tetrahedra", 8: "hexahedra"}
 """Elements by their number of nodes."""
 FLAT = 1e-9
 """Area or volume of an element, over that of a regular one of its size, below which it is flat."""
+MOST_POISSON = 0.45
+"""Of tetrahedra: above, they lock, as each must keep its volume."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -87,6 +89,11 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
         raise ModelError(
             f"{label}: {kind} must have a positive {'area' if kind == 'triangles' else 'volume'}, got element {worst} "
             f"of nodes {elements[worst].tolist()}, which is {what}; reorder its nodes or repair the mesh"
+        )
+    if kind == "tetrahedra" and part.material.poisson > MOST_POISSON:
+        raise ModelError(
+            f"{label}: poisson of tetrahedra must be at most {MOST_POISSON}, got {part.material.poisson!r}: they would "
+            "be far too stiff; use hexahedra, or lower it"
         )
     if kind == "triangles":
         _check_sheet(label, elements, part)

@@ -1,6 +1,7 @@
 """What is no mesh is refused in one line, with its rule, value and remedy; what is one has its masses and volumes."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -100,6 +101,19 @@ def test_nodes_are_used_and_some_of_them_move():
     assert "fixed nodes" in refused(points, part, fixed=[12])
     assert "fixed nodes" in refused(points, part, fixed=[-1])
     assert "some node" in refused(points, part, fixed=range(12))
+
+
+def test_tetrahedra_keep_from_what_keeps_its_volume():
+    points, part = solid(box_of_tetrahedra)
+    stiff = sw.flex.Rubber(young=1e6, poisson=0.46, density=1000.0)
+    assert "hexahedra" in refused(points, changed(part, material=stiff))
+
+
+def test_too_many_nodes_are_refused_with_what_they_would_cost():
+    points, elements = box_of_hexahedra((15, 10, 10), (1.0, 1.0, 1.0))
+    assert re.search(r"got 1936: .* \d+ ms .* \d+ MiB", refused(points, MeshPart(elements=elements, material=RUBBER)))
+    points, elements = rectangle_of_triangles((50, 50), (1.0, 1.0))
+    refused(points, MeshPart(elements=elements, material=RUBBER, thickness=1e-3))
 
 
 @pytest.mark.parametrize("make", [box_of_hexahedra, box_of_tetrahedra])
