@@ -280,8 +280,8 @@ def paired(model: str, quantity: str, kind: Kind = USUAL) -> list[Row]:
     for ground in ("hard", "soft"):
         for vehicle in range(FOLLOWERS + 1):
             both = [key for key in rows[ground].keys() & rows["rigid"].keys() if key[1] == vehicle]
-            if both:
-                change = [rows[ground][key][quantity] - rows["rigid"][key][quantity] for key in sorted(both)]
+            change = [rows[ground][key][quantity] - rows["rigid"][key][quantity] for key in sorted(both)]
+            if both and not any(map(math.isnan, change)):
                 about = {"model": model, "ground": ground, "vehicle": vehicle, "runs": len(both)}
                 found.append({**about, **mean_interval(change)})
     return found

@@ -67,8 +67,10 @@ LARGE = 4
 """Large obstacles that generated paths pass."""
 ENDS = ("collision", "bumped", "lost", "upset", "goal")
 METRICS = ("distance", "path_deviation", "obstacle_hits")
-MAP_HALF = (110.0, 40.0)
-"""Half lengths of the rectangle around generated paths in which scattered obstacles stand [m]."""
+MAP_HALF = (100.0, 40.0)
+"""Half lengths of the rectangle in which scattered obstacles stand [m]. Generated paths end there; the head of a convoy
+goes on straight.
+"""
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
 
@@ -104,7 +106,7 @@ class ConvoyConfig(DrivingConfig):
     max_episode_steps: int = 310
     """Control steps after which an episode is truncated; leaders are at the end of the path before."""
     scattered: Annotated[int, Ge(0), Le(500)] = 0
-    """Obstacles of various sizes besides, anywhere on 220 x 80 m where the path leaves room; with ``generated``."""
+    """Obstacles of various sizes besides, anywhere on 200 x 80 m where the path leaves room; with ``generated``."""
     drive_on: bool = False
     """A follower that touches something drives on, and touches are counted; with ``leaders`` simulated."""
     latest_start: Annotated[float, Ge(0.0), Le(0.8)] = 0.5

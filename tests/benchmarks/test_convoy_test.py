@@ -137,5 +137,6 @@ def test_touches_are_counted_and_the_largest_distance_is_that_of_all(folder, cap
     told = capsys.readouterr().out
     assert "| reduced | soft | 1 | 4 | 100.0 % (51.0 to 100.0) | 0.0 % (0.0 to 49.0) | 1.50 (" in told
     assert "reduced hits of vehicle 1, soft less rigid: +0.000 (+0.000 to +0.000), 4 runs" in told
+    assert "hits of vehicle 0" not in told
     assert (folder / "convoy_test_camera_on_scattered-30.json").is_file()
     assert (folder / "convoy_test_camera_on_scattered-30.png").stat().st_size > 1000
