@@ -3,7 +3,7 @@
     python benchmarks/convoy_test.py                                # 200 runs of each model on each ground, then tables
     python benchmarks/convoy_test.py --models reduced --grounds rigid soft --runs 50
     python benchmarks/convoy_test.py --runs 0                       # table and picture again, from the rows
-    python benchmarks/convoy_test.py --obs camera --drive-on --scattered 0 100 --models reduced --runs 40
+    python benchmarks/convoy_test.py --obs camera --drive-on --scattered 0 100 --models reduced --runs 16
 
 Four vehicles in each world, four large obstacles on the way, rigid, hard and soft ground. Rows are written to
 benchmarks/results/convoy as runs finish, and what is there is not run again. Run k has the same path, obstacles and
