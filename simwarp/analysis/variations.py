@@ -37,6 +37,7 @@ STILL: Final = 1e-6
 """Turn [rad] and rate [rad/s] below which a rotation vector changes by its rates."""
 LENGTHS: Final = {
     JointType.PRISMATIC: 1, JointType.CYLINDRICAL: 1, JointType.PLANAR: 2, JointType.FREE: 3,
+    JointType.ELASTIC: 3,
 }  # fmt: skip
 """How many of a joint's first coordinates are lengths."""
 AXES: Final = ("x", "y", "z", "turn about x", "turn about y", "turn about z")

@@ -42,6 +42,7 @@ class Row:
         contacts: that push, per world, at the ends of the motion; null without shapes.
         iterations: of the solver per world, there.
         penetration: deepest contact there [m].
+        error: of the scene at rest against a known answer, as a share of it; null where there is none.
         launches_per_step: kernel launches that a step asks for, counted; those of the motion are left out.
         launches_beside_graph: of a control step that is captured, with torch's operations; null of other steps.
         bytes_per_world: growth of all device arrays with one more world.
@@ -73,6 +74,7 @@ class Row:
     contacts: float | None = None
     iterations: float | None = None
     penetration: float | None = None
+    error: float | None = None
     launches_per_step: int | None = None
     launches_beside_graph: int | None = None
     bytes_per_world: int | None = None
@@ -268,7 +270,10 @@ def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float 
     Raises:
         ModelError: no such device, dt is not usable, or the worlds do not fit into memory.
     """
-    return measure_run(scene.name, worlds, seconds, lambda count: SceneRun(scene, count, device, dt))
+    row = measure_run(scene.name, worlds, seconds, lambda count: SceneRun(scene, count, device, dt))
+    if scene.error is not None and row.valid:
+        row.error = scene.error(device)
+    return row
 
 
 def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], TimedRun]) -> Row:

@@ -13,6 +13,7 @@ from simwarp.cli import shortened
 from simwarp.core.types import WORLD, Material, PositionDrive, pose
 from simwarp.core.wording import suggestions
 from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.simulation import Simulation, SolverOptions
 from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
@@ -54,6 +55,7 @@ class BenchScene:
         variants: worlds that differ; then starts and motions repeat (only where there is a motion or settling).
         solver: its options; `tolerance` is told in the row.
         penetration: largest sound depth of a contact [m].
+        error: makes `Row.error` on a device.
     """
 
     name: str
@@ -71,6 +73,7 @@ class BenchScene:
     variants: int = 16
     solver: SolverOptions = dataclasses.field(default_factory=SolverOptions)
     penetration: float = 0.01
+    error: Callable[[str | None], float] | None = None
 
 
 def cart_pole() -> ModelBuilder:
@@ -102,6 +105,17 @@ def rough_pile() -> ModelBuilder:
 def driven_hexapod() -> ModelBuilder:
     """The hexapod with a drive in every joint: links of 0.02 to 0.08 kg are too light for explicit PD torques."""
     return scenes.hexapod(drive=PositionDrive(stiffness=5.0, damping=0.05))
+
+
+def rod_sag_error(device: str | None) -> float:
+    """Of the clamped rod under its weight, against qL⁴/8EI + qL²/2kGA."""
+    material, numbers, length = scenes.ROD_MATERIAL, scenes.ROD_SECTION.numbers, scenes.ROD_LENGTH
+    shear = numbers.shear_z * numbers.area * material.young / (2.0 * (1.0 + material.poisson))
+    load = material.density * numbers.area * 9.81
+    sag = load * length**4 / (8.0 * material.young * numbers.inertia_y) + load * length**2 / (2.0 * shear)
+    sim = Simulation(scenes.rod().finalize(1, device), 0.01, flex=FlexibleOptions(numerical_damping=1.0))
+    sim.step(500)
+    return abs(-float(sim.body_position("rod_20")[2]) / sag - 1.0)
 
 
 _COARSE = SolverOptions(tolerance=1e-4)
@@ -140,6 +154,9 @@ _SETTINGS: dict[str, dict[str, Any]] = {
     "card_house": {"start_velocity": 0.05, "horizon": 0.5, "solver": _COARSE},
     "heavy_on_light": {"start_velocity": 0.1, "horizon": 0.5, "solver": _COARSE},
     "rolling_box": {"start_velocity": 0.5, "solver": _COARSE},
+    # It swings under its weight, and falls level
+    "rod": {"start": (0.0, 0.0, 0.0, 1e-3, 1e-3, 1e-3) * 20, "horizon": 1.0, "error": rod_sag_error},
+    "rod_on_floor": {"horizon": 1.0, "error": rod_sag_error},
     "wall": {"start_velocity": 0.1, "horizon": 0.5, "solver": _COARSE},
 }  # fmt: skip
 

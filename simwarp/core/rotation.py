@@ -87,6 +87,21 @@ def frame_from_axis(thing: str, axis: Vec3, field: str = "axis", direction: Vec3
     return quat_from_matrix(np.stack([x, cross(z, x), z], axis=1))
 
 
+def frame_along(thing: str, along: Vec3, up: Vec3 | None = None) -> Array:
+    """Quaternion of a right-handed frame whose x is `along`; z is the part of `up` across it, and where that is None,
+    that of the world's z axis, or of its y axis where x is nearly vertical.
+    """
+    x = unit_vector(thing, "the direction", along)
+    upright = np.eye(3)[2 if abs(x[2]) < 0.9 else 1]
+    given = upright if up is None else unit_vector(thing, "up", up)
+    z = given - (given @ x) * x
+    length = float(np.linalg.norm(z))
+    if length < 1e-6:
+        raise ModelError(f"{thing}: up must not be along the rod, got {formatted(up)}; give a direction across it")
+    z /= length
+    return quat_from_matrix(np.stack([x, cross(z, x), z], axis=1))
+
+
 def frame_from_axes(thing: str, axis_x: Vec3, axis_y: Vec3) -> Array:
     """Quaternion of the frame with the given x and y axes, which must be perpendicular to 1e-6."""
     x = unit_vector(thing, "axis0", axis_x)

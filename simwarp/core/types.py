@@ -47,6 +47,7 @@ class JointType(IntEnum):
     UNIVERSAL = 6
     PLANAR = 7
     SHAFT = 8
+    ELASTIC = 9
     # row-only elements
     POINT_ON_PLANE = 16
     POINT_ON_LINE = 17

@@ -1,5 +1,16 @@
-"""Flexible bodies: rods, solids, cloth; their materials."""
+"""Flexible bodies: rods of elastic joints, their sections, materials and ends (docs/flexible.md).
 
-from simwarp.flex.materials import Elastic, Rubber
+`ModelBuilder.add_rod` makes a rod, `Simulation` moves it, `rod_forces` and `rod_stress` read what it carries.
+"""
 
-__all__ = ["Elastic", "Rubber"]
+from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
+from simwarp.model.rods import Clamp, Hinge, Rod
+from simwarp.simulation.flexible_options import FlexibleOptions as Options
+
+from .materials import Elastic, Rubber
+from .rod_readings import rod_forces, rod_strains, rod_stress
+
+__all__ = [
+    "Clamp", "Elastic", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber", "Section", "Tube", "rod_forces",
+    "rod_strains", "rod_stress",
+]  # fmt: skip

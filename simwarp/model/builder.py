@@ -13,7 +13,15 @@ import numpy.typing as npt
 
 from simwarp.core.constraints import Meaning, NotNegative, Positive
 from simwarp.core.object_repr import Readable, Row
-from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
+from simwarp.core.rotation import (
+    frame_along,
+    frame_from_axes,
+    frame_from_axis,
+    quat_conjugate,
+    quat_multiply,
+    rotate,
+    unit_vector,
+)
 from simwarp.core.types import (
     FLOAT32_LEAST,
     WORLD,
@@ -21,6 +29,7 @@ from simwarp.core.types import (
     Drive,
     FrictionRule,
     JointType,
+    Material,
     ModelError,
     PairRule,
     Pose,
@@ -32,6 +41,7 @@ from simwarp.core.types import (
     formatted,
     pose as make_pose,
 )
+from simwarp.core.wording import suggestion
 from simwarp.model.checks import (
     check_floats,
     check_link_across_axis,
@@ -53,6 +63,19 @@ from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.mass_ratios import unsound_ratio
 from simwarp.model.model import Model
+from simwarp.model.rod_sections import AnySection
+from simwarp.model.rods import (
+    Clamp,
+    Hinge,
+    Rod,
+    RodEnd,
+    RodMaterial,
+    apart_along,
+    checked_rod,
+    lay_rod,
+    rod_points,
+    section_frames,
+)
 from simwarp.model.rules import RULES, Name, PoseField, Vector3
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, CouplingSpec, Frame, JointSpec, specification_rows
@@ -71,6 +94,8 @@ ANCHORED: Final = (
 """Joints whose anchor has to be given; that of others is the child's centre unless it is."""
 MAX_COUPLING_TERMS: Final = 12
 IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
+X_TO_Z: Final = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
+"""Rotation of a shape whose axis is z onto the x axis of a body."""
 
 
 class ModelBuilder(Readable, ShapeList):
@@ -271,6 +296,96 @@ class ModelBuilder(Readable, ShapeList):
             JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, checked)
         )
 
+    def add_joint_elastic(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, up: Vec3 | None = None,
+        stiffness: Sequence[float] = (0.0,) * 6, damping: Sequence[float] = (0.0,) * 6, dofs: Sequence[Dof] = (),
+    ) -> int:  # fmt: skip
+        """An element between two bodies that stretches, shears, twists and bends, as of a rod (`add_rod` makes whole
+        ones): q = (stretch along x, shear along y, along z [m], twist about x, bending about y, about z [rad]) in the
+        axes halfway between its two frames; zero as built, and unchanged by any rigid motion.
+
+        Args:
+            anchor0: its end on the parent, world frame [m].
+            anchor1: its end on the child, elsewhere; x points from `anchor0` to it.
+            up: direction whose part across x is the z axis; when None the world's z axis, or where x is nearly
+                vertical its y axis.
+            stiffness: (6,) [N/m], then [N·m/rad].
+            damping: (6,) [N·s/m], then [N·m·s/rad].
+            dofs: six with stiffness, damping, rest and preload, in the place of stiffness and damping.
+
+        Raises:
+            ModelError: the anchors are one point, `up` is along x, both dofs and stiffness or damping are given, or an
+                argument cannot be used.
+        """
+        thing = checked_name("joint", name)
+        length = distance_between(thing, anchor0, anchor1)
+        along = finite_vector(thing, "anchor1", anchor1, 3) - finite_vector(thing, "anchor0", anchor0, 3)
+        frame = frame_along(thing, along, up)
+        return self._add(
+            JointType.ELASTIC, name, parent, child, anchor0, None, self._six_dofs(thing, stiffness, damping, dofs),
+            anchor1=anchor1, rotation=frame, offset=length,
+        )  # fmt: skip
+
+    def add_rod(
+        self, name: str, points: npt.ArrayLike, *, section: AnySection, material: RodMaterial, up: Vec3 | None = None,
+        twist: float = 0.0, elements: int | None = None, start: RodEnd = None, end: RodEnd = None,
+        radius: float | None = None, surface: Material | None = None,
+    ) -> Rod:  # fmt: skip
+        """A rod along points, at rest as built: bodies `name_0`, `name_1` ... at the points, elastic joints between
+        them, and joints at its ends. Straight or curved, from ropes to shafts (docs/flexible.md).
+
+        Args:
+            name: of it.
+            points: (nodes, 3), two or more, world frame [m].
+            section: a `Round`, `Tube`, `Rectangle` or `Section` of `sw.flex`.
+            material: such as `sw.flex.Elastic`.
+            up: direction of the section's z axis at the start, made perpendicular to the rod; when None the world's z
+                axis, or its y axis for a rod that begins vertically. It is carried along without turning about the rod.
+            twist: angle by which the section at the end is turned about the rod at rest [rad].
+            elements: take so many of equal length along the points, in the place of one between each two.
+            start, end: a `Clamp` or `Hinge` of `sw.flex` that holds the first or last point; None: it is loose. A last
+                point at the first, clamped to `name_0`, makes a ring.
+            radius: of the capsules that touch others [m]; the section's largest distance from the axis when None.
+            surface: of the capsules; None: without a radius the rod touches nothing.
+
+        Raises:
+            ModelError: an argument cannot be used.
+        """
+        thing = checked_name("rod", name)
+        numbers, stuff, turn = checked_rod(thing, section, material, twist)
+        places = rod_points(thing, points, elements)
+        frames = section_frames(thing, places, up, turn)
+        nodes, parts = lay_rod(thing, places, frames, numbers, stuff)
+        bodies = tuple(
+            self.add_body(f"{name}_{i}", mass=node.mass, inertia=node.inertia, pose=node.pose, strict=False)
+            for i, node in enumerate(nodes)
+        )
+        joints = tuple(
+            self.add_joint_elastic(
+                f"{name}:{i}", bodies[i], bodies[i + 1], anchor0=places[i], anchor1=places[i + 1], up=part.up,
+                stiffness=part.stiffness, damping=part.damping,
+            )
+            for i, part in enumerate(parts)
+        )  # fmt: skip
+        ends = tuple(
+            self._hold_end(thing, f"{name}:{word}", end, body, place)
+            for word, end, body, place in (("start", start, bodies[0], places[0]), ("end", end, bodies[-1], places[-1]))
+        )
+        lengths = tuple(part.length for part in parts)
+        shapes: tuple[int, ...] = ()
+        if radius is not None or surface is not None:
+            thick = max(numbers.reach_y, numbers.reach_z) if radius is None else radius
+            shapes = tuple(
+                self.add_shape_capsule(
+                    body, radius=thick, half_length=0.5 * (node.before + node.behind), material=surface or Material(),
+                    pose=make_pose((0.5 * (node.behind - node.before), 0.0, 0.0), X_TO_Z),
+                )
+                for body, node in zip(bodies, nodes, strict=True)
+            )  # fmt: skip
+            for first, second in apart_along(lengths, 2.0 * thick):
+                self.exclude_collision(bodies[first], bodies[second])
+        return Rod(name, bodies, joints, (ends[0], ends[1]), lengths, numbers, shapes)
+
     def add_loop_joint(
         self, name: str, parent: int, child: int, *, kind: JointType, frame0: Pose, frame1: Pose | None = None
     ) -> int:
@@ -422,14 +537,9 @@ class ModelBuilder(Readable, ShapeList):
             ModelError: both are given, or an argument cannot be used.
         """
         thing = checked_name("bushing", name)
-        k = finite_vector(thing, "stiffness", stiffness, 6)
-        d = finite_vector(thing, "damping", damping, 6)
-        if isinstance(dofs, tuple) and not dofs:
-            dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
-        elif k.any() or d.any():
-            raise ModelError(f"{thing}: dofs must stand alone, got stiffness or damping too; put them into dofs")
+        six = self._six_dofs(thing, stiffness, damping, dofs)
         frame = checked_rotation(thing, "rotation", rotation)
-        return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
+        return self._add(JointType.BUSHING, name, parent, child, anchor, None, six, rotation=frame)
 
     def add_joint_relative_rotation(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
         """The rotation of the child about an axis of its own, seen from the parent: a coordinate for couplings, as
@@ -624,6 +734,38 @@ class ModelBuilder(Readable, ShapeList):
         body_pose = self._pose_of(thing, role, body)
         inverse = quat_conjugate(body_pose.rotation)
         return Frame(rotate(inverse, anchor - body_pose.position), quat_multiply(inverse, rotation))
+
+    def _hold_end(self, thing: str, name: str, end: RodEnd, body: int, place: Array) -> int:
+        """The joint that holds the end of a rod, -1: it is loose."""
+        if end is None:
+            return -1
+        if not isinstance(end, (Clamp, Hinge)):
+            raise ModelError(f"{thing}: an end must be a Clamp or Hinge, got {formatted(end)}; None leaves it loose")
+        holder = end.body
+        if isinstance(holder, str):
+            names = [each.name for each in self.bodies]
+            if holder not in names:
+                raise ModelError(
+                    f"{thing}: an end must be held by a body that was added, got {formatted(holder)}; "
+                    + suggestion(holder, names, "add it before the rod, or give WORLD")
+                )
+            holder = names.index(holder)
+        if isinstance(end, Clamp):
+            return self.add_joint_fixed(name, holder, body, anchor=place)
+        if end.axis is None:
+            return self.add_joint_spherical(name, holder, body, anchor=place)
+        return self.add_joint_revolute(name, holder, body, anchor=place, axis=end.axis)
+
+    def _six_dofs(
+        self, thing: str, stiffness: Sequence[float], damping: Sequence[float], dofs: Sequence[Dof]
+    ) -> Sequence[Dof]:
+        k = finite_vector(thing, "stiffness", stiffness, 6)
+        d = finite_vector(thing, "damping", damping, 6)
+        if isinstance(dofs, tuple) and not dofs:
+            return tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
+        if k.any() or d.any():
+            raise ModelError(f"{thing}: dofs must stand alone, got stiffness or damping too; put them into dofs")
+        return dofs
 
     def _add_single(
         self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3,

@@ -248,7 +248,20 @@ def checked_dofs(thing: str, kind: str, count: int, dofs: Sequence[Dof]) -> tupl
     if kind == JointType.FREE.name:
         for dof in dofs:
             _check_floating(thing, dof)
+    if kind == JointType.ELASTIC.name:
+        for dof in dofs:
+            _check_elastic(thing, dof)
     return tuple(checked_dof(thing, dof) for dof in dofs) or (Dof(),) * count
+
+
+def _check_elastic(thing: str, dof: Dof) -> None:
+    """What acts on strains is linear."""
+    for field, value in vars(checked_dof(thing, dof)).items():
+        if field not in ("stiffness", "damping", "rest", "preload") and value != getattr(Dof(), field):
+            raise ModelError(
+                f"{thing}: an ELASTIC joint has stiffness, damping, rest and preload, got {field}={formatted(value)}; "
+                "put it on a joint at an end"
+            )
 
 
 def _check_floating(thing: str, dof: Dof) -> None:

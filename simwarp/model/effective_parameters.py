@@ -26,7 +26,9 @@ Mask = npt.NDArray[np.bool_]
 SEEN: Final = ("shape_x", "shape_rot", "shape_size", "shape_asset", "shape_enabled")
 """Parameters of shapes that rays of sensors read too: no contact is needed."""
 
-WITH_OFFSET: Final = (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REVOLUTE_TRANSLATIONAL)
+WITH_OFFSET: Final = (
+    JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REVOLUTE_TRANSLATIONAL, JointType.ELASTIC,
+)  # fmt: skip
 
 
 class ActiveEntries(NamedTuple):
@@ -63,7 +65,7 @@ def effective_entries(
         return _of_couplings(model, name)
     if name == "joint_offset":
         holds = np.array([kind in WITH_OFFSET for kind in model.joint_types], bool)
-        return ActiveEntries(holds, "only rods and other massless links have a length of their own")
+        return ActiveEntries(holds, "only massless links and elastic joints have a length of their own")
     if size is Size.JOINTS:  # anchors and frames
         bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
         return ActiveEntries(bodies, "shafts have no anchors and frames")

@@ -60,6 +60,7 @@ ELEMENTS: Final[dict[JointType, Element]] = {
     ),
     JointType.PLANAR: Element(_points(X, Y) + _angles(Z), _points(Z) + PARALLEL_Z, True),
     JointType.SHAFT: Element((Row(RowKind.SHAFT),), (), True),
+    JointType.ELASTIC: Element(_points(X, Y, Z) + _angles(X, Y, Z), (), True),
     JointType.POINT_ON_PLANE: Element((), _points(Z), False),
     JointType.POINT_ON_LINE: Element((), _points(X, Y), False),
     JointType.PARALLEL: Element((), PARALLEL_Z, False),

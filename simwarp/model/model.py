@@ -83,7 +83,8 @@ class Model(ParameterFields):
         unit_newton: units that no row ties and whose shapes may touch others: Newton steps can solve their contacts.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         builder: that it was made of.
-        mass_ratio: of the heaviest body to the lightest, as built.
+        mass_ratio: of the heaviest body to the lightest, as built, nodes of rods left out: what is elastic carries
+            any load.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
         joint_types, shape_types: in index order.
         effort_models: parts of each coordinate's effort that are fixed.
@@ -106,7 +107,7 @@ class Model(ParameterFields):
         self.joint_names = tuple(joint.name for joint in builder.joints)
         self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
         self.box_count = len(tables.boxes)
-        masses = [body.mass for body in builder.bodies if not body.is_massless] or [1.0]
+        masses = [builder.bodies[body].mass for body in _weighty(builder)] or [1.0]
         self.mass_ratio = max(masses) / min(masses)
         self.shape_count = len(builder.shapes)
         self.shape_names = tuple(shape.name for shape in builder.shapes)
@@ -309,6 +310,13 @@ def _index(name: str, names: tuple[str, ...], kind: str) -> int:
             f"model has no {kind} {formatted(name)}; " + (f"did you mean {some}?" if some else "it has none")
         )
     return names.index(name)
+
+
+def _weighty(builder: Specification) -> list[int]:
+    """Bodies with mass, but for those between elastic joints, if there are others."""
+    nodes = {end for joint in builder.joints if joint.type is JointType.ELASTIC for end in (joint.parent, joint.child)}
+    massive = [index for index, body in enumerate(builder.bodies) if not body.is_massless]
+    return [body for body in massive if body not in nodes] or massive[:1]
 
 
 def _lengths(values: npt.NDArray[Any], name: str) -> tuple[int, ...]:
@@ -542,6 +550,9 @@ def _device_topology(
     t.link_massless, t.massless_count = ints(massless), sum(massless)
     with_rows = set(tables.loop_joint)
     t.link_sprung = ints([link.joint in with_rows for link in links])
+    elastic = [link.type is JointType.ELASTIC for link in links]
+    t.link_elastic = ints([sum(elastic[:link]) if there else -1 for link, there in enumerate(elastic)])
+    t.elastic_count = sum(elastic)
     t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
     t.link_tree_dof, t.tree_dof_to_dof, t.tree_dof_link = (
         ints(tables.link_tree_dof),

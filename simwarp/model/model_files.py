@@ -332,7 +332,7 @@ def _joint(builder: ModelBuilder, entry: JointEntry, taken: NameColumns) -> Join
     dofs = checked_dofs(thing, kind.name, len(ELEMENTS[kind].dofs), tuple(dof_of(dof) for dof in entry.dofs))
     if entry.closes_loop and kind not in (JointType.FIXED, JointType.SPHERICAL):
         _want(thing, "closes_loop", True, False, kind)
-    if kind in (JointType.ROD, JointType.REVOLUTE_SPHERICAL):
+    if kind in (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.ELASTIC):
         positive_number(thing, "offset", entry.offset, "m", "give the distance of its ends")
     elif kind != JointType.REVOLUTE_TRANSLATIONAL:
         _want(thing, "offset", entry.offset, 0.0, kind)

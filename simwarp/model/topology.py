@@ -153,6 +153,7 @@ def build_tables(builder: Specification) -> Tables:
     dof_start = _dof_starts(builder)
     coupled = {dof for coupling in all_sums(builder) for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
+    _check_elastic(builder, tree)
     links = _ordered_links(builder, tree)
     _check_massless(builder, links)
     link_tree_dof: list[int] = [0]
@@ -261,8 +262,9 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
         is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
         efforts = sum(has_effort(dof) for dof in spec.dofs)
         ends = [builder.bodies[body] for body in (spec.parent, spec.child) if body != WORLD]
+        whole = spec.type is JointType.ELASTIC  # there is no row for it
         needed = any(body.is_massless for body in ends)  # such a body only has the inertia of what hangs on it
-        return (10000 * needed + 100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
+        return (100_000 * whole + 10_000 * needed + 100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
 
@@ -313,6 +315,16 @@ def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
     return links
 
 
+def _check_elastic(builder: Specification, tree: set[int]) -> None:
+    """Elastic joints are parts of the tree: there are no rows for them."""
+    for joint, spec in enumerate(builder.joints):
+        if spec.type is JointType.ELASTIC and joint not in tree:
+            raise ModelError(
+                f"joint '{spec.name}': is ELASTIC and closes a ring of elastic joints, which needs a row; split a body "
+                "of the ring in two halves and fix them to each other (add_joint_fixed)"
+            )
+
+
 def _check_massless(builder: Specification, links: list[Link]) -> None:
     """Massless bodies are carried by joints of the tree and carry a body with mass; nothing else touches them."""
     in_tree, carrying = {link.joint for link in links}, {link.parent for link in links}
@@ -339,6 +351,10 @@ def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_sta
         thing = f"{'coupling' if coupling.dof < 0 else 'combination'} '{coupling.name}'"
         for dof, _ in coupling.terms:
             spec: JointSpec = builder.joints[owner[dof]]
+            if spec.type is JointType.ELASTIC:
+                raise ModelError(
+                    f"{thing}: joint '{spec.name}' is ELASTIC, whose coordinates are strains; couple joints at the ends"
+                )
             if spec.type in ROTATION_START:
                 raise ModelError(
                     f"{thing}: joint '{spec.name}' is {spec.type.name}, whose angles are no "

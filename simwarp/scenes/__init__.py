@@ -14,6 +14,7 @@ from simwarp.scenes.contact import (
     stack,
     wall,
 )
+from simwarp.scenes.flexible import ROD_LENGTH, ROD_MATERIAL, ROD_SECTION, rod, rod_on_floor
 from simwarp.scenes.mechanisms import (
     ANDREWS_INITIAL,
     ANDREWS_REFERENCE,
@@ -64,6 +65,9 @@ __all__ = [
     "QUADRUPED_STANCE_HEIGHT",
     "QUADRUPED_TORQUES",
     "RACER3",
+    "ROD_LENGTH",
+    "ROD_MATERIAL",
+    "ROD_SECTION",
     "Arm",
     "ArmJoint",
     "ArmLink",
@@ -89,6 +93,8 @@ __all__ = [
     "pile",
     "quadruped",
     "robot_arm",
+    "rod",
+    "rod_on_floor",
     "rolling_box",
     "show_quadruped",
     "slider_crank",

@@ -45,6 +45,7 @@ from simwarp.simulation.attachments import (
     recorded_or_none,
 )
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
+from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
@@ -115,6 +116,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         dt: time of one `step` call [s].
         substeps: equal parts that it is divided into.
         solver: see `SolverOptions`.
+        flex: of rods and other flexible parts; see `FlexibleOptions`.
         joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
         joint_accelerations: record the acceleration of every coordinate (`diagnostics.joint_qdd`).
         elements: force elements, such as a Vehicle's, launched before each sub-step. They, and the sensors, belong to
@@ -133,8 +135,8 @@ class Simulation(Readable, Readings, FixedAttributes):
     """
 
     FIXED: ClassVar = (
-        "model", "dt", "substeps", "solver", "read_every", "elements", "sensors", "state", "control", "contacts",
-        "diagnostics", "memory", "identity", "shares", "read_interval",
+        "model", "dt", "substeps", "solver", "flex", "read_every", "elements", "sensors", "state", "control",
+        "contacts", "diagnostics", "memory", "identity", "shares", "read_interval",
     )  # fmt: skip
 
     @report_compiling()
@@ -146,6 +148,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         *,
         substeps: Annotated[int, Ge(1), Le(SUBSTEP_LIMIT), Meaning("1, the default")] = 1,
         solver: Annotated[SolverOptions, instance_of(SolverOptions, "write SolverOptions(...)")] | None = None,
+        flex: Annotated[FlexibleOptions, instance_of(FlexibleOptions, "write sw.flex.Options(...)")] | None = None,
         joint_reactions: Flag = False,
         joint_accelerations: Flag = False,
         elements: Sequence[ForceElement] = (),
@@ -157,6 +160,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self.model, self.substeps = model, substeps
         self.dt = checked_dt(dt, substeps)
         self.solver = solver or SolverOptions()
+        self.flex = flex or FlexibleOptions()
         self.read_every = checked_read_every(read_every, substeps)
         reports = {"reactions": joint_reactions, "accelerations": joint_accelerations}
         self.elements = checked_elements(elements)
@@ -418,7 +422,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, **effects)
         self.diagnostics = Diagnostics(model, **reports)
-        self._config = step_config(solver, self.dt / self.substeps, model.mass_ratio, **reports)
+        self._config = step_config(solver, self.flex, self.dt / self.substeps, model.mass_ratio, **reports)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
         self._scratch = make_scratch(model.device, slots, self._sizes)
         self._progress = make_progress(model.device, model.world_count)
@@ -434,7 +438,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             ModelError: no step can have this length.
         """
         reports = {"reactions": bool(self._config.reactions), "accelerations": bool(self._config.accelerations)}
-        config = step_config(self.solver, checked_dt(dt, 1), self.model.mass_ratio, **reports)
+        config = step_config(self.solver, self.flex, checked_dt(dt, 1), self.model.mass_ratio, **reports)
         with self.shares.recording_together():
             return self._record_physics(config, self._record_collision(config))
 

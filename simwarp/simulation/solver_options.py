@@ -10,6 +10,7 @@ from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.model.model import Model
 from simwarp.model.rules import Configuration, Flag, word_of
+from simwarp.simulation.flexible_options import FlexibleOptions
 
 SOLVERS: Final = tuple(solver.name.lower() for solver in ConeSolver)
 FRICTION_LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)
@@ -96,11 +97,14 @@ def needs_all_solvers(model: Model, options: SolverOptions) -> bool:
     return other or (fallback if options.fallback is None else options.fallback)
 
 
-def step_config(options: SolverOptions, dt: float, mass_ratio: float, *, reactions: bool, accelerations: bool) -> Any:
+def step_config(
+    options: SolverOptions, flex: FlexibleOptions, dt: float, mass_ratio: float, *, reactions: bool, accelerations: bool
+) -> Any:
     """The numbers of a sub-step of `dt` [s] as kernels read them.
 
     Args:
         options: of the solver.
+        flex: of flexible parts.
         dt: of the sub-step [s].
         mass_ratio: of the heaviest to the lightest body.
         reactions: record the joints' reactions.
@@ -114,6 +118,8 @@ def step_config(options: SolverOptions, dt: float, mass_ratio: float, *, reactio
     ):  # fmt: skip
         setattr(config, name, getattr(options, name))
     config.spring_average = spring_average(options.numerical_damping)
+    config.flexible_damping = flex.numerical_damping
+    config.flexible_average = spring_average(flex.numerical_damping)
     config.projection_iterations = options.position_projection or 0
     config.curvature_share = CURVATURE_SHARE if config.projection_iterations == 0 else 1.0
     refined = int(mass_ratio > REFINED_MASS_RATIO)

@@ -59,9 +59,10 @@ def record_step(
     )
     given = {"topology": model.topology, "parameters": model.parameters, **arrays}
     stages = step_stages
+    elastic = model.topology.elastic_count > 0
     return _record(
-        shares, lambda: stages.fused_step(all_solvers), stages.step_stages(solve), stages.stage_kernel, given
-    )  # fmt: skip
+        shares, lambda: stages.fused_step(all_solvers, elastic), stages.step_stages(solve), stages.stage_kernel, given
+    )
 
 
 def _record(

@@ -21,6 +21,7 @@ from simwarp.kernels.dynamics.world import make_scratch, measure_worlds
 from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.model import Model
 from simwarp.model.rules import INFINITE
+from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.solver_options import SolverOptions, step_config
 from simwarp.simulation.stage_recording import record_collision
 from simwarp.simulation.state import Contacts, State, initial_arrays
@@ -267,7 +268,9 @@ def initial_faults(model: Model) -> StateFaults:
     scratch = make_scratch(model.device, slots, step_sizes(model, 0, False))
     inputs = [worlds, model.topology, model.parameters, scratch]
     shares.record(measure_worlds, inputs=inputs, outputs=[state.arrays, contacts.arrays]).launch()
-    config = step_config(SolverOptions(), USUAL_STEP, model.mass_ratio, reactions=False, accelerations=False)
+    config = step_config(
+        SolverOptions(), FlexibleOptions(), USUAL_STEP, model.mass_ratio, reactions=False, accelerations=False
+    )
     colliding = record_collision(
         shares, model, config=config, state=state.arrays, contacts=contacts.arrays,
         scratch=make_collision_scratch(model.device, slots, collision_sizes(model)),

@@ -33,7 +33,8 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
     newton = newton_dofs(model)
     groups = model.row_groups
     return ScratchSizes(
-        links=topology.link_count, tree_dofs=topology.tree_dof_count, units=topology.unit_count,
+        links=topology.link_count, tree_dofs=topology.tree_dof_count,
+        elastic_joints=topology.elastic_count, units=topology.unit_count,
         rows=topology.row_count, groups=topology.group_count, columns=groups.max_columns,
         response_room=groups.response_room, factor_room=groups.factor_start[-1], share_width=model.share_width,
         responses=model.response_count, relative_rotations=model.relative_rotation_count,

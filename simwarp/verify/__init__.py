@@ -13,6 +13,7 @@ from simwarp.verify import (
     analysis_checks,
     chain_problem,
     contact_checks,
+    flexible_checks,
     laws,
     mechanism_checks,
     soil_checks,
@@ -59,6 +60,7 @@ SCENES: Final[dict[str, Callable[..., list[CheckResult]]]] = {
     "pile": contact_checks.pile,
     "soil": soil_checks.soil,
     "analysis": analysis_checks.analysis,
+    "flexible": flexible_checks.flexible,
     "vehicles": vehicle_runs.vehicles,
 }
 """Name -> check, in the order in which they run. The first argument is the device."""

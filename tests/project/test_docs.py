@@ -26,6 +26,7 @@ WITH_CODE = [page for page in pages() if python_blocks(page)]
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
     "balance_by_lqr.py": [],
+    "rods.py": ["--seconds", "0.3", "--plot", "rods.png"],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
     "drives.py": ["--seconds", "0.5"],
     "contacts.py": [],

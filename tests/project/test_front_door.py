@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.motions", "simwarp.vehicle", "simwarp.sensors",
     "simwarp.scenery",
-    "simwarp.importers", "simwarp.exporters", "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics",
-    "simwarp.flex",
+    "simwarp.importers", "simwarp.exporters", "simwarp.soil", "simwarp.flex",
+    "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",
     "simwarp.tasks.locomotion.velocity.mdp",
     "simwarp.train",

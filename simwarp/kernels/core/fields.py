@@ -41,7 +41,8 @@ class ParameterFields(FieldGroup):
         wp.mat33d, Size.JOINTS, text="axes of frame 1 in the second body, as columns"
     )
     joint_offset: WritableArray = parameter(
-        wp.float64, Size.JOINTS, source="joint.offset", text="length of a rod or of a massless link [m]"
+        wp.float64, Size.JOINTS, source="joint.offset",
+        text="length of a massless link, or of an elastic joint at rest [m]",
     )
     joint_armature: WritableArray = parameter(
         wp.float32, Size.DOFS, domain=NOT_NEGATIVE,

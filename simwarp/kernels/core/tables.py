@@ -37,6 +37,7 @@ class Topology:
     loop_dof_count: int
     distance_count: int
     massless_count: int
+    elastic_count: int
     shape_count: int
     pair_count: int
     formula_pairs: int  # of convex shapes whose contacts are written down
@@ -55,6 +56,7 @@ class Topology:
     link_alone: wp.array[int]  # 1: no joint touches the body
     link_massless: wp.array[int]  # 1: a frame between joints
     link_sprung: wp.array[int]  # 1: rows carry the efforts of its joint, which is a ball
+    link_elastic: wp.array[int]  # number of its elastic joint, -1: it has another
     link_tree_dof: wp.array[int]  # CSR
     tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
     tree_dof_link: wp.array[int]
@@ -141,6 +143,8 @@ class StepConfig:
     dt: float
     numerical_damping: float  # zeta of the rule for springs and dampers (efforts.py)
     spring_average: float  # beta of that rule
+    flexible_damping: float  # zeta of elastic joints
+    flexible_average: float  # beta of elastic joints
     max_depenetration_velocity: float  # m/s
     max_depenetration_rate: float  # rad/s
     curvature_share: float  # of a step's own error of the joints, that is removed beforehand
@@ -229,6 +233,10 @@ class WorkScratch(ScratchGroup):
     change = scratch_array(wp.float32, "tree_dofs")  # of the rate in this step, not rounded to the rate's digits
     k_qd = scratch_array(wp.float32, "tree_dofs")  # kept while a correction is computed
     k_effort = scratch_array(wp.float32, "tree_dofs")
+
+    # two arrays for all: each one more costs every model's step a percent of its compilation
+    elastic_matrices = scratch_array(wp.mat33, "elastic_matrices")  # of each elastic joint (elastic_links.py)
+    elastic_vectors = scratch_array(wp.vec3, "elastic_vectors")
 
     j0_ang = scratch_array(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
     j0_lin = scratch_array(wp.vec3, "wrench_rows")

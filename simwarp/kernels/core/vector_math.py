@@ -75,6 +75,22 @@ def cross_columns(d: wp.vec3, m: wp.mat33) -> wp.mat33:
 
 
 @wp.func
+def inverse_cholesky(m: wp.mat33) -> wp.mat33:
+    """L^-1 (lower triangular) of a symmetric positive definite m = L L^T."""
+    a = wp.sqrt(m[0, 0])
+    b = m[1, 0] / a
+    c = m[2, 0] / a
+    d = wp.sqrt(m[1, 1] - b * b)
+    e = (m[2, 1] - b * c) / d
+    f = wp.sqrt(m[2, 2] - c * c - e * e)
+    ia = 1.0 / a
+    jd = 1.0 / d
+    jf = 1.0 / f
+    i10 = -b * ia * jd
+    return wp.mat33(ia, 0.0, 0.0, i10, jd, 0.0, -(c * ia + e * i10) * jf, -e * jd * jf, jf)
+
+
+@wp.func
 def rotation_vector_of(q: wp.quatd) -> wp.vec3d:
     """Rotation vector of a unit quaternion, of at most half a turn [rad]."""
     if q[3] < wp.float64(0.0):

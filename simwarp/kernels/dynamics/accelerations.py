@@ -16,6 +16,7 @@ from simwarp.kernels.dynamics.bilateral_rows import coefficient_of, link_of, rat
 from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
+    ELASTIC,
     FREE,
     POINT_AXIS0,
     SHAFT,
@@ -131,7 +132,7 @@ def add_product_response(
         work.f_lin[link] = work.stabilisation_lin[link]
         work.p_ang[link] = wp.vec3()
         work.p_lin[link] = wp.vec3()
-        if kind != FREE and kind != SHAFT:
+        if kind != FREE and kind != SHAFT and kind != ELASTIC:  # whose rates are differences
             products = velocity_products(link, world, topology, parameters, state, work)
             ang = dt * products.ang
             lin = dt * products.lin

@@ -20,8 +20,10 @@ from simwarp.kernels.dynamics.bilateral_rows import (
 from simwarp.kernels.dynamics.bodies import load_bodies, load_poses, load_tree_dofs, publish_coordinates, publish_poses
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
 from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION
+from simwarp.kernels.dynamics.elastic import gain_stiffness, joint_rate, place_elastic
 from simwarp.kernels.dynamics.joints import (
     CYLINDRICAL,
+    ELASTIC,
     FREE,
     PLANAR,
     PRISMATIC,
@@ -69,8 +71,8 @@ class JointPose:
 
 
 @wp.func
-def joint_pose(kind: int, first: int, world: int, joint_q: wp.array2d[float]) -> JointPose:
-    """Relative pose of a joint's frames for its coordinates."""
+def joint_pose(kind: int, first: int, world: int, length: wp.float64, joint_q: wp.array2d[float]) -> JointPose:
+    """Relative pose of a joint's frames for its coordinates; `length` is that of an elastic joint at rest [m]."""
     pose = JointPose()
     pose.r = wp.identity(n=3, dtype=wp.float64)
     if kind == REVOLUTE:
@@ -103,6 +105,17 @@ def joint_pose(kind: int, first: int, world: int, joint_q: wp.array2d[float]) ->
             wp.float64(joint_q[world, first + 4]),
             wp.float64(joint_q[world, first + 5]),
         )
+    elif kind == ELASTIC:
+        x = wp.float64(joint_q[world, first + 3])
+        y = wp.float64(joint_q[world, first + 4])
+        z = wp.float64(joint_q[world, first + 5])
+        half = wp.float64(0.5)
+        pose.r = exponential(x, y, z)
+        pose.p = exponential(half * x, half * y, half * z) * wp.vec3d(
+            length + wp.float64(joint_q[world, first]),
+            wp.float64(joint_q[world, first + 1]),
+            wp.float64(joint_q[world, first + 2]),
+        )
     return pose
 
 
@@ -113,7 +126,8 @@ def place_links(world: int, topology: Topology, parameters: Parameters, joint_q:
         joint = topology.link_joint[link]
         body = topology.link_body[link]
         if joint >= 0 and body >= 0:
-            pose = joint_pose(topology.link_type[link], topology.joint_dof[joint], world, joint_q)
+            length = parameters.joint_offset[world_row(world, parameters.joint_offset.shape[0]), joint]
+            pose = joint_pose(topology.link_type[link], topology.joint_dof[joint], world, length, joint_q)
             frames = joint_frames(joint, world, topology, parameters, work)
             anchor0 = parameters.joint_anchor0[world_row(world, parameters.joint_anchor0.shape[0]), joint]
             anchor1 = parameters.joint_anchor1[world_row(world, parameters.joint_anchor1.shape[0]), joint]
@@ -152,7 +166,9 @@ def place_joints(world: int, topology: Topology, parameters: Parameters, config:
     """Columns and shifts of all tree joints at the poses in `work`, without stabilisation."""
     for link in range(topology.link_count):
         kind = topology.link_type[link]
-        if kind != FREE and kind != SHAFT:
+        if kind == ELASTIC:
+            place_elastic(link, world, topology, parameters, work)
+        elif kind != FREE and kind != SHAFT:
             link_geometry(link, world, 0.0, topology, parameters, config, work)
 
 
@@ -167,10 +183,11 @@ def factor_at_poses(
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     clear_velocities(topology, work)
     load_tree_dofs(world, time, topology, parameters, state, control, config, work)
+    place_joints(world, topology, parameters, config, work)
+    gain_stiffness(world, topology, parameters, config, work)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
         work.effort[tree_dof] = 0.0
-    place_joints(world, topology, parameters, config, work)
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
@@ -389,5 +406,10 @@ def measure_world(world: int, topology: Topology, parameters: Parameters, state:
     for dof in range(topology.dof_count):
         if topology.dof_sum[dof] >= 0:
             state.joint_qd[world, dof] = combined_rate(dof, world, topology, parameters, state)
+        elif topology.joint_type[topology.dof_joint[dof]] == ELASTIC:
+            joint = topology.dof_joint[dof]
+            local = dof - topology.joint_dof[joint]
+            rates = joint_rate(joint, world, topology, parameters, work)
+            state.joint_qd[world, dof] = wp.where(local < 3, rates.lin[local % 3], rates.ang[local % 3])
         elif topology.joint_type[topology.dof_joint[dof]] != SHAFT:
             state.joint_qd[world, dof] = dof_rate(dof, world, topology, parameters, work)

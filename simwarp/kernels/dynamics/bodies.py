@@ -22,9 +22,11 @@ from simwarp.kernels.dynamics.efforts import (
     prescribed_rate,
     rotation_effort,
 )
+from simwarp.kernels.dynamics.elastic import frames_halfway
 from simwarp.kernels.dynamics.joints import (
     COMBINATION,
     DISTANCE,
+    ELASTIC,
     FREE,
     POINT_AXIS0,
     RELATIVE_ROTATION,
@@ -202,7 +204,7 @@ def load_tree_dofs(
                 work.rate[tree_dof] = prescribed_rate(dof, world, config, time, q, limit, topology, control)
             elif kind == SPHERICAL:
                 work.rate[tree_dof] = state.joint_qd[world, dof]
-            elif kind != FREE:
+            elif kind != FREE and kind != ELASTIC:
                 rate = state.joint_qd[world, dof]
                 implicit = dof_effort(dof, world, config, float(q), rate, topology, parameters, control)
                 work.gain[tree_dof] = implicit.gain
@@ -427,6 +429,9 @@ def publish_coordinates(
         elif end > first:
             frames = joint_frames(joint, world, topology, parameters, work)
             angles = joint_rotation_vector(kind, frames)
+            if kind == ELASTIC:
+                row = world_row(world, parameters.joint_offset.shape[0])
+                frames = frames_halfway(frames, angles, parameters.joint_offset[row, joint])
             for dof in range(first, end):
                 value = coordinate(kind, dof - first, topology.dof_coupled[dof], frames, angles)
                 if wraps(kind, topology.dof_kind[dof]):

@@ -9,7 +9,8 @@ from simwarp.kernels.cones.sparse_rows import add_rows, finish_gram, form_gram
 from simwarp.kernels.core.tables import Topology, Work
 from simwarp.kernels.dynamics.bilateral_rows import apply_group
 from simwarp.kernels.dynamics.dense_rows import solve_group_backward, solve_group_forward
-from simwarp.kernels.dynamics.joints import FREE
+from simwarp.kernels.dynamics.elastic_links import has_elastic_code
+from simwarp.kernels.dynamics.joints import ELASTIC, FREE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,6 +36,29 @@ def put_columns(row: int, count: int, entry: int, m: wp.mat33, cone: ConeProblem
         cone.y[row + 2, entry] = m[2, 0]
         cone.y[row + 2, entry + 1] = m[2, 1]
         cone.y[row + 2, entry + 2] = m[2, 2]
+
+
+@wp.func
+def walk_elastic_rows(
+    block: int, row: int, count: int, entry: int, link: int, ang: wp.mat33, lin: wp.mat33, topology: Topology,
+    work: Work, cone: ConeProblem,
+) -> Wrenches:  # fmt: skip
+    """`walk_rows` over a link with an elastic joint: six entries, and the wrenches on its parent."""
+    above = Wrenches()
+    if has_elastic_code():
+        first = topology.link_tree_dof[link]
+        above.ang = ang - lin * wp.skew(work.shift[link])
+        above.lin = lin
+        for k in range(6):
+            value = ang * work.s_ang[first + k] + lin * work.s_lin[first + k]
+            cone.block_tree_dof[block, entry + k] = first + k
+            cone.y[row, entry + k] = value[0]
+            if count == 3:
+                cone.y[row + 1, entry + k] = value[1]
+                cone.y[row + 2, entry + k] = value[2]
+            above.ang -= wp.outer(value, work.u_ang[first + k])
+            above.lin -= wp.outer(value, work.u_lin[first + k])
+    return above
 
 
 @wp.func
@@ -74,6 +98,11 @@ def walk_rows(
                 cone.block_tree_dof[block, e + 3 + k] = first + 3 + k
             put_columns(row, count, e, y_lin, cone)
             put_columns(row, count, e + 3, y_ang, cone)
+            e += 6
+        elif topology.link_type[link] == ELASTIC:
+            above = walk_elastic_rows(block, row, count, e, link, ang, lin, topology, work, cone)
+            ang = above.ang
+            lin = above.lin
             e += 6
         else:
             end = topology.link_tree_dof[link + 1]

@@ -24,6 +24,7 @@ UNIVERSAL = wp.constant(int(JointType.UNIVERSAL))
 PLANAR = wp.constant(int(JointType.PLANAR))
 SPHERICAL = wp.constant(int(JointType.SPHERICAL))
 SHAFT = wp.constant(int(JointType.SHAFT))
+ELASTIC = wp.constant(int(JointType.ELASTIC))
 RELATIVE_ROTATION = wp.constant(int(JointType.RELATIVE_ROTATION))
 JOINT_DISTANCE = wp.constant(int(JointType.DISTANCE))
 BUSHING = wp.constant(int(JointType.BUSHING))
@@ -91,7 +92,7 @@ def allowed_part(kind: int, z: Any, d: Any):
     """The part of a translation `d` that an element with the axis `z` allows, in either precision."""
     if kind == PRISMATIC or kind == CYLINDRICAL or kind == POINT_ON_LINE:
         return z * wp.dot(z, d)
-    if kind == FREE or kind == BUSHING:
+    if kind == FREE or kind == BUSHING or kind == ELASTIC:
         return d
     if kind == PLANAR or kind >= POINT_ON_PLANE:
         return d - z * wp.dot(z, d)
@@ -294,7 +295,7 @@ def angle_of(cosine: wp.float64, sine: wp.float64, exact: int) -> wp.float64:
 @wp.func
 def joint_rotation_vector(kind: int, frames: JointFrames) -> wp.vec3d:
     """Rotation vector of the joints whose coordinates hold one, else zeros."""
-    if kind == SPHERICAL or kind == FREE or kind == BUSHING:
+    if kind == SPHERICAL or kind == FREE or kind == BUSHING or kind == ELASTIC:
         return rotation_vector(frames.f0, frames.f1)
     return wp.vec3d()
 
@@ -342,4 +343,5 @@ def unwrapped(angle: wp.float64, near: wp.float64) -> wp.float64:
 @wp.func
 def wraps(kind: int, row_kind: int) -> bool:
     """True where a coordinate counts turns."""
-    return (row_kind == ANGLE0 or row_kind == ANGLE1) and kind != SPHERICAL and kind != FREE and kind != BUSHING
+    vector = kind == SPHERICAL or kind == FREE or kind == BUSHING or kind == ELASTIC
+    return (row_kind == ANGLE0 or row_kind == ANGLE1) and not vector

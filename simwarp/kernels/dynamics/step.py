@@ -36,7 +36,8 @@ from simwarp.kernels.dynamics.box_constraints import collect_boxes
 from simwarp.kernels.dynamics.cone_rows import apply_cones
 from simwarp.kernels.dynamics.contact_rows import publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
-from simwarp.kernels.dynamics.joints import FREE, SHAFT, joint_frames, link_geometry
+from simwarp.kernels.dynamics.elastic_links import resist_crossing
+from simwarp.kernels.dynamics.joints import ELASTIC, FREE, SHAFT, joint_frames, link_geometry
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.recovery import find_recovery, needs_recovery
@@ -54,7 +55,7 @@ def tree_geometry(
     worst = float(0.0)
     for link in range(topology.link_count):
         kind = topology.link_type[link]
-        if kind != FREE and kind != SHAFT:
+        if kind != FREE and kind != SHAFT and kind != ELASTIC:
             worst = wp.max(worst, link_geometry(link, world, inv_dt, topology, parameters, config, work))
     return worst
 
@@ -98,6 +99,9 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
             inertia_b = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             work.p_ang[link] = work.f_ang[link] - rot * (inertia_b * (work.v_ang[link] * rot))
             work.p_lin[link] = work.f_lin[link] - mass * work.v_lin[link]
+    if topology.elastic_count > 0:
+        for link in range(topology.link_count):
+            resist_crossing(link, topology, work)
     for tree_dof in range(topology.tree_dof_count):
         work.k_qd[tree_dof] = work.xi[tree_dof]
         work.k_effort[tree_dof] = work.effort[tree_dof]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 
@@ -11,6 +12,8 @@ from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters
 from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, reduce_contacts, respond_to_contacts
+from simwarp.kernels.dynamics.elastic import has_elastic, load_elastic_joints
+from simwarp.kernels.dynamics.elastic_links import WITHOUT_ELASTIC
 from simwarp.kernels.dynamics.solve_stages import cone_solve, stages_for_cuda_check
 from simwarp.kernels.dynamics.step import (
     apply_impulses,
@@ -39,6 +42,7 @@ from simwarp.kernels.dynamics.step import (
     solve_bilateral,
 )
 from simwarp.kernels.dynamics.world import (
+    CPU_FLAGS,
     MODULE_OPTIONS,
     Scratch,
     kept_rows,
@@ -47,6 +51,9 @@ from simwarp.kernels.dynamics.world import (
     part_of_cone,
     part_of_work,
 )
+
+WITHOUT = {"cpu_compiler_flags": f"{CPU_FLAGS} -D{WITHOUT_ELASTIC}"}
+"""Options of the kernel of models without elastic joints."""
 
 ROOM = StageRoom(
     module=__name__, options=MODULE_OPTIONS,
@@ -68,6 +75,8 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
         Stage(name="load_state", function=load_state,
               reads="poses, velocities, controls, element forces",
               writes="momenta, efforts, axes and shifts of the tree's joints"),
+        Stage(name="load_elastic_joints", function=load_elastic_joints, when=has_elastic,
+              reads="poses, velocities, controls", writes="axes, shifts, rates, efforts and gains of elastic joints"),
         Stage(name="move_freely", function=move_freely,
               reads="momenta, efforts, axes", writes="the tree's factor, velocities of the free motion"),
         Stage(name="form_rows", function=form_rows, when=has_rows,
@@ -109,9 +118,12 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
 
 
 @functools.cache
-def fused_step(all_solvers: bool) -> StageKernel:
-    """The step in one kernel, with accelerated gradient descent as its only solver, or with all (twice the code)."""
-    return fused_kernel("step_worlds", step_stages([cone_solve(all_solvers)]), ROOM)
+def fused_step(all_solvers: bool, elastic: bool) -> StageKernel:
+    """The step in one kernel, with accelerated gradient descent as its only solver, or with all (twice the code); for
+    models with elastic joints, or without.
+    """
+    room = ROOM if elastic else dataclasses.replace(ROOM, options=MODULE_OPTIONS | WITHOUT)
+    return fused_kernel("step_worlds", step_stages([cone_solve(all_solvers)]), room)
 
 
 @functools.cache

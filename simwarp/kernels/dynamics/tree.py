@@ -8,30 +8,21 @@ through `shift`. A joint of several degrees of freedom is eliminated one column 
 import warp as wp
 
 from simwarp.kernels.core.tables import Topology, Work
-from simwarp.kernels.core.vector_math import cross_columns
-from simwarp.kernels.dynamics.joints import FREE, SHAFT
+from simwarp.kernels.core.vector_math import cross_columns, inverse_cholesky
+from simwarp.kernels.dynamics.elastic_links import (
+    Wrench,
+    elastic_backward,
+    elastic_forward,
+    factor_elastic,
+    walk_elastic,
+)
+from simwarp.kernels.dynamics.joints import ELASTIC, FREE, SHAFT
 
 wp.set_module_options({"enable_backward": False})
 
 LEAST_PIVOT = wp.constant(1.0e-6)
 """Of a massless link's inertia along a coordinate, relative to the largest: some ten times the rounding of float32.
 Two hinges are that near to being parallel at an angle of 1e-3 rad."""
-
-
-@wp.func
-def inverse_cholesky(m: wp.mat33) -> wp.mat33:
-    """L^-1 (lower triangular) of a symmetric positive definite m = L L^T."""
-    a = wp.sqrt(m[0, 0])
-    b = m[1, 0] / a
-    c = m[2, 0] / a
-    d = wp.sqrt(m[1, 1] - b * b)
-    e = (m[2, 1] - b * c) / d
-    f = wp.sqrt(m[2, 2] - c * c - e * e)
-    ia = 1.0 / a
-    jd = 1.0 / d
-    jf = 1.0 / f
-    i10 = -b * ia * jd
-    return wp.mat33(ia, 0.0, 0.0, i10, jd, 0.0, -(c * ia + e * i10) * jf, -e * jd * jf, jf)
 
 
 @wp.func
@@ -98,6 +89,8 @@ def factor_tree(topology: Topology, work: Work):
         parent = topology.link_parent[link]
         if kind == FREE:
             factor_free(link, work)
+        elif kind == ELASTIC:
+            factor_elastic(link, topology, work)
         elif kind == SHAFT:
             tree_dof = topology.link_tree_dof[link]
             work.u_ang[tree_dof] = wp.vec3()
@@ -142,6 +135,8 @@ def backward_pass(stabilisation: float, topology: Topology, work: Work):
             for k in range(3):
                 work.xi[first + k] = y_lin[k]
                 work.xi[first + 3 + k] = y_ang[k]
+        elif kind == ELASTIC:
+            elastic_backward(link, p_ang, p_lin, topology, work)
         elif kind == SHAFT:
             work.xi[first] = work.effort[first] * work.inv_sqrt_d[first]
         else:
@@ -180,7 +175,7 @@ def forward_pass(topology: Topology, work: Work):
         elif kind == SHAFT:
             work.change[first] = work.xi[first] * work.inv_sqrt_d[first]
             work.qd[first] = work.change[first] + work.rate[first]
-        else:
+        elif kind != ELASTIC:
             parent = topology.link_parent[link]
             if parent >= 0:
                 v_ang = work.v_ang[parent]
@@ -195,16 +190,11 @@ def forward_pass(topology: Topology, work: Work):
                 v_lin += work.s_lin[tree_dof] * qd
                 work.change[tree_dof] = qd
                 work.qd[tree_dof] = qd + work.rate[tree_dof]
-        work.v_ang[link] = v_ang
-        work.v_lin[link] = v_lin
-
-
-@wp.struct
-class Wrench:
-    """A row's direction at a link: about and along world axes at the link's centre."""
-
-    ang: wp.vec3
-    lin: wp.vec3
+        if kind == ELASTIC:
+            elastic_forward(link, topology, work)
+        else:
+            work.v_ang[link] = v_ang
+            work.v_lin[link] = v_lin
 
 
 @wp.func
@@ -244,6 +234,10 @@ def walk_to_root(
             for k in range(3):
                 y[row, column + k] = y[row, column + k] + y_lin[k]
                 y[row, column + 3 + k] = y[row, column + 3 + k] + y_ang[k]
+        elif topology.link_type[link] == ELASTIC:
+            above = walk_elastic(row, link, ang, lin, topology, work, y)
+            ang = above.ang
+            lin = above.lin
         else:
             end = topology.link_tree_dof[link + 1]
             for index in range(end - first):

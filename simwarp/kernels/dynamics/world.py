@@ -61,6 +61,7 @@ class ScratchSizes:
 
     links: int
     tree_dofs: int
+    elastic_joints: int
     units: int
     rows: int
     groups: int
@@ -78,6 +79,16 @@ class ScratchSizes:
     wide_vectors: int
     kept_rows: int
     entries: int
+
+    @property
+    def elastic_matrices(self) -> int:
+        """Six of each elastic joint."""
+        return 6 * self.elastic_joints
+
+    @property
+    def elastic_vectors(self) -> int:
+        """Four of each elastic joint."""
+        return 4 * self.elastic_joints
 
     @property
     def padded_rows(self) -> int:
