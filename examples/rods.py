@@ -80,7 +80,7 @@ def main() -> None:
         "pendulum", [(3.0, 0.0, 2.0), (3.0, 1.0, 2.0)], elements=20, section=sw.flex.Round(diameter=0.02),
         material=sw.flex.Elastic(young=1e6, poisson=0.45, density=1000.0), start=sw.flex.Hinge(),
     )  # fmt: skip
-    sim = sw.Simulation(builder.finalize(1, "cpu"), 0.001)
+    sim = sw.Simulation(builder.finalize(1, "cpu"), 0.001, joint_reactions=True)
     shapes = []
     for _ in range(round(arguments.seconds / 0.1)):
         sim.step(100)

@@ -41,7 +41,6 @@ from simwarp.core.types import (
     formatted,
     pose as make_pose,
 )
-from simwarp.core.wording import suggestion
 from simwarp.model.checks import (
     check_floats,
     check_link_across_axis,
@@ -64,18 +63,7 @@ from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.mass_ratios import unsound_ratio
 from simwarp.model.model import Model
 from simwarp.model.rod_sections import AnySection
-from simwarp.model.rods import (
-    Clamp,
-    Hinge,
-    Rod,
-    RodEnd,
-    RodMaterial,
-    apart_along,
-    checked_rod,
-    lay_rod,
-    rod_points,
-    section_frames,
-)
+from simwarp.model.rods import Rod, RodEnd, RodMaterial, build_rod
 from simwarp.model.rules import RULES, Name, PoseField, Vector3
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, CouplingSpec, Frame, JointSpec, specification_rows
@@ -94,8 +82,6 @@ ANCHORED: Final = (
 """Joints whose anchor has to be given; that of others is the child's centre unless it is."""
 MAX_COUPLING_TERMS: Final = 12
 IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
-X_TO_Z: Final = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
-"""Rotation of a shape whose axis is z onto the x axis of a body."""
 
 
 class ModelBuilder(Readable, ShapeList):
@@ -351,40 +337,8 @@ class ModelBuilder(Readable, ShapeList):
         Raises:
             ModelError: an argument cannot be used.
         """
-        thing = checked_name("rod", name)
-        numbers, stuff, turn = checked_rod(thing, section, material, twist)
-        places = rod_points(thing, points, elements)
-        frames = section_frames(thing, places, up, turn)
-        nodes, parts = lay_rod(thing, places, frames, numbers, stuff)
-        bodies = tuple(
-            self.add_body(f"{name}_{i}", mass=node.mass, inertia=node.inertia, pose=node.pose, strict=False)
-            for i, node in enumerate(nodes)
-        )
-        joints = tuple(
-            self.add_joint_elastic(
-                f"{name}:{i}", bodies[i], bodies[i + 1], anchor0=places[i], anchor1=places[i + 1], up=part.up,
-                stiffness=part.stiffness, damping=part.damping,
-            )
-            for i, part in enumerate(parts)
-        )  # fmt: skip
-        ends = tuple(
-            self._hold_end(thing, f"{name}:{word}", end, body, place)
-            for word, end, body, place in (("start", start, bodies[0], places[0]), ("end", end, bodies[-1], places[-1]))
-        )
-        lengths = tuple(part.length for part in parts)
-        shapes: tuple[int, ...] = ()
-        if radius is not None or surface is not None:
-            thick = max(numbers.reach_y, numbers.reach_z) if radius is None else radius
-            shapes = tuple(
-                self.add_shape_capsule(
-                    body, radius=thick, half_length=0.5 * (node.before + node.behind), material=surface or Material(),
-                    pose=make_pose((0.5 * (node.behind - node.before), 0.0, 0.0), X_TO_Z),
-                )
-                for body, node in zip(bodies, nodes, strict=True)
-            )  # fmt: skip
-            for first, second in apart_along(lengths, 2.0 * thick):
-                self.exclude_collision(bodies[first], bodies[second])
-        return Rod(name, bodies, joints, (ends[0], ends[1]), lengths, numbers, shapes)
+        ends = start, end
+        return build_rod(self, name, points, section, material, up, twist, elements, ends, radius, surface)
 
     def add_loop_joint(
         self, name: str, parent: int, child: int, *, kind: JointType, frame0: Pose, frame1: Pose | None = None
@@ -734,27 +688,6 @@ class ModelBuilder(Readable, ShapeList):
         body_pose = self._pose_of(thing, role, body)
         inverse = quat_conjugate(body_pose.rotation)
         return Frame(rotate(inverse, anchor - body_pose.position), quat_multiply(inverse, rotation))
-
-    def _hold_end(self, thing: str, name: str, end: RodEnd, body: int, place: Array) -> int:
-        """The joint that holds the end of a rod, -1: it is loose."""
-        if end is None:
-            return -1
-        if not isinstance(end, (Clamp, Hinge)):
-            raise ModelError(f"{thing}: an end must be a Clamp or Hinge, got {formatted(end)}; None leaves it loose")
-        holder = end.body
-        if isinstance(holder, str):
-            names = [each.name for each in self.bodies]
-            if holder not in names:
-                raise ModelError(
-                    f"{thing}: an end must be held by a body that was added, got {formatted(holder)}; "
-                    + suggestion(holder, names, "add it before the rod, or give WORLD")
-                )
-            holder = names.index(holder)
-        if isinstance(end, Clamp):
-            return self.add_joint_fixed(name, holder, body, anchor=place)
-        if end.axis is None:
-            return self.add_joint_spherical(name, holder, body, anchor=place)
-        return self.add_joint_revolute(name, holder, body, anchor=place, axis=end.axis)
 
     def _six_dofs(
         self, thing: str, stiffness: Sequence[float], damping: Sequence[float], dofs: Sequence[Dof]

@@ -67,7 +67,11 @@ class Tube(Configuration):
     inner: Annotated[NotNegative, METRES]
 
     def check(self) -> None:
-        """The wall has a thickness."""
+        """The wall has a thickness.
+
+        Raises:
+            ModelError: it has none.
+        """
         if self.inner >= self.outer:
             raise ModelError(
                 f"Tube: inner must be below outer, {self.outer:g} m, got {self.inner:g} m; both are diameters"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -17,8 +17,21 @@ import numpy.typing as npt
 
 from simwarp.core.object_repr import ReadableFields
 from simwarp.core.rotation import frame_along, matrix_of, quat_from_matrix
-from simwarp.core.types import WORLD, ModelError, Pose, Vec3, finite_vector, formatted, numbers
+from simwarp.core.types import (
+    WORLD,
+    Material,
+    ModelError,
+    Pose,
+    Vec3,
+    finite_vector,
+    formatted,
+    numbers,
+    pose as make_pose,
+)
+from simwarp.core.wording import suggestion
+from simwarp.model.checks import checked_name
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
+from simwarp.model.specifications import BodySpec, JointSpec, ShapeSpec
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -26,6 +39,8 @@ SHARPEST: Final = math.pi / 2.0
 """Largest angle between neighbouring elements at rest [rad]."""
 SHORTEST: Final = 1.0e-9
 """An element [m]."""
+Z_TO_X: Final = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
+"""Rotation of a shape whose axis is z onto the x axis of a body."""
 CLEAR: Final = 1.25
 """Nodes of a rod that are nearer to each other along it than so many times its thickness never touch."""
 
@@ -90,6 +105,37 @@ class Rod(ReadableFields):
     lengths: tuple[float, ...]
     section: Section
     shapes: tuple[int, ...]
+
+
+class RodBuilder(Protocol):
+    """What a rod needs of a `ModelBuilder`."""
+
+    bodies: list[BodySpec]
+    joints: list[JointSpec]
+    shapes: list[ShapeSpec]
+    excluded_bodies: set[tuple[int, int]]
+
+    @property
+    def add_body(self) -> Callable[..., int]:
+        """`ModelBuilder.add_body`, and so on."""
+
+    @property
+    def add_joint_elastic(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def add_joint_fixed(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def add_joint_spherical(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def add_joint_revolute(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def add_shape_capsule(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def exclude_collision(self) -> Callable[[int, int], None]: ...  # noqa: D102
 
 
 @dataclasses.dataclass(frozen=True)
@@ -196,6 +242,78 @@ def lay_rod(
             )
         )  # fmt: skip
     return nodes, elements
+
+
+def build_rod(
+    builder: RodBuilder, name: str, points: Any, section: Any, material: Any, up: Vec3 | None, twist: float,
+    elements: int | None, ends: tuple[Any, Any], radius: float | None, surface: Material | None,
+) -> Rod:  # fmt: skip
+    """Add a rod to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_rod`.
+
+    Raises:
+        ModelError: an argument cannot be used.
+    """
+    thing = checked_name("rod", name)
+    numbers_of, stuff, turn = checked_rod(thing, section, material, twist)
+    places = rod_points(thing, points, elements)
+    nodes, parts = lay_rod(thing, places, section_frames(thing, places, up, turn), numbers_of, stuff)
+    counts = len(builder.bodies), len(builder.joints), len(builder.shapes)
+    apart = set(builder.excluded_bodies)
+    try:
+        bodies = tuple(
+            builder.add_body(f"{name}_{i}", mass=node.mass, inertia=node.inertia, pose=node.pose, strict=False)
+            for i, node in enumerate(nodes)
+        )
+        joints = tuple(
+            builder.add_joint_elastic(
+                f"{name}:{i}", bodies[i], bodies[i + 1], anchor0=places[i], anchor1=places[i + 1], up=part.up,
+                stiffness=part.stiffness, damping=part.damping,
+            )
+            for i, part in enumerate(parts)
+        )  # fmt: skip
+        first = _hold_end(builder, thing, f"{name}:start", ends[0], bodies[0], places[0])
+        last = _hold_end(builder, thing, f"{name}:end", ends[1], bodies[-1], places[-1])
+        lengths = tuple(part.length for part in parts)
+        shapes: tuple[int, ...] = ()
+        if radius is not None or surface is not None:
+            thick = max(numbers_of.reach_y, numbers_of.reach_z) if radius is None else radius
+            shapes = tuple(
+                builder.add_shape_capsule(
+                    body, radius=thick, half_length=0.5 * (node.before + node.behind),
+                    material=Material() if surface is None else surface,
+                    pose=make_pose((0.5 * (node.behind - node.before), 0.0, 0.0), Z_TO_X),
+                )
+                for body, node in zip(bodies, nodes, strict=True)
+            )  # fmt: skip
+            for one, other in apart_along(lengths, 2.0 * thick):
+                builder.exclude_collision(bodies[one], bodies[other])
+    except ModelError:
+        del builder.bodies[counts[0] :], builder.joints[counts[1] :], builder.shapes[counts[2] :]
+        builder.excluded_bodies &= apart
+        raise
+    return Rod(name, bodies, joints, (first, last), lengths, numbers_of, shapes)
+
+
+def _hold_end(builder: RodBuilder, thing: str, name: str, end: Any, body: int, place: Array) -> int:
+    """The joint that holds the end of a rod, -1: it is loose."""
+    if end is None:
+        return -1
+    if not isinstance(end, (Clamp, Hinge)):
+        raise ModelError(f"{thing}: an end must be a Clamp or Hinge, got {formatted(end)}; None leaves it loose")
+    holder = end.body
+    if isinstance(holder, str):
+        names = [each.name for each in builder.bodies]
+        if holder not in names:
+            raise ModelError(
+                f"{thing}: an end must be held by a body that was added, got {formatted(holder)}; "
+                + suggestion(holder, names, "add it before the rod, or give WORLD")
+            )
+        holder = names.index(holder)
+    if isinstance(end, Clamp):
+        return builder.add_joint_fixed(name, holder, body, anchor=place)
+    if end.axis is None:
+        return builder.add_joint_spherical(name, holder, body, anchor=place)
+    return builder.add_joint_revolute(name, holder, body, anchor=place, axis=end.axis)
 
 
 def checked_rod(thing: str, section: Any, material: Any, twist: Any) -> tuple[Section, RodMaterial, float]:

@@ -323,7 +323,7 @@ def catenary(device: str = "cpu") -> list[CheckResult]:
     points = np.stack([x, np.zeros(count + 1), parameter * np.cosh(x / parameter)], axis=1)
     builder = ModelBuilder()
     rod = builder.add_rod("rope", points, section=section, material=material, start=Hinge(), end=Hinge())
-    sim = Simulation(builder.finalize(1, device), 5e-3, flex=DAMPED)
+    sim = Simulation(builder.finalize(1, device), 5e-3, flex=DAMPED, joint_reactions=True)
     sim.step(4000)
     z = sim.state.body_x.numpy()[0, list(rod.bodies), 2]
     sag = parameter * (math.cosh(0.5 * span / parameter) - 1.0)

@@ -476,6 +476,7 @@ def test_every_joint_type_has_an_element_and_a_way_in():
     builder.add_joint_revolute_spherical("rs", 0, 15, anchor0=at, axis=axis, anchor1=apart)
     builder.add_joint_revolute_translational("rt", 0, 16, anchor0=at, axis=axis, anchor1=apart, direction=apart)
     builder.add_bushing("bushing", 0, 17, anchor=at, stiffness=[1.0] * 6)
+    builder.add_joint_elastic("elastic", 0, 18, anchor0=at, anchor1=apart, stiffness=[1.0] * 6)
     builder.add_joint_relative_rotation("turn", 0, 18, axis=axis)
     builder.add_combination("sum", [(2, 1.0), (3, -1.0)], friction=0.1)
     assert {joint.type for joint in builder.joints} == set(JointType)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import simwarp as sw
 from simwarp.core.types import (
     WORLD,
     Dof,
@@ -96,6 +97,14 @@ VALID: dict[str, dict[str, Any]] = {
     "add_joint_revolute_spherical": {**PAIR, **ENDS, "axis": (0, 0, 1)},
     "add_joint_revolute_translational": {**PAIR, **ENDS, "axis": (0, 0, 1), "direction": (1, 0, 0)},
     "add_spring": {**PAIR, **ENDS},
+    "add_joint_elastic": {
+        **PAIR, **ENDS, "up": (0.0, 0.0, 1.0), "stiffness": (1.0,) * 6, "damping": (0.0,) * 6, "dofs": (),
+    },
+    "add_rod": {
+        "name": "new", "points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], "section": sw.flex.Round(diameter=0.02),
+        "material": sw.flex.Elastic(young=1e7, density=1000.0), "up": (0.0, 0.0, 1.0), "twist": 0.1, "elements": 2,
+        "start": sw.flex.Clamp(), "end": sw.flex.Hinge(2), "radius": 0.01, "surface": Material(),
+    },
     "add_bushing": {
         **PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6, "dofs": (),
     },
