@@ -29,7 +29,7 @@ from simwarp.core.types import (
     pose as make_pose,
 )
 from simwarp.core.wording import suggestion
-from simwarp.model.checks import checked_name
+from simwarp.model.checks import checked_name, whole_number
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
 from simwarp.model.specifications import BodySpec, JointSpec, ShapeSpec
 
@@ -37,6 +37,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 SHARPEST: Final = math.pi / 2.0
 """Largest angle between neighbouring elements at rest [rad]."""
+MOST_ELEMENTS: Final = 10_000
+"""Of a rod."""
 SHORTEST: Final = 1.0e-9
 """An element [m]."""
 Z_TO_X: Final = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
@@ -169,10 +171,9 @@ def rod_points(thing: str, points: Any, elements: int | None) -> Array:
     if given.ndim != 2 or given.shape[1] != 3 or len(given) < 2 or not np.isfinite(given).all():
         raise ModelError(f"{thing}: points must be two or more of three finite numbers [m], got {formatted(points)}")
     if elements is not None:
-        if not isinstance(elements, (int, np.integer)) or isinstance(elements, bool) or elements < 1:
-            raise ModelError(f"{thing}: elements must be a whole number >= 1, got {formatted(elements)}; None: points")
+        count = whole_number(thing, "elements", elements, 1, MOST_ELEMENTS, "None takes the points as they are")
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))])
-        at = np.linspace(0.0, along[-1], int(elements) + 1)
+        at = np.linspace(0.0, along[-1], count + 1)
         given = np.stack([np.interp(at, along, given[:, axis]) for axis in range(3)], axis=1)
     chords = np.diff(given, axis=0)
     lengths = np.linalg.norm(chords, axis=1)

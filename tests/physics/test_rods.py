@@ -421,7 +421,7 @@ def test_forces_need_reactions():
         ({"points": [(0, 0, 0), (0, 0, 0), (1, 0, 0)]}, "points that follow each other must be apart"),
         ({"points": [(0, 0, 0), (1, 0, 0), (0, 0.1, 0)]}, "neighbouring elements must meet at less than 90 degrees"),
         ({"points": [(0, 0, 0), (math.nan, 0, 0)]}, "points must be two or more"),
-        ({"elements": 0}, "elements must be a whole number >= 1, got 0"),
+        ({"elements": 0}, "elements must be"),
         ({"up": (1.0, 0.0, 0.0)}, "up must not be along the rod"),
         ({"section": 0.02}, "section must be a Round, Tube, Rectangle or Section"),
         ({"material": "steel"}, "material must have young, poisson, density and damping_time"),

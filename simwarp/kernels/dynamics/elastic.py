@@ -241,6 +241,31 @@ def start_spin(link: int, work: Work) -> wp.vec3d:
 
 
 @wp.func
+def crossing_speed(frames: JointFrames, v0: wp.vec3d, w0: wp.vec3d, v1: wp.vec3d, w1: wp.vec3d) -> float:
+    """Of one anchor against the other, across the line between them [m/s]."""
+    slip = to_float(v1 + wp.cross(w1, frames.r1) - v0 - wp.cross(w0, frames.r0))
+    span = to_float(frames.d)
+    return wp.length(slip - span * (wp.dot(span, slip) / wp.max(wp.dot(span, span), 1.0e-30)))
+
+
+@wp.func
+def tension_over_length(
+    spring: float, stiffness: float, damping: float, crossing: float, frame: ElasticFrame, config: StepConfig
+) -> float:
+    """Tension by the strain, less what a step itself stretches an element by whose ends cross, over the element's
+    length [N/m]; not below zero. `spring` is the effort of the strain, negative where it pulls [N].
+
+    The stretch of a step h is (beta + zeta/2 + damping / (stiffness h)) (h w)^2 of the length, w the rate of turning.
+    """
+    length = wp.length(frame.span)
+    if length == 0.0:
+        return 0.0
+    h = config.dt
+    own = stiffness * (config.flexible_average + 0.5 * config.flexible_damping) + damping / h
+    return wp.max(-spring - own * h * h * crossing * crossing / length, 0.0) / length
+
+
+@wp.func
 def load_elastic(
     link: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
     config: StepConfig, work: Work,
@@ -284,11 +309,12 @@ def load_elastic(
         work.start[tree_dof] = 0.0
         work.gain[tree_dof] = h * (0.5 + 0.5 * zeta) * d + implicit * k
         work.effort[tree_dof] = h * force - h * h * zeta * k * rate
-        if local == 0 and spring < 0.0:
-            length = wp.length(frame.span)
-            if length > 0.0:
-                pull = -implicit * spring / length
-                work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(pull, 0.0, 0.0)
+        if local == 0:
+            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(
+                implicit * tension_over_length(spring, k, d, crossing_speed(frames, v0, w0, v1, w1), frame, config),
+                0.0,
+                0.0,
+            )
 
 
 @wp.func

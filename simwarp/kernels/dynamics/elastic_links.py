@@ -77,6 +77,79 @@ def across(direction: wp.vec3, m: wp.mat33, factor: float) -> wp.mat33:
     return (m - wp.outer(direction, direction * m)) * factor
 
 
+@wp.struct
+class ElasticForces:
+    """U = A S of the columns of the translation (1) and of the rotation (2), about the link's centre, and the tension's
+    part w P S_lin of both.
+    """
+
+    ang1: wp.mat33
+    lin1: wp.mat33
+    ang2: wp.mat33
+    lin2: wp.mat33
+    crossing1: wp.mat33
+    crossing2: wp.mat33
+
+
+@wp.func
+def leave_on_parent(link: int, parent: int, u: ElasticForces, topology: Topology, work: Work):
+    """Moves U to the parent's centre, stores U L^-T, and adds B^T Z^-1 U^T - E^T w P W to the parent (elastic.py)."""
+    if not has_elastic_code():
+        return
+    index = topology.link_elastic[link]
+    first = topology.link_tree_dof[link]
+    shift = work.shift[link]
+    l11 = work.elastic_matrices[6 * index + L11]
+    l21 = work.elastic_matrices[6 * index + L21]
+    l22 = work.elastic_matrices[6 * index + L22]
+    middle = work.elastic_matrices[6 * index + MIDDLE]
+    span = work.elastic_vectors[4 * index + SPAN]
+    near = work.elastic_vectors[4 * index + PARENT]
+    pull = work.elastic_vectors[4 * index + PULL][0]
+    gain1 = diagonal_of(first, work.gain)
+    u_ang1 = u.ang1 + cross_columns(shift, u.lin1)
+    u_ang2 = u.ang2 + cross_columns(shift, u.lin2)
+    # B by blocks: rows of the coordinates, columns of the parent's angular and linear velocity
+    turning = work.elastic_matrices[6 * index + GATHERED] * wp.transpose(middle)
+    b_lin1 = gain1 * wp.transpose(middle)
+    # row by row: (a m^T) (w x r) = (r x a)^T w
+    b_ang1 = wp.transpose(cross_columns(near + span, wp.transpose(b_lin1)))
+    b_ang1 -= gain1 * work.elastic_matrices[6 * index + LEVER] * turning
+    b_ang2 = diagonal_of(first + 3, work.gain) * turning
+    b_lin2 = wp.mat33()
+    if pull > 0.0:
+        u_ang1 += cross_columns(span, u.crossing1)
+        u_ang2 += cross_columns(span, u.crossing2)
+        b_lin1 += wp.transpose(u.crossing1)
+        b_lin2 += wp.transpose(u.crossing2)
+        b_ang1 += wp.transpose(cross_columns(near, u.crossing1))
+        b_ang2 += wp.transpose(cross_columns(near, u.crossing2))
+    v_ang1 = u_ang1 * wp.transpose(l11)
+    v_lin1 = u.lin1 * wp.transpose(l11)
+    v_ang2 = u_ang1 * wp.transpose(l21) + u_ang2 * wp.transpose(l22)
+    v_lin2 = u.lin1 * wp.transpose(l21) + u.lin2 * wp.transpose(l22)
+    put_columns(first, v_ang1, work.u_ang)
+    put_columns(first, v_lin1, work.u_lin)
+    put_columns(first + 3, v_ang2, work.u_ang)
+    put_columns(first + 3, v_lin2, work.u_lin)
+    b_ang2 = l21 * b_ang1 + l22 * b_ang2
+    b_lin2 = l21 * b_lin1 + l22 * b_lin2
+    b_ang1 = l11 * b_ang1
+    b_lin1 = l11 * b_lin1
+    a_ang = v_ang1 * b_ang1 + v_ang2 * b_ang2
+    a_coupling = v_ang1 * b_lin1 + v_ang2 * b_lin2
+    b_coupling = v_lin1 * b_ang1 + v_lin2 * b_ang2
+    a_lin = v_lin1 * b_lin1 + v_lin2 * b_lin2
+    if pull > 0.0:
+        # E^T w P W, with W V = w x span and E V = v + w x near
+        drag = across(wp.normalize(span), wp.skew(span), -pull)
+        b_coupling -= drag
+        a_ang -= cross_columns(near, drag)
+    work.inertia[parent] = work.inertia[parent] + (a_ang + wp.transpose(a_ang)) * 0.5
+    work.coupling[parent] = work.coupling[parent] + (a_coupling + wp.transpose(b_coupling)) * 0.5
+    work.mass[parent] = work.mass[parent] + (a_lin + wp.transpose(a_lin)) * 0.5
+
+
 @wp.func
 def factor_elastic(link: int, topology: Topology, work: Work):
     """Eliminates the six coordinates of an elastic joint at once, and adds what is left to the parent (elastic.py).
@@ -93,29 +166,24 @@ def factor_elastic(link: int, topology: Topology, work: Work):
     lin1 = columns_of(first, work.s_lin)
     ang2 = columns_of(first + 3, work.s_ang)
     lin2 = columns_of(first + 3, work.s_lin)
-    u_lin1 = mass * lin1
-    u_ang1 = coupling * lin1
-    u_lin2 = mass * lin2 + wp.transpose(coupling) * ang2
-    u_ang2 = coupling * lin2 + inertia * ang2
-    gain1 = diagonal_of(first, work.gain)
-    gain2 = diagonal_of(first + 3, work.gain)
-    z11 = wp.transpose(lin1) * u_lin1 + gain1
-    z21 = wp.transpose(lin2) * u_lin1 + wp.transpose(ang2) * u_ang1
-    z22 = wp.transpose(lin2) * u_lin2 + wp.transpose(ang2) * u_ang2 + gain2
+    u = ElasticForces()
+    u.lin1 = mass * lin1
+    u.ang1 = coupling * lin1
+    u.lin2 = mass * lin2 + wp.transpose(coupling) * ang2
+    u.ang2 = coupling * lin2 + inertia * ang2
+    z11 = wp.transpose(lin1) * u.lin1 + diagonal_of(first, work.gain)
+    z21 = wp.transpose(lin2) * u.lin1 + wp.transpose(ang2) * u.ang1
+    z22 = wp.transpose(lin2) * u.lin2 + wp.transpose(ang2) * u.ang2 + diagonal_of(first + 3, work.gain)
     pull = work.elastic_vectors[4 * index + PULL][0]
     middle = work.elastic_matrices[6 * index + MIDDLE]
-    span = work.elastic_vectors[4 * index + SPAN]
-    f1 = wp.mat33()
-    f2 = wp.mat33()
-    along = wp.vec3()
     if pull > 0.0:
-        along = wp.normalize(span)
+        along = wp.normalize(work.elastic_vectors[4 * index + SPAN])
         tip = middle * work.elastic_matrices[6 * index + LEVER]
-        f1 = across(along, middle, pull)
-        f2 = across(along, tip, pull)
-        z11 += wp.transpose(middle) * f1
-        z21 += wp.transpose(tip) * f1
-        z22 += wp.transpose(tip) * f2
+        u.crossing1 = across(along, middle, pull)
+        u.crossing2 = across(along, tip, pull)
+        z11 += wp.transpose(middle) * u.crossing1
+        z21 += wp.transpose(tip) * u.crossing1
+        z22 += wp.transpose(tip) * u.crossing2
     l11 = inverse_cholesky(z11)
     k = z21 * wp.transpose(l11)
     l22 = inverse_cholesky(z22 - k * wp.transpose(k))
@@ -127,56 +195,12 @@ def factor_elastic(link: int, topology: Topology, work: Work):
     put_columns(first + 3, lin1 * wp.transpose(l21) + lin2 * wp.transpose(l22), work.s_lin)
     put_columns(first + 3, ang2 * wp.transpose(l22), work.s_ang)
     parent = topology.link_parent[link]
-    if parent < 0:
-        put_columns(first, wp.mat33(), work.u_ang)
-        put_columns(first, wp.mat33(), work.u_lin)
-        put_columns(first + 3, wp.mat33(), work.u_ang)
-        put_columns(first + 3, wp.mat33(), work.u_lin)
-        return
-    shift = work.shift[link]
-    u_ang1 += cross_columns(shift, u_lin1)
-    u_ang2 += cross_columns(shift, u_lin2)
-    # B by blocks: rows of the coordinates, columns of the parent's angular and linear velocity
-    turning = work.elastic_matrices[6 * index + GATHERED] * wp.transpose(middle)
-    b_lin1 = gain1 * wp.transpose(middle)
-    near = work.elastic_vectors[4 * index + PARENT]
-    arm = near + span
-    lever = gain1 * work.elastic_matrices[6 * index + LEVER] * turning
-    # row by row: (a m^T) (w x r) = (r x a)^T w
-    b_ang1 = wp.transpose(cross_columns(arm, wp.transpose(b_lin1))) - lever
-    b_ang2 = gain2 * turning
-    b_lin2 = wp.mat33()
-    if pull > 0.0:
-        u_ang1 += cross_columns(span, f1)
-        u_ang2 += cross_columns(span, f2)
-        b_lin1 += wp.transpose(f1)
-        b_lin2 += wp.transpose(f2)
-        b_ang1 += wp.transpose(cross_columns(near, f1))
-        b_ang2 += wp.transpose(cross_columns(near, f2))
-    v_ang1 = u_ang1 * wp.transpose(l11)
-    v_lin1 = u_lin1 * wp.transpose(l11)
-    v_ang2 = u_ang1 * wp.transpose(l21) + u_ang2 * wp.transpose(l22)
-    v_lin2 = u_lin1 * wp.transpose(l21) + u_lin2 * wp.transpose(l22)
-    put_columns(first, v_ang1, work.u_ang)
-    put_columns(first, v_lin1, work.u_lin)
-    put_columns(first + 3, v_ang2, work.u_ang)
-    put_columns(first + 3, v_lin2, work.u_lin)
-    b_ang2 = l21 * b_ang1 + l22 * b_ang2
-    b_lin2 = l21 * b_lin1 + l22 * b_lin2
-    b_ang1 = l11 * b_ang1
-    b_lin1 = l11 * b_lin1
-    a_ang = v_ang1 * b_ang1 + v_ang2 * b_ang2
-    a_coupling = v_ang1 * b_lin1 + v_ang2 * b_lin2
-    b_coupling = v_lin1 * b_ang1 + v_lin2 * b_ang2
-    a_lin = v_lin1 * b_lin1 + v_lin2 * b_lin2
-    if pull > 0.0:
-        # E^T w P W, with W V = w x span and E V = v + w x near
-        drag = across(along, wp.skew(span), -pull)
-        b_coupling -= drag
-        a_ang -= cross_columns(near, drag)
-    work.inertia[parent] = work.inertia[parent] + (a_ang + wp.transpose(a_ang)) * 0.5
-    work.coupling[parent] = work.coupling[parent] + (a_coupling + wp.transpose(b_coupling)) * 0.5
-    work.mass[parent] = work.mass[parent] + (a_lin + wp.transpose(a_lin)) * 0.5
+    if parent >= 0:
+        leave_on_parent(link, parent, u, topology, work)
+    else:
+        for tree_dof in range(first, first + 6):
+            work.u_ang[tree_dof] = wp.vec3()
+            work.u_lin[tree_dof] = wp.vec3()
 
 
 @wp.func
