@@ -84,6 +84,25 @@ CALLS: dict[str, dict[str, Any]] = {
         "stiffness": (10.0,) * 6,
         "damping": (1.0,) * 6,
     },
+    "add_joint_elastic": {
+        "name": "c",
+        "parent": 0,
+        "child": 1,
+        "anchor0": X,
+        "anchor1": Y,
+        "up": Z,
+        "stiffness": (10.0,) * 6,
+        "damping": (1.0,) * 6,
+    },
+    "add_rod": {
+        "name": "c",
+        "points": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.5, 0.0]],
+        "section": sw.flex.Round(diameter=0.1),
+        "material": sw.flex.Elastic(young=1e6, density=1000.0),
+        "twist": 0.1,
+        "elements": 3,
+        "start": sw.flex.Clamp(0),
+    },
     "add_joint_relative_rotation": {"name": "c", "parent": 0, "child": 1, "axis": Z},
     "add_massless_body": {"name": "c"},
     "add_loop_joint": {"name": "c", "parent": 0, "child": 1, "kind": sw.JointType.FIXED, "frame0": sw.pose()},
@@ -164,7 +183,7 @@ def values_for(method: str, name: str, good: Any) -> st.SearchStrategy[Value]:
         return st.one_of(vector_values(3), st.sampled_from(refused(*wrong)))
     if isinstance(good, tuple) and name not in ("per_world", "inertia"):
         zero = refused((0.0,) * len(good)) if name in DIRECTIONS or name in ("half", "rotation") else []
-        vectors = vector_values(len(good)).filter(lambda value: not (value.value is None and name == "anchor"))
+        vectors = vector_values(len(good)).filter(lambda value: not (value.value is None and name in ("anchor", "up")))
         return st.one_of(vectors, st.sampled_from(zero)) if zero else vectors
     if name in INDICES:
         return st.one_of(
@@ -174,9 +193,13 @@ def values_for(method: str, name: str, good: Any) -> st.SearchStrategy[Value]:
         return st.sampled_from(_tables(good))
     if name == "world_count":
         return st.one_of(no_integers, st.sampled_from(refused(0, -1, True, 10**15, 2**63, 2**33 * 10**4)))
-    if name == "contact_capacity":
+    if name in ("contact_capacity", "elements"):
         return st.one_of(
             no_integers.filter(lambda value: value.value is not None), st.sampled_from(refused(0, -1, True, 10**15))
+        )
+    if name == "start":
+        return st.sampled_from(
+            refused("x", 3, [], {}, sw.flex.Clamp("no"), sw.flex.Hinge(99), sw.flex.Hinge(0, axis=3))
         )
     return _others(name, good)
 

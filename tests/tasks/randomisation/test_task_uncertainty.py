@@ -183,7 +183,7 @@ def test_ranges_that_act(name):
         ("joint_friction", "built with friction > 0"), ("joint_limit_lower", "built with a limit"),
         ("joint_limit_upper", "built with a limit"), ("drive_effort_limit", "PositionDrive with a finite effort_limit"),
         ("drive_stiffness", "built with a PositionDrive"), ("drive_damping", "built with a PositionDrive"),
-        ("joint_rest", "built with a spring"), ("joint_offset", "massless links have a length"),
+        ("joint_rest", "built with a spring"), ("joint_offset", "massless links and elastic joints have a length"),
         ("coupling_damping", "only couplings have it"), ("coupling_offset", "built without damping"),
         ("shape_friction", "the model has no shapes"), ("shape_rolling_friction", "the model has no shapes"),
         ("shape_young_modulus", "the model has no shapes"),

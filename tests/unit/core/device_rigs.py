@@ -514,6 +514,14 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
     "ShapeList.add_body": (
         _built(lambda b, v: b.add_body("second", mass=1.0, inertia=v)), np.diag([1.0, 2.0, 2.5])
     ),
+    "ModelBuilder.add_rod": (
+        _built(
+            lambda b, v: b.add_rod(
+                "rod", v, section=sw.flex.Round(diameter=0.1), material=sw.flex.Elastic(young=1e6, density=1000.0)
+            )
+        ),
+        np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.5, 0.0]]),
+    ),
     "ShapeList.add_solid": (_built(lambda b, v: b.add_solid("s", "hull", mass=1.0, points=v)), TETRAHEDRON),
     "ShapeList.add_shape_hull": (_built(lambda b, v: b.add_shape_hull(0, v)), TETRAHEDRON),
     "ShapeList.add_hull_asset": (_built(lambda b, v: b.add_hull_asset(v)), TETRAHEDRON),
