@@ -9,8 +9,11 @@ from simwarp.flex import Clamp, Elastic, Round
 from simwarp.model.builder import ModelBuilder
 
 ROD_LENGTH: Final = 1.0
+"""Of `rod` [m]."""
 ROD_SECTION: Final = Round(diameter=0.02)
+"""Of `rod`."""
 ROD_MATERIAL: Final = Elastic(young=2.1e11, density=7850.0)
+"""Of `rod`: steel."""
 
 
 def rod(*, elements: int = 20, floor: bool = False) -> ModelBuilder:
