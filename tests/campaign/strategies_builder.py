@@ -199,7 +199,7 @@ def values_for(method: str, name: str, good: Any) -> st.SearchStrategy[Value]:
         )
     if name == "start":
         return st.sampled_from(
-            refused("x", 3, [], {}, sw.flex.Clamp("no"), sw.flex.Hinge(99), sw.flex.Hinge(0, axis=3))
+            refused("x", 3, [], {}, sw.flex.Clamp("no"), sw.flex.Hinge(99), sw.flex.Hinge(0, axis=3))  # type: ignore[arg-type]
         )
     return _others(name, good)
 
