@@ -121,9 +121,7 @@ def lever_of(frame: ElasticFrame, sign: float) -> wp.mat33:
 
 
 @wp.func
-def elastic_frame(
-    joint: int, world: int, frames: JointFrames, topology: Topology, parameters: Parameters, state: StateArrays
-) -> ElasticFrame:
+def elastic_frame(joint: int, world: int, frames: JointFrames, topology: Topology, state: StateArrays) -> ElasticFrame:
     """The joint at the poses of record, whose coordinates are known."""
     first = topology.joint_dof[joint]
     turn = wp.vec3d(state.joint_x[world, first + 3], state.joint_x[world, first + 4], state.joint_x[world, first + 5])
@@ -151,7 +149,9 @@ class ElasticRate:
 
 
 @wp.func
-def elastic_rate(frame: ElasticFrame, frames: JointFrames, v0: wp.vec3d, w0: wp.vec3d, v1: wp.vec3d, w1: wp.vec3d):
+def elastic_rate(
+    frame: ElasticFrame, frames: JointFrames, v0: wp.vec3d, w0: wp.vec3d, v1: wp.vec3d, w1: wp.vec3d
+) -> ElasticRate:
     """Rates for the velocities of both bodies' centres and their angular velocities; differences are formed in float64,
     in which a rigid motion leaves nothing.
     """
@@ -273,7 +273,7 @@ def load_elastic(
     """Columns, rates, gains, efforts and tension of a link with an elastic joint at the start of a step."""
     joint = topology.link_joint[link]
     frames = joint_frames(joint, world, topology, parameters, work)
-    frame = elastic_frame(joint, world, frames, topology, parameters, state)
+    frame = elastic_frame(joint, world, frames, topology, state)
     place_frame(link, frames, frame, topology, work)
     v0 = wp.vec3d()
     w0 = wp.vec3d()
@@ -310,11 +310,9 @@ def load_elastic(
         work.gain[tree_dof] = h * (0.5 + 0.5 * zeta) * d + implicit * k
         work.effort[tree_dof] = h * force - h * h * zeta * k * rate
         if local == 0:
-            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(
-                implicit * tension_over_length(spring, k, d, crossing_speed(frames, v0, w0, v1, w1), frame, config),
-                0.0,
-                0.0,
-            )
+            crossing = crossing_speed(frames, v0, w0, v1, w1)
+            pull = implicit * tension_over_length(spring, k, d, crossing, frame, config)
+            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(pull, 0.0, 0.0)
 
 
 @wp.func
