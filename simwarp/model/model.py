@@ -551,7 +551,7 @@ def _device_topology(
     with_rows = set(tables.loop_joint)
     t.link_sprung = ints([link.joint in with_rows for link in links])
     elastic = [link.type is JointType.ELASTIC for link in links]
-    t.link_elastic = ints([sum(elastic[:link]) if there else -1 for link, there in enumerate(elastic)])
+    t.link_elastic = ints(np.where(elastic, np.cumsum(elastic) - 1, -1))
     t.elastic_count = sum(elastic)
     t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
     t.link_tree_dof, t.tree_dof_to_dof, t.tree_dof_link = (

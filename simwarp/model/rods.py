@@ -340,12 +340,15 @@ def apart_along(lengths: Sequence[float], thickness: float) -> list[tuple[int, i
     """Pairs of nodes, beyond neighbours, whose places along a rod are too near for their shapes to be apart."""
     place = np.concatenate([[0.0], np.cumsum(lengths)])
     reach = CLEAR * thickness + np.concatenate([[0.0], lengths]) / 2.0 + np.concatenate([lengths, [0.0]]) / 2.0
-    return [
-        (first, second)
-        for first in range(len(place))
-        for second in range(first + 2, len(place))
-        if place[second] - place[first] < 0.5 * (reach[first] + reach[second])
-    ]
+    pairs, farthest = [], float(reach.max())
+    for first in range(len(place)):
+        for second in range(first + 2, len(place)):
+            apart = place[second] - place[first]
+            if apart >= 0.5 * (reach[first] + farthest):
+                break  # and so are all that follow
+            if apart < 0.5 * (reach[first] + reach[second]):
+                pairs.append((first, second))
+    return pairs
 
 
 def _smallest_rotation(a: Array, b: Array) -> Array:
