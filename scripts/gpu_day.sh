@@ -25,11 +25,10 @@ WORLDS=32
 ANTS=4096
 TRUCKS=1024
 ITERATIONS=30
-COLD=--compile
 if [ $REHEARSE = 1 ]; then
     PY="$PY tests/emulated_cuda"
     LIMIT=${LIMIT:-3600} BUDGET=${BUDGET:-36000}
-    GPU=1 WORLDS=4 ANTS=8 TRUCKS=4 ITERATIONS=2 COLD=
+    GPU=1 WORLDS=4 ANTS=8 TRUCKS=4 ITERATIONS=2
 else
     LIMIT=${LIMIT:-240} BUDGET=${BUDGET:-585}
     GPU=$($PY -c 'import warp as wp; wp.config.quiet = True; print(int(wp.is_cuda_available()))' 2>/dev/null | tail -1)
@@ -72,8 +71,9 @@ bench() { # NAME SCENE WORLDS [more]
     stage "$name" gpu $SW bench "$scene" --worlds "$worlds" --device "$DEVICE" --json "$OUT/$name.json" "$@"
 }
 
-# 1. Does it run and how fast, with the time to compile with an empty cache
-bench ant ant 1024,8192,16384,32768 $COLD
+# 1. Does it compile, all scenes side by side: the cache may be empty. Then, how fast is it
+[ $REHEARSE = 1 ] || stage kernels gpu $PY -m scripts.gpu_kernels "$DEVICE" "$OUT/kernels.json"
+bench ant ant 1024,8192,16384,32768
 # 2. Is it right: every scene and sensor against the CPU
 stage doctor gpu $SW doctor --gpu --device "$DEVICE" --worlds $WORLDS --json "$OUT/doctor.json"
 # 3. Training, vehicles, cameras, the control step of a task; a HMMWV settles for 25 500 steps before
@@ -81,6 +81,11 @@ stage train_ant gpu $SW train ant --num-envs $ANTS --iterations $ITERATIONS --de
 bench hmmwv hmmwv 1024,4096,32768
 bench camera camera 1024
 bench ant_task ant-task 4096
+bench rod rod 4096,32768
+bench rod_on_floor rod-on-floor 1024,4096
+stage times gpu $PY -m scripts.gpu_times "$DEVICE" "$OUT/times.json" task:ant:$ANTS task:ant:$((4 * ANTS)) \
+    ant:$((2 * ANTS)) ant:$((8 * ANTS)) hmmwv:$ANTS quadruped:$((2 * ANTS)) hexapod:$((2 * ANTS)) \
+    rod:$ANTS rod-on-floor:$TRUCKS stack:$((8 * WORLDS))
 # 4. Why it is as fast as it is
 COUNTERS=gpu__time_duration.sum,launch__registers_per_thread,smsp__inst_executed.sum
 COUNTERS+=,smsp__thread_inst_executed_per_inst_executed.ratio,smsp__issue_active.avg.pct_of_peak_sustained_active

@@ -59,6 +59,17 @@ def agreement_scenes() -> list[str]:
     return [name for name in (*bench_scenes(), *VEHICLES, *SENSOR_SCENES) if name not in LEFT_OUT]
 
 
+def first_step(name: str, device: str, worlds: int = 4) -> float:
+    """From the model of a scene to the end of its first step, with the kernels that are not in the cache [s]."""
+    begin = time.perf_counter()
+    run = _make(name, device, worlds)
+    if name not in VEHICLES:  # they settle for thousands of steps
+        run.set_motion()
+    run.single_step()
+    run.wait()
+    return time.perf_counter() - begin
+
+
 def compare(name: str, device: str, worlds: int, steps: int = STEPS) -> Agreement:
     """Compare one scene.
 
