@@ -46,26 +46,25 @@ def kernels(call: Callable[[], None]) -> dict[str, float]:
     return dict(sorted(spent.items(), key=lambda item: -item[1]))
 
 
-def scene_row(name: str, worlds: int, device: str) -> dict[str, Any]:
+def fill_scene(row: dict[str, Any], name: str, worlds: int, device: str) -> None:
     """A scene, in graphs of several steps."""
     run = moving(name, worlds, device)
     run.capture()
     run.step()
     times = [each / run.steps_per_call for each in milliseconds(run.step, run.wait)]
     iterations = run.sim.diagnostics.iterations.numpy()
-    return {
-        "step_ms": times, "msteps_per_s": 1e-3 * worlds / times[0], "iterations": float(iterations.mean()),
-        "iterations_max": int(iterations.max()), "kernels_us": kernels(run.single_step),
-    }  # fmt: skip
+    row |= {"step_ms": times, "msteps_per_s": 1e-3 * worlds / times[0]}
+    row |= {"iterations": float(iterations.mean()), "iterations_max": int(iterations.max())}
+    row["kernels_us"] = kernels(run.single_step)
 
 
-def task_row(name: str, worlds: int, device: str) -> dict[str, Any]:
+def fill_task(row: dict[str, Any], name: str, worlds: int, device: str) -> None:
     """A task's control step."""
     run = TaskRun(name, worlds, device, task_class(name).config_type())
     for _ in range(TASK_STEPS):
         run.step()
     times = milliseconds(run.step, run.wait)
-    return {"step_ms": times, "control_steps_per_s": 1e3 * worlds / times[0]}
+    row |= {"step_ms": times, "control_steps_per_s": 1e3 * worlds / times[0]}
 
 
 def main(device: str, out: str, *wanted: str) -> int:
@@ -76,9 +75,9 @@ def main(device: str, out: str, *wanted: str) -> int:
         row: dict[str, Any] = {"scene": name, "worlds": int(worlds)}
         try:
             if name.startswith("task:"):
-                row |= task_row(name.removeprefix("task:"), int(worlds), device)
+                fill_task(row, name.removeprefix("task:"), int(worlds), device)
             else:
-                row |= scene_row(name, int(worlds), device)
+                fill_scene(row, name, int(worlds), device)
         except Exception as error:  # noqa: BLE001 - the next one follows
             row["error"] = f"{type(error).__name__}: {error}"
         rows.append(row)
