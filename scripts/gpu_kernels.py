@@ -1,7 +1,7 @@
 """Compile the kernels of scenes side by side: `python -m scripts.gpu_kernels DEVICE OUT.json [SCENE ...]`.
 
-A process for each scene, by default of all that `simwarp doctor --gpu` compares, and each of the device and the CPU.
-What comes after finds the kernels in the cache.
+A process for each scene, by default of all that `simwarp doctor --gpu` compares; DEVICE may be the CPU. What comes
+after finds the kernels in the cache.
 """
 
 from __future__ import annotations
@@ -24,13 +24,10 @@ from simwarp.bench.machine import describe
 FIRST = ("hmmwv-soil", "rod-on-floor", "ant", "camera", "lidar")
 
 
-def rounds(scenes: Sequence[str], device: str) -> list[list[tuple[str, str]]]:
-    """Scenes and devices: first those that use most kernels, then the others."""
+def rounds(scenes: Sequence[str]) -> list[list[str]]:
+    """First those that use most kernels, then the others."""
     first = [name for name in FIRST if name in scenes]
-    return [
-        [(name, where) for where in ("cpu", device) for name in names]
-        for names in (first, [name for name in scenes if name not in first])
-    ]
+    return [first, [name for name in scenes if name not in first]]
 
 
 def main(device: str, out: str, *scenes: str) -> int:
@@ -38,13 +35,13 @@ def main(device: str, out: str, *scenes: str) -> int:
     begin, rows = time.perf_counter(), []
     names = scenes or agreement_scenes()
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        for jobs in rounds(names, device):
-            waiting = {pool.submit(first_step, *job): job for job in jobs}
+        for group in rounds(names):
+            waiting = {pool.submit(first_step, name, device): name for name in group}
             for done in as_completed(waiting):
-                (name, where), error = waiting[done], done.exception()
+                name, error = waiting[done], done.exception()
                 found = {"seconds": done.result()} if error is None else {"error": f"{type(error).__name__}: {error}"}
-                rows.append({"scene": name, "device": where, "after": time.perf_counter() - begin, **found})
-                print(f"[{len(rows)}/{2 * len(names)}] {name:24}{where:8}{rows[-1]['after']:8.1f} s", flush=True)
+                rows.append({"scene": name, "after": time.perf_counter() - begin, **found})
+                print(f"[{len(rows)}/{len(names)}] {name:24}{rows[-1]['after']:8.1f} s", flush=True)
                 facts = {"machine": describe(wp.get_device(device)), "scenes": rows}
                 Path(out).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     return int(any("error" in row for row in rows))
