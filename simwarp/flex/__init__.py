@@ -3,11 +3,11 @@
 `ModelBuilder.add_rod` makes a rod, `Simulation` moves it, `rod_forces` and `rod_stress` read what it carries.
 """
 
+from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
 from simwarp.model.rods import Clamp, Hinge, Rod
 from simwarp.simulation.flexible_options import FlexibleOptions as Options
 
-from .materials import Elastic, Rubber
 from .rod_readings import rod_forces, rod_strains, rod_stress
 
 __all__ = [

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simwarp.flex.flexible_law_kernels import FlexibleStep
-from simwarp.flex.mesh_model import MeshModel
-from simwarp.flex.mesh_step_kernels import MeshMemory, MeshScratch, step_meshes
+from simwarp.flex.free_meshes_kernels import step_meshes
 from simwarp.kernels.core.scratch import make_memory, memory_layouts
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.meshes.flexible_laws import FlexibleStep
+from simwarp.kernels.meshes.mesh_loads import MeshMemory, MeshScratch
+from simwarp.meshes.mesh_model import MeshModel
 
 LANES = 32
 """Threads of a GPU that share a world."""

@@ -41,6 +41,8 @@ from simwarp.core.types import (
     formatted,
     pose as make_pose,
 )
+from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.model.checks import (
     check_floats,
     check_link_across_axis,
@@ -58,9 +60,11 @@ from simwarp.model.checks import (
     whole_number,
 )
 from simwarp.model.effective_parameters import refuse_idle_writes
+from simwarp.model.flexible_meshes import SolidSource, build_mesh
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.mass_ratios import unsound_ratio
+from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.model import Model
 from simwarp.model.rod_sections import AnySection
 from simwarp.model.rods import Rod, RodEnd, RodMaterial, build_rod
@@ -112,6 +116,7 @@ class ModelBuilder(Readable, ShapeList):
         self.bodies: list[BodySpec] = []
         self.joints: list[JointSpec] = []
         self.couplings: list[CouplingSpec] = []
+        self.flexible_meshes: list[FlexibleMesh] = []
 
     def _readable_title(self) -> str:
         empty = "" if self.bodies or self.joints or self.shapes else "empty, "
@@ -339,6 +344,36 @@ class ModelBuilder(Readable, ShapeList):
         """
         ends = start, end
         return build_rod(self, name, points, section, material, up, twist, elements, ends, radius, surface)
+
+    def add_solid_mesh(
+        self, name: str, mesh: SolidSource, *, material: Elastic | Rubber, pose: Pose | None = None,
+        glue: Mapping[int | str, Any] | None = None, fixed: Any = (), radius: float | None = None,
+        surface: Material | None = None, velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0),
+        double: bool = False,
+    ) -> FlexibleMesh:  # fmt: skip
+        """A flexible solid of tetrahedra or hexahedra, at rest in the shape of the mesh: its nodes are bodies of three
+        coordinates, `name_0`, `name_1` and on, which elements tie together (docs/flexible.md).
+
+        Args:
+            name: of it.
+            mesh: such as `sw.flex.box`, `sw.flex.lattice`, `sw.flex.read` make.
+            material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
+            pose: of the mesh's frame in the world; identity when None.
+            glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name.
+            fixed: nodes that do not move, likewise.
+            radius: of spheres around the nodes of its surface, which touch other shapes [m]; None: it touches nothing.
+            surface: of these spheres.
+            velocity, omega: of all of it as a rigid body at the start [m/s, rad/s], world.
+            double: factor its matrix in double precision: for stiff meshes that are glued to light bodies.
+
+        Raises:
+            ModelError: an argument cannot be used.
+        """
+        part = MeshPart(elements=mesh.elements, material=material)
+        return build_mesh(
+            self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
+            surface=surface, touching=mesh.boundary_nodes, velocity=velocity, omega=omega, double=double,
+        )  # fmt: skip
 
     def add_loop_joint(
         self, name: str, parent: int, child: int, *, kind: JointType, frame0: Pose, frame1: Pose | None = None

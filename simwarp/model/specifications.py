@@ -11,6 +11,7 @@ import numpy.typing as npt
 from simwarp.core.object_repr import Names, ReadableFields, Row
 from simwarp.core.types import WORLD, Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.model.mesh_specification import FlexibleMesh
 
 Array = npt.NDArray[np.float64]
 
@@ -101,6 +102,7 @@ class Specification(Protocol):
         gravity: (3,) acceleration [m/s²], world frame.
         bodies, joints, couplings, shapes: in the order of their indices.
         hulls, height_fields, meshes: geometries that shapes refer to.
+        flexible_meshes: whose nodes are bodies.
         excluded_bodies: pairs of bodies whose shapes never meet.
         excluded_shapes: pairs of shapes that never meet, the smaller index first.
         given_pairs: pairs of shapes that may meet in any case, the smaller index first, with the surface of their
@@ -116,6 +118,7 @@ class Specification(Protocol):
     hulls: list[Hull]
     height_fields: list[HeightField]
     meshes: list[TriangleMesh]
+    flexible_meshes: list[FlexibleMesh]
     excluded_bodies: set[tuple[int, int]]
     excluded_shapes: set[tuple[int, int]]
     given_pairs: dict[tuple[int, int], Material | None]

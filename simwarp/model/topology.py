@@ -28,7 +28,11 @@ from simwarp.model.effort_routing import (
     joint_routes,
 )
 from simwarp.model.joint_types import ELEMENTS, ROTATION_START, Row
+from simwarp.model.mesh_columns import MeshColumns, mesh_columns
 from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
+
+NODE_DOFS = 3
+"""Of a node of a mesh."""
 
 IntArray = npt.NDArray[np.int32]
 
@@ -42,6 +46,7 @@ class Link:
     joint: int
     type: JointType
     sign: float
+    is_node: bool = False  # of a mesh
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +69,7 @@ class Tables:
     paths: list[EffortRoute]
     distance_dof: list[tuple[int, int]]
     boxes: list[tuple[int, BoxKind]]
+    meshes: MeshColumns | None = None
 
     @property
     def loop_dof(self) -> list[int]:
@@ -154,14 +160,15 @@ def build_tables(builder: Specification) -> Tables:
     coupled = {dof for coupling in all_sums(builder) for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     _check_elastic(builder, tree)
-    links = _ordered_links(builder, tree)
+    meshes = mesh_columns(builder.flexible_meshes)
+    links = _ordered_links(builder, tree, meshes)
     _check_massless(builder, links)
     link_tree_dof: list[int] = [0]
     tree_dof_to_dof: list[int] = []
     tree_dof_link: list[int] = []
     dof_to_tree_dof = [-1] * builder.dof_count
     for index, link in enumerate(links):
-        count = len(ELEMENTS[link.type].dofs)
+        count = NODE_DOFS if link.is_node else len(ELEMENTS[link.type].dofs)
         for local in range(count):
             dof = -1 if link.joint < 0 else dof_start[link.joint] + local
             if dof >= 0:
@@ -201,7 +208,7 @@ def build_tables(builder: Specification) -> Tables:
     boxes = [(index, kind) for index, dof in enumerate(dofs) for kind in box_constraint_kinds(dof)]
     return Tables(
         links, link_tree_dof, tree_dof_to_dof, tree_dof_link, dof_to_tree_dof, loop_joint, loop_row,
-        rotation_rows, rows, row_dof, paths, distance_dof, boxes,
+        rotation_rows, rows, row_dof, paths, distance_dof, boxes, meshes,
     )  # fmt: skip
 
 
@@ -268,11 +275,13 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
 
+    nodes = _mesh_nodes(builder)
     eligible = [
         j
         for j, spec in enumerate(builder.joints)
         if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
-    ]
+        and not nodes & {spec.parent, spec.child}
+    ]  # fmt: skip
     tree: set[int] = set()
     for joint in sorted(eligible, key=weight, reverse=True):
         a, b = root_of(group, builder.joints[joint].parent), root_of(group, builder.joints[joint].child)
@@ -282,8 +291,16 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
     return tree
 
 
-def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
-    """Links in breadth-first order from the world, then from the heaviest body of every floating tree, shafts last."""
+def _mesh_nodes(builder: Specification) -> set[int]:
+    """Bodies that are nodes of meshes."""
+    return {mesh.bodies[node] for mesh in builder.flexible_meshes for node in mesh.nodes}
+
+
+def _ordered_links(builder: Specification, tree: set[int], meshes: MeshColumns | None) -> list[Link]:
+    """Links in breadth-first order from the world, then from the heaviest body of every floating tree, then shafts,
+    then nodes of meshes in the reverse of the order of their elimination.
+    """
+    nodes = _mesh_nodes(builder)
     neighbours: dict[int, list[tuple[int, int, float]]] = {body: [] for body in range(-1, len(builder.bodies))}
     for joint in sorted(tree):
         spec = builder.joints[joint]
@@ -305,13 +322,19 @@ def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
 
     grow([WORLD])
     for body in sorted(range(len(builder.bodies)), key=lambda index: (-builder.bodies[index].mass, index)):
-        if body not in placed:
+        if body not in placed and body not in nodes:
             placed[body] = len(links)
             links.append(Link(body, -1, -1, JointType.FREE, 1.0))
             grow([body])
     for joint, spec in enumerate(builder.joints):
         if spec.type == JointType.SHAFT:
             links.append(Link(-1, -1, joint, JointType.SHAFT, 1.0))
+    if meshes is not None:
+        parents = meshes.parents(len(links), placed)
+        links += [
+            Link(body, parent, -1, JointType.FREE, 1.0, is_node=True)
+            for body, parent in zip(meshes.link_bodies(), parents, strict=True)
+        ]
     return links
 
 

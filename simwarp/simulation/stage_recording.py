@@ -57,12 +57,15 @@ def record_step(
         newton=newton,
         follows=all_solvers,
     )
-    given = {"topology": model.topology, "parameters": model.parameters, **arrays}
+    given = {
+        "topology": model.topology, "parameters": model.parameters, "flexible": model.mesh_tables, **arrays
+    }  # fmt: skip
     stages = step_stages
-    elastic = model.topology.elastic_count > 0
+    elastic, meshes = model.topology.elastic_count > 0, model.topology.mesh_nodes > 0
     return _record(
-        shares, lambda: stages.fused_step(all_solvers, elastic), stages.step_stages(solve), stages.stage_kernel, given
-    )
+        shares, lambda: stages.fused_step(all_solvers, elastic, meshes), stages.step_stages(solve),
+        stages.stage_kernel, given,
+    )  # fmt: skip
 
 
 def _record(

@@ -10,6 +10,7 @@ from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON_VECTORS
 from simwarp.kernels.core.tables import progress_layouts
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
+from simwarp.model.mesh_columns import mesh_sizes
 from simwarp.model.model import Model
 from simwarp.simulation.world_launches import WorldShares
 
@@ -44,6 +45,7 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
         wide_rows=max(dense if all_solvers else 0, max(min(rows, NEWTON_ROWS), newton) if newton else 0),
         wide_vectors=WIDE_VECTORS if all_solvers else NEWTON_VECTORS,
         kept_rows=rows if all_solvers else 0, entries=model.entry_count,
+        **mesh_sizes(model.builder.flexible_meshes, model.tables.meshes),
     )  # fmt: skip
 
 

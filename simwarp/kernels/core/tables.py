@@ -38,6 +38,10 @@ class Topology:
     distance_count: int
     massless_count: int
     elastic_count: int
+    mesh_nodes: int  # of meshes, that move by themselves
+    mesh_columns: int  # of their matrix: nodes in the order of elimination, then two for each body they are glued to
+    mesh_link0: int  # links of nodes begin here, in the reverse of that order
+    mesh_double: int  # 1: the matrix is factored in double precision
     shape_count: int
     pair_count: int
     formula_pairs: int  # of convex shapes whose contacts are written down
@@ -64,6 +68,9 @@ class Topology:
     unit_entries: wp.array[int]  # most entries of a row of the cone problem that moves a unit and its like
     unit_newton: wp.array[int]  # 1: no row ties it and shapes of it may touch others
     body_link: wp.array[int]
+    mesh_column_start: wp.array[int]  # CSR over columns of the meshes' matrix, of blocks below the diagonal
+    mesh_block_row: wp.array[int]
+    mesh_owner: wp.array[int]  # link of each body that a mesh is glued to
 
     joint_type: wp.array[int]
     joint_body0: wp.array[int]
@@ -237,6 +244,12 @@ class WorkScratch(ScratchGroup):
     # two arrays for all: each one more costs every model's step a percent of its compilation
     elastic_matrices = scratch_array(wp.mat33, "elastic_matrices")  # of each elastic joint (elastic_links.py)
     elastic_vectors = scratch_array(wp.vec3, "elastic_vectors")
+
+    mesh_factor = scratch_array(wp.float32, "mesh_factor")  # of the meshes' matrix (block_factor.py)
+    mesh_vector = scratch_array(wp.float32, "mesh_vector")
+    mesh_factor_double = scratch_array(wp.float64, "mesh_factor_double")
+    mesh_vector_double = scratch_array(wp.float64, "mesh_vector_double")
+    mesh_waiting = scratch_array(wp.mat33, "mesh_columns")  # forces of rows on columns further up; zero between rows
 
     j0_ang = scratch_array(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
     j0_lin = scratch_array(wp.vec3, "wrench_rows")

@@ -24,6 +24,7 @@ from simwarp.kernels.dynamics.joints import (
     joint_frames,
 )
 from simwarp.kernels.dynamics.tree import Wrench, backward_pass, forward_pass
+from simwarp.kernels.meshes.mesh_links import NODE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -132,7 +133,7 @@ def add_product_response(
         work.f_lin[link] = work.stabilisation_lin[link]
         work.p_ang[link] = wp.vec3()
         work.p_lin[link] = wp.vec3()
-        if kind != FREE and kind != SHAFT and kind != ELASTIC:  # whose rates are differences
+        if kind != FREE and kind != SHAFT and kind != ELASTIC and kind != NODE:  # whose rates are differences
             products = velocity_products(link, world, topology, parameters, state, work)
             ang = dt * products.ang
             lin = dt * products.lin

@@ -36,6 +36,7 @@ from simwarp.kernels.dynamics.joints import (
 )
 from simwarp.kernels.dynamics.position_projection import residual_rows, residual_stabilisation
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
+from simwarp.kernels.meshes.mesh_links import NODE, load_loose_nodes
 
 wp.set_module_options({"enable_backward": False})
 
@@ -168,7 +169,7 @@ def place_joints(world: int, topology: Topology, parameters: Parameters, config:
         kind = topology.link_type[link]
         if kind == ELASTIC:
             place_elastic(link, world, topology, parameters, work)
-        elif kind != FREE and kind != SHAFT:
+        elif kind != FREE and kind != SHAFT and kind != NODE:
             link_geometry(link, world, 0.0, topology, parameters, config, work)
 
 
@@ -188,6 +189,7 @@ def factor_at_poses(
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = 0.0
         work.effort[tree_dof] = 0.0
+    load_loose_nodes(topology, work)
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
@@ -241,7 +243,9 @@ def link_rates(
         kind = topology.link_type[link]
         ang = wp.vec3()
         lin = wp.vec3()
-        if kind == FREE:
+        if kind == NODE:
+            lin = state.body_v[world, body]
+        elif kind == FREE:
             ang = state.body_omega[world, body]
             lin = state.body_v[world, body]
             if joint >= 0:

@@ -11,6 +11,7 @@ from simwarp.kernels.dynamics.bilateral_rows import apply_group
 from simwarp.kernels.dynamics.dense_rows import solve_group_backward, solve_group_forward
 from simwarp.kernels.dynamics.elastic_links import has_elastic_code
 from simwarp.kernels.dynamics.joints import ELASTIC, FREE
+from simwarp.kernels.meshes.mesh_links import NODE, climb_node, has_mesh_code
 
 wp.set_module_options({"enable_backward": False})
 
@@ -62,6 +63,23 @@ def walk_elastic_rows(
 
 
 @wp.func
+def walk_node_rows(
+    block: int, row: int, count: int, entry: int, link: int, lin: wp.mat33, topology: Topology, work: Work,
+    cone: ConeProblem,
+) -> Wrenches:  # fmt: skip
+    """`walk_rows` over a node of a mesh: three entries, and the wrenches above, where it is the last node."""
+    above = Wrenches()
+    if has_mesh_code():
+        found = climb_node(link, lin, topology, work)
+        put_columns(row, count, entry, found.y, cone)
+        for k in range(3):
+            cone.block_tree_dof[block, entry + k] = topology.link_tree_dof[link] + k
+        above.ang = found.ang
+        above.lin = found.lin
+    return above
+
+
+@wp.func
 def walk_rows(
     block: int, row: int, count: int, entries: int, link0: int, w0: Wrenches, link1: int, w1: Wrenches,
     topology: Topology, work: Work, cone: ConeProblem,
@@ -104,6 +122,11 @@ def walk_rows(
             ang = above.ang
             lin = above.lin
             e += 6
+        elif topology.link_type[link] == NODE:
+            above = walk_node_rows(block, row, count, e, link, lin, topology, work, cone)
+            ang = above.ang
+            lin = above.lin
+            e += 3
         else:
             end = topology.link_tree_dof[link + 1]
             for index in range(end - first):

@@ -17,6 +17,7 @@ from simwarp.kernels.dynamics.joints import (
     misalignment,
 )
 from simwarp.kernels.dynamics.tree import backward_pass, forward_pass
+from simwarp.kernels.meshes.mesh_links import NODE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,7 +35,7 @@ def residual_stabilisation(world: int, inv_dt: float, topology: Topology, parame
         work.p_lin[link] = wp.vec3()
         work.stabilisation_ang[link] = wp.vec3()
         work.stabilisation_lin[link] = wp.vec3()
-        if kind != FREE and kind != SHAFT:
+        if kind != FREE and kind != SHAFT and kind != NODE:
             sign = topology.link_sign[link]
             frames = joint_frames(topology.link_joint[link], world, topology, parameters, work)
             legal = allowed_translation(kind, frames)

@@ -16,6 +16,7 @@ from simwarp.kernels.core.vector_math import turned
 from simwarp.kernels.dynamics.dense_rows import solve_group_backward
 from simwarp.kernels.dynamics.joints import FREE, POINT_AXIS0, SHAFT
 from simwarp.kernels.dynamics.tree import forward_pass
+from simwarp.kernels.meshes.mesh_links import NODE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -161,6 +162,9 @@ def limit_shares(topology: Topology, config: StepConfig, work: Work):
             if tree_dof - topology.link_tree_dof[link] < 3:
                 speed = wp.length(work.v_lin[link])
                 fastest = config.max_depenetration_velocity
+        elif topology.link_type[link] == NODE:
+            speed = wp.length(work.v_lin[link])
+            fastest = config.max_depenetration_velocity
         elif topology.dof_kind[topology.tree_dof_to_dof[tree_dof]] == POINT_AXIS0:
             fastest = config.max_depenetration_velocity
         unit = topology.tree_dof_unit[tree_dof]

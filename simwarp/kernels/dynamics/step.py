@@ -43,6 +43,7 @@ from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.recovery import find_recovery, needs_recovery
 from simwarp.kernels.dynamics.smooth_contacts import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
+from simwarp.kernels.meshes.mesh_links import NODE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -55,7 +56,7 @@ def tree_geometry(
     worst = float(0.0)
     for link in range(topology.link_count):
         kind = topology.link_type[link]
-        if kind != FREE and kind != SHAFT and kind != ELASTIC:
+        if kind != FREE and kind != SHAFT and kind != ELASTIC and kind != NODE:
             worst = wp.max(worst, link_geometry(link, world, inv_dt, topology, parameters, config, work))
     return worst
 

@@ -48,23 +48,23 @@ from simwarp.kernels.dynamics.world import (
     kept_rows,
     pack,
     pack_cone,
+    pack_loads,
     part_of_cone,
     part_of_work,
 )
-
-WITHOUT = {"cpu_compiler_flags": f"{CPU_FLAGS} -D{WITHOUT_ELASTIC}"}
-"""Options of the kernel of models without elastic joints."""
+from simwarp.kernels.meshes.mesh_links import WITHOUT_MESHES
+from simwarp.kernels.meshes.mesh_loads import LANES, MeshTables, has_meshes, load_flexible_meshes
 
 ROOM = StageRoom(
     module=__name__, options=MODULE_OPTIONS,
     arguments={
         "config": StepConfig, "topology": Topology, "parameters": Parameters, "control": ControlArrays,
         "scratch": Scratch, "state": StateArrays, "contacts": ContactArrays, "progress": StepProgress,
-        "reports": Reports,
+        "reports": Reports, "flexible": MeshTables,
     },
     locals={
         "work": StageLocal(pack, "scratch", part_of_work), "cone": StageLocal(pack_cone, "scratch", part_of_cone),
-        "kept": StageLocal(kept_rows, "scratch"),
+        "kept": StageLocal(kept_rows, "scratch"), "loads": StageLocal(pack_loads, "scratch"),
     },
 )  # fmt: skip
 
@@ -77,6 +77,8 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
               writes="momenta, efforts, axes and shifts of the tree's joints"),
         Stage(name="load_elastic_joints", function=load_elastic_joints, when=has_elastic,
               reads="poses, velocities, controls", writes="axes, shifts, rates, efforts and gains of elastic joints"),
+        Stage(name="load_flexible_meshes", function=load_flexible_meshes, when=has_meshes, lanes=int(LANES),
+              reads="poses, velocities", writes="impulses of elements, the factor of the meshes' matrix"),
         Stage(name="move_freely", function=move_freely,
               reads="momenta, efforts, axes", writes="the tree's factor, velocities of the free motion"),
         Stage(name="form_rows", function=form_rows, when=has_rows,
@@ -118,12 +120,15 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
 
 
 @functools.cache
-def fused_step(all_solvers: bool, elastic: bool) -> StageKernel:
+def fused_step(all_solvers: bool, elastic: bool, meshes: bool) -> StageKernel:
     """The step in one kernel, with accelerated gradient descent as its only solver, or with all (twice the code); for
-    models with elastic joints, or without.
+    models with elastic joints and meshes, or without.
     """
-    room = ROOM if elastic else dataclasses.replace(ROOM, options=MODULE_OPTIONS | WITHOUT)
-    return fused_kernel("step_worlds", step_stages([cone_solve(all_solvers)]), room)
+    without = [macro for macro, has in ((WITHOUT_ELASTIC, elastic), (WITHOUT_MESHES, meshes)) if not has]
+    flags = " ".join([CPU_FLAGS, *(f"-D{macro}" for macro in without)])
+    room = dataclasses.replace(ROOM, options=MODULE_OPTIONS | {"cpu_compiler_flags": flags})
+    stages = [stage for stage in step_stages([cone_solve(all_solvers)]) if meshes or stage.when is not has_meshes]
+    return fused_kernel("step_worlds", stages, room)
 
 
 @functools.cache

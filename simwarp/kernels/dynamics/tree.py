@@ -17,6 +17,14 @@ from simwarp.kernels.dynamics.elastic_links import (
     walk_elastic,
 )
 from simwarp.kernels.dynamics.joints import ELASTIC, FREE, SHAFT
+from simwarp.kernels.meshes.mesh_links import (
+    NODE,
+    add_meshes_to_owners,
+    climb_node,
+    has_mesh_code,
+    meshes_backward,
+    meshes_forward,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -83,10 +91,13 @@ def has_held_rate(topology: Topology, work: Work) -> bool:
 @wp.func
 def factor_tree(topology: Topology, work: Work):
     """Articulated inertias, leaf to root; on entry `inertia`, `coupling`, `mass` hold the rigid bodies' own."""
+    add_meshes_to_owners(topology, work)
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         kind = topology.link_type[link]
         parent = topology.link_parent[link]
+        if kind == NODE:
+            continue
         if kind == FREE:
             factor_free(link, work)
         elif kind == ELASTIC:
@@ -122,9 +133,12 @@ def factor_tree(topology: Topology, work: Work):
 @wp.func
 def backward_pass(stabilisation: float, topology: Topology, work: Work):
     """`xi` (scaled impulses) from the links' impulses `p` and `stabilisation` times the stabilisation; consumes `p`."""
+    meshes_backward(topology, work)
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         kind = topology.link_type[link]
+        if kind == NODE:
+            continue
         first = topology.link_tree_dof[link]
         end = topology.link_tree_dof[link + 1]
         p_ang = work.p_ang[link]
@@ -164,6 +178,8 @@ def forward_pass(topology: Topology, work: Work):
     """Link velocities and rates from `xi`, root to leaf. Joint rows hold to rounding by construction."""
     for link in range(topology.link_count):
         kind = topology.link_type[link]
+        if kind == NODE:
+            continue
         first = topology.link_tree_dof[link]
         end = topology.link_tree_dof[link + 1]
         v_ang = wp.vec3()
@@ -195,6 +211,22 @@ def forward_pass(topology: Topology, work: Work):
         else:
             work.v_ang[link] = v_ang
             work.v_lin[link] = v_lin
+    meshes_forward(topology, work)
+
+
+@wp.func
+def walk_node(row: int, link: int, lin: wp.vec3, topology: Topology, work: Work, y: wp.array2d[float]) -> Wrench:
+    """`walk_to_root` over a node of a mesh: the wrench on what it is glued to, where it is the last before that."""
+    above = Wrench()
+    if has_mesh_code():
+        one = wp.mat33(lin[0], lin[1], lin[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        found = climb_node(link, one, topology, work)
+        column = topology.link_tree_dof[link] - topology.link_column[link]
+        for k in range(3):
+            y[row, column + k] = y[row, column + k] + found.y[0, k]
+        above.ang = found.ang[0]
+        above.lin = found.lin[0]
+    return above
 
 
 @wp.func
@@ -236,6 +268,10 @@ def walk_to_root(
                 y[row, column + 3 + k] = y[row, column + 3 + k] + y_ang[k]
         elif topology.link_type[link] == ELASTIC:
             above = walk_elastic(row, link, ang, lin, topology, work, y)
+            ang = above.ang
+            lin = above.lin
+        elif topology.link_type[link] == NODE:
+            above = walk_node(row, link, lin, topology, work, y)
             ang = above.ang
             lin = above.lin
         else:

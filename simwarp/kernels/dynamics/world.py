@@ -36,6 +36,7 @@ from simwarp.kernels.dynamics.assembly import (
 )
 from simwarp.kernels.dynamics.bodies import load_poses
 from simwarp.kernels.dynamics.dense_rows import padded
+from simwarp.kernels.meshes.mesh_loads import MeshLoads, MeshLoadScratch
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
@@ -79,6 +80,14 @@ class ScratchSizes:
     wide_vectors: int
     kept_rows: int
     entries: int
+    mesh_columns: int = 0
+    mesh_factor: int = 0
+    mesh_vector: int = 0
+    mesh_factor_double: int = 0
+    mesh_vector_double: int = 0
+    mesh_shares: int = 0
+    mesh_element_blocks: int = 0
+    mesh_points: int = 0
 
     @property
     def elastic_matrices(self) -> int:
@@ -117,10 +126,15 @@ class KeptScratch(ScratchGroup):
     kept = scratch_array(wp.float32, "kept_rows")
 
 
-GROUPS = (WorkScratch, ConeScratch, KeptScratch)
+GROUPS = (WorkScratch, ConeScratch, KeptScratch, MeshLoadScratch)
 Scratch = memory_struct("Scratch", __name__, GROUPS)
 pack = slot_function("pack", __name__, WorkScratch, Work, Scratch)
 pack_cone = slot_function("pack_cone", __name__, ConeScratch, ConeProblem, Scratch)
+pack_loads = slot_function("pack_loads", __name__, MeshLoadScratch, MeshLoads, Scratch)
+OF_MESHES = frozenset(
+    {"mesh_factor", "mesh_vector", "mesh_factor_double", "mesh_vector_double", *MeshLoadScratch.blocks()}
+)
+"""Scratch of which lanes of a GPU share a slot, and which native functions walk."""
 
 
 def part_of_work(name: str, only: Set[str]) -> Any:
@@ -140,7 +154,7 @@ def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
 
 def make_scratch(device: wp.Device, slots: int, sizes: ScratchSizes) -> Any:
     """Allocates the scratch: on a CPU a slot for each chunk of worlds, which stays in the cache."""
-    of_lanes = OF_LANES if lanes_for(sizes.cone_rows) > 1 else frozenset[str]()
+    of_lanes = OF_MESHES | (OF_LANES if lanes_for(sizes.cone_rows) > 1 else frozenset[str]())
     return make_memory(Scratch, scratch_layouts(slots, sizes), device, of_lanes=of_lanes)
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import scipy.sparse
 import warp as wp
 
-from simwarp.flex.block_structure import element_blocks
-from simwarp.flex.flexible_law_kernels import FlexibleStep
-from simwarp.flex.mesh_model import ORDER
-from simwarp.flex.mesh_step_kernels import MeshMemory, MeshScratch, MeshTables, load_meshes, mesh_work
 from simwarp.kernels.core.scratch import make_memory, memory_layouts
+from simwarp.kernels.meshes.flexible_laws import FlexibleStep
+from simwarp.kernels.meshes.mesh_loads import MeshMemory, MeshScratch, MeshTables, load_meshes, mesh_work
+from simwarp.meshes.block_structure import element_blocks
+from simwarp.meshes.mesh_model import ORDER
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.flex.block_factor_kernels import (
+from simwarp.kernels.meshes.block_factor import (
     BLOCK,
     BlockTables,
     assemble,
@@ -16,9 +16,9 @@ from simwarp.flex.block_factor_kernels import (
     substitute_forward,
     substitute_forward_double,
 )
-from simwarp.flex.block_structure import analyse, element_blocks
-from simwarp.flex.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
-from simwarp.flex.triangle_elements import with_neighbours
+from simwarp.meshes.block_structure import analyse, element_blocks
+from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
+from simwarp.meshes.triangle_elements import with_neighbours
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -35,9 +35,9 @@ def solve(
     blocks: wp.array[float], x: wp.array[float], raised: wp.array(dtype=int),  # type: ignore[valid-type]
 ):  # fmt: skip
     assemble(n, count, t.term_start, t.term, parts, masses, blocks, 1)
-    raised[0] = factor(n, t.column_start, t.target_start, t.target, least, blocks, 1)
-    substitute_forward(n, t.column_start, t.block_row, blocks, x, 1)
-    substitute_backward(n, t.column_start, t.block_row, blocks, x, 1)
+    raised[0] = factor(n, n, t.column_start, t.target_start, t.target, least, blocks, 1)
+    substitute_forward(n, n, t.column_start, t.block_row, blocks, x, 1)
+    substitute_backward(n, n, t.column_start, t.block_row, blocks, x, 1)
 
 
 @wp.kernel
@@ -46,9 +46,9 @@ def solve_double(
     blocks: wp.array[wp.float64], x: wp.array[wp.float64], raised: wp.array(dtype=int),  # type: ignore[valid-type]
 ):  # fmt: skip
     assemble_double(n, count, t.term_start, t.term, parts, masses, blocks, 1)
-    raised[0] = factor_double(n, t.column_start, t.target_start, t.target, least, blocks, 1)
-    substitute_forward_double(n, t.column_start, t.block_row, blocks, x, 1)
-    substitute_backward_double(n, t.column_start, t.block_row, blocks, x, 1)
+    raised[0] = factor_double(n, n, t.column_start, t.target_start, t.target, least, blocks, 1)
+    substitute_forward_double(n, n, t.column_start, t.block_row, blocks, x, 1)
+    substitute_backward_double(n, n, t.column_start, t.block_row, blocks, x, 1)
 
 
 def tables_of(structure):

@@ -5,13 +5,13 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from simwarp.flex.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
-from simwarp.flex.materials import Elastic, Rubber
-from simwarp.flex.mesh_model import make_mesh
-from simwarp.flex.mesh_parts import MeshPart
-from simwarp.flex.solid_elements import hexahedra_constants, incompatible_stiffness
-from simwarp.flex.solid_elements_kernels import tensile_part
-from simwarp.flex.triangle_elements import with_neighbours
+from simwarp.kernels.meshes.solid_loads import tensile_part
+from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
+from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_model import make_mesh
+from simwarp.meshes.mesh_parts import MeshPart
+from simwarp.meshes.solid_elements import hexahedra_constants, incompatible_stiffness
+from simwarp.meshes.triangle_elements import with_neighbours
 from tests.reference import flexible_elements as reference
 from tests.unit.flex.loaded_meshes import loads
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.flex.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
-from simwarp.flex.mesh_model import make_mesh
-from simwarp.flex.mesh_parts import MeshPart
-from simwarp.flex.solid_elements import hexahedra_constants
+from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
+from simwarp.meshes.mesh_model import make_mesh
+from simwarp.meshes.mesh_parts import MeshPart
+from simwarp.meshes.solid_elements import hexahedra_constants
 
 RUBBER = sw.flex.Rubber(young=1e6, density=1000.0)
 

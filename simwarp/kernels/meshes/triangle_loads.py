@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from simwarp.flex.flexible_law_kernels import FlexibleMaterials, FlexibleStep, law_of
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import to_double, to_float
+from simwarp.kernels.meshes.flexible_laws import FlexibleMaterials, FlexibleStep, law_of
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

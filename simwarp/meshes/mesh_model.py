@@ -11,16 +11,16 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.types import ModelError, formatted
-from simwarp.flex.block_factor_kernels import BLOCK, WIDTH, BlockTables
-from simwarp.flex.block_structure import BlockStructure, analyse
-from simwarp.flex.flexible_law_kernels import ELASTIC, RUBBER, FlexibleMaterials
-from simwarp.flex.materials import Rubber
-from simwarp.flex.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
-from simwarp.flex.mesh_step_kernels import MeshTables
-from simwarp.flex.solid_elements import hexahedra_constants, tetrahedra_constants
-from simwarp.flex.solid_elements_kernels import SolidTables
-from simwarp.flex.triangle_elements import triangles_constants
-from simwarp.flex.triangle_elements_kernels import TriangleTables
+from simwarp.kernels.meshes.block_factor import BLOCK, WIDTH, BlockTables
+from simwarp.kernels.meshes.flexible_laws import ELASTIC, RUBBER, FlexibleMaterials
+from simwarp.kernels.meshes.mesh_loads import MeshTables
+from simwarp.kernels.meshes.solid_loads import SolidTables
+from simwarp.kernels.meshes.triangle_loads import TriangleTables
+from simwarp.meshes.block_structure import BlockStructure, analyse
+from simwarp.meshes.materials import Rubber
+from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
+from simwarp.meshes.solid_elements import hexahedra_constants, tetrahedra_constants
+from simwarp.meshes.triangle_elements import triangles_constants
 
 ORDER = ("tetrahedra", "hexahedra", "triangles")
 """Kinds of elements in the order of their shares and blocks."""
@@ -91,7 +91,7 @@ def make_mesh(
     blocks = shares = 0
     for kind in ORDER:
         place = [index for index, part in enumerate(parts) if part.kind == kind]
-        table, nodes = _element_tables(kind, points, parts, place, device)
+        table, nodes = element_tables(kind, points, parts, place, device)
         table.first_share, table.first_block = shares, blocks
         setattr(tables, kind, table)
         elements.extend(np.where(nodes >= 0, unknown[nodes], -1).tolist())
@@ -100,10 +100,10 @@ def make_mesh(
     structure = analyse(len(free), elements)
     tables.column_count, tables.block_count = structure.node_count, structure.block_count
     tables.is_double = int(double)
-    tables.structure = _structure_tables(structure, free, device)
-    tables.materials = _materials(parts, device)
+    tables.structure = structure_tables(structure, free[structure.order], device)
+    tables.materials = material_tables(parts, device)
     tables.node_mass = wp.array(masses[None], dtype=float, device=device)
-    numbers = (BLOCK * structure.block_count, WIDTH * structure.node_count)
+    numbers = factor_sizes(structure)
     sizes = MeshSizes(
         structure.node_count, shares, blocks,
         *(number if not double else 0 for number in numbers), *(number if double else 0 for number in numbers),
@@ -141,7 +141,7 @@ def _check_cost(label: str, nodes: int, is_solid: bool) -> None:
     )
 
 
-def _element_tables(
+def element_tables(
     kind: str, points: npt.NDArray[np.float64], parts: Sequence[MeshPart], place: list[int], device: Any
 ) -> tuple[Any, npt.NDArray[np.int32]]:
     """Tables of all elements of a kind, and their nodes; of triangles with neighbours, -1: none."""
@@ -178,16 +178,21 @@ def _element_tables(
     return solid, nodes
 
 
-def _structure_tables(structure: BlockStructure, free: npt.NDArray[np.int64], device: Any) -> Any:
-    """The structure on a device, whose columns are named by nodes of the mesh."""
+def factor_sizes(structure: BlockStructure) -> tuple[int, int]:
+    """Numbers of a factor, and of a vector."""
+    return BLOCK * structure.block_count, WIDTH * structure.node_count
+
+
+def structure_tables(structure: BlockStructure, names: npt.NDArray[Any], device: Any) -> Any:
+    """The structure on a device; `names` are nodes of the columns."""
     tables: Any = BlockTables()
     for field in ("column_start", "block_row", "target_start", "target", "term_start", "term", "share_start", "share"):
         setattr(tables, field, wp.array(getattr(structure, field), dtype=int, device=device))
-    tables.order = wp.array(free[structure.order], dtype=int, device=device)
+    tables.order = wp.array(names, dtype=int, device=device)
     return tables
 
 
-def _materials(parts: Sequence[MeshPart], device: Any) -> Any:
+def material_tables(parts: Sequence[MeshPart], device: Any) -> Any:
     """Materials of parts, shared by all worlds."""
     tables: Any = FlexibleMaterials()
     kinds = [int(RUBBER) if isinstance(part.material, Rubber) else int(ELASTIC) for part in parts]

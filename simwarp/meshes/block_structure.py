@@ -76,17 +76,22 @@ def element_blocks(nodes: int) -> list[tuple[int, int]]:
     return [(row, column) for row in range(nodes) for column in range(row + 1)]
 
 
-def analyse(node_count: int, elements: Sequence[Sequence[int]], last: Sequence[int] = ()) -> BlockStructure:
+def analyse(
+    node_count: int, elements: Sequence[Sequence[int]], last: Sequence[int] = (),
+    pairs: Sequence[tuple[int, int]] = (),
+) -> BlockStructure:  # fmt: skip
     """Find the structure of a mesh's matrix and of its factor.
 
     Args:
         node_count: nodes that are unknowns.
         elements: nodes of each element; negative for what is no unknown. Their blocks and shares come in this order.
-        last: nodes that are eliminated after all others, in this order.
+        last: nodes that are eliminated after all others, in this order, or not at all.
+        pairs: of nodes that have further blocks, whose places follow those of the elements: the row, which is one of
+            `last`, and the column, which is another one or comes before it.
     """
-    neighbours = _neighbours(node_count, elements)
+    neighbours = _neighbours(node_count, [*elements, *pairs])
     order, rows = _minimum_degree(neighbours, last)
-    order, rows = _postordered(order, rows)
+    order, rows = _postordered(order, rows, set(last))
     place = np.empty(node_count, dtype=np.int64)
     place[order] = np.arange(node_count)
     columns = [sorted(int(place[node]) for node in each) for each in rows]
@@ -100,6 +105,9 @@ def analyse(node_count: int, elements: Sequence[Sequence[int]], last: Sequence[i
         targets.extend(block_of[row, column] for k, column in enumerate(each) for row in each[k:])
         target_start.append(len(targets))
     terms, shares = _terms(elements, place, block_of)
+    first = sum(len(each) * (len(each) + 1) // 2 for each in elements)
+    for index, (row, column) in enumerate(pairs):
+        terms[block_of[int(place[row]), int(place[column])]].append(2 * (first + index))
     numbers = (
         order, [each[0] if each else -1 for each in columns], column_start, [row for each in columns for row in each],
         target_start, targets, *_joined(terms), *_joined(shares),
@@ -145,8 +153,10 @@ def _minimum_degree(neighbours: list[set[int]], last: Sequence[int]) -> tuple[li
     return order, rows
 
 
-def _postordered(order: list[int], rows: list[set[int]]) -> tuple[list[int], list[set[int]]]:
-    """The same elimination with every subtree in a row, so that what a column updates was written shortly before."""
+def _postordered(order: list[int], rows: list[set[int]], last: set[int]) -> tuple[list[int], list[set[int]]]:
+    """The same elimination with every subtree in a row, so that what a column updates was written shortly before; the
+    `last` ones stay behind all others.
+    """
     place = {node: k for k, node in enumerate(order)}
     parent = [min((place[node] for node in each), default=-1) for each in rows]
     children: list[list[int]] = [[] for _ in order]
@@ -160,6 +170,7 @@ def _postordered(order: list[int], rows: list[set[int]]) -> tuple[list[int], lis
         sequence.append(column)
         stack.extend(children[column])
     sequence.reverse()
+    sequence = [c for c in sequence if order[c] not in last] + [c for c in range(len(order)) if order[c] in last]
     return [order[column] for column in sequence], [rows[column] for column in sequence]
 
 

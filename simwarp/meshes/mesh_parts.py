@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import FLOAT32_MAX, ModelError, formatted
-from simwarp.flex.materials import Elastic, Rubber
-from simwarp.flex.solid_elements import CORNERS, hexahedra_volumes, natural_slopes
+from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.solid_elements import CORNERS, hexahedra_volumes, natural_slopes
 
 KINDS = {3: "triangles", 4: "tetrahedra", 8: "hexahedra"}
 """Elements by their number of nodes."""

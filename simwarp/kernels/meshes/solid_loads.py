@@ -8,14 +8,14 @@ momentum is kept.
 
 import warp as wp
 
-from simwarp.flex.flexible_law_kernels import (
+from simwarp.kernels.core.vector_math import matrix_to_float, to_double, to_float
+from simwarp.kernels.meshes.flexible_laws import (
     RUBBER,
     FlexibleMaterials,
     FlexibleStep,
     Law,
     law_of,
 )
-from simwarp.kernels.core.vector_math import matrix_to_float, to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

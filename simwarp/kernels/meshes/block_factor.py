@@ -87,7 +87,7 @@ _FACTOR = """
     const Ints starts = elements(column_start), target_starts = elements(target_start), targets = elements(target);
     Column* const a = (Column*)blocks.data;
     int raised = 0;
-    for (int column = 0; column < n; ++column) {
+    for (int column = 0; column < eliminated; ++column) {
         Column* const d = a + 3 * (size_t)column;
         auto pivot = [&](Real value, Real before) {
             if (value < least * before) { value = least * before; ++raised; }
@@ -139,7 +139,7 @@ _FORWARD = """
     const Ints starts = elements(column_start), rows = elements(block_row);
     Column* const a = (Column*)blocks.data;
     Column* const x = (Column*)vector.data;
-    for (int column = 0; column < n; ++column) {
+    for (int column = 0; column < eliminated; ++column) {
         Column* const d = a + 3 * (size_t)column;
         const Column b = x[column];
         const Column y = d[0] * b[0] + d[1] * b[1] + d[2] * b[2];
@@ -157,7 +157,7 @@ _BACKWARD = """
     const Ints starts = elements(column_start), rows = elements(block_row);
     Column* const a = (Column*)blocks.data;
     Column* const x = (Column*)vector.data;
-    for (int column = n - 1; column >= 0; --column) {
+    for (int column = eliminated - 1; column >= 0; --column) {
         Column s0 = {0, 0, 0, 0}, s1 = {0, 0, 0, 0}, s2 = {0, 0, 0, 0};
         ROLLED for (int k = starts[column] + lane; k < starts[column + 1]; k += stride) {
             const Column* const g = a + 3 * (size_t)(n + k);
@@ -194,28 +194,31 @@ def assemble(
 
 @wp.func_native(_typed("float", _FACTOR))
 def factor(
-    n: int, column_start: wp.array[int], target_start: wp.array[int], target: wp.array[int], least: float,
-    blocks: wp.array[float], lanes: int,
+    eliminated: int, n: int, column_start: wp.array[int], target_start: wp.array[int], target: wp.array[int],
+    least: float, blocks: wp.array[float], lanes: int,
 ) -> int:  # fmt: skip
-    """Blocks <- their factor; returns how many pivots were raised to `least` of the diagonal before all updates."""
+    """Blocks <- their factor; returns how many pivots were raised to `least` of the diagonal before all updates.
+
+    Of `n` columns the first ones are eliminated; the blocks of the others are then what that leaves of them.
+    """
     ...
 
 
 @wp.func_native(_typed("float", _FORWARD))
 def substitute_forward(
-    n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[float], vector: wp.array[float],
-    lanes: int,
+    eliminated: int, n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[float],
+    vector: wp.array[float], lanes: int,
 ):  # fmt: skip
-    """Vector <- L⁻¹ vector."""
+    """Vector <- L⁻¹ vector of the columns that are eliminated; of the others what these leave."""
     ...
 
 
 @wp.func_native(_typed("float", _BACKWARD))
 def substitute_backward(
-    n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[float], vector: wp.array[float],
-    lanes: int,
+    eliminated: int, n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[float],
+    vector: wp.array[float], lanes: int,
 ):  # fmt: skip
-    """Vector <- L⁻ᵀ vector."""
+    """Vector <- L⁻ᵀ vector of the columns that are eliminated; the others are known."""
     ...
 
 
@@ -230,8 +233,8 @@ def assemble_double(
 
 @wp.func_native(_typed("double", _FACTOR))
 def factor_double(
-    n: int, column_start: wp.array[int], target_start: wp.array[int], target: wp.array[int], least: float,
-    blocks: wp.array[wp.float64], lanes: int,
+    eliminated: int, n: int, column_start: wp.array[int], target_start: wp.array[int], target: wp.array[int],
+    least: float, blocks: wp.array[wp.float64], lanes: int,
 ) -> int:  # fmt: skip
     """`factor` in double precision."""
     ...
@@ -239,7 +242,7 @@ def factor_double(
 
 @wp.func_native(_typed("double", _FORWARD))
 def substitute_forward_double(
-    n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[wp.float64],
+    eliminated: int, n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[wp.float64],
     vector: wp.array[wp.float64], lanes: int,
 ):  # fmt: skip
     """`substitute_forward` in double precision."""
@@ -248,7 +251,7 @@ def substitute_forward_double(
 
 @wp.func_native(_typed("double", _BACKWARD))
 def substitute_backward_double(
-    n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[wp.float64],
+    eliminated: int, n: int, column_start: wp.array[int], block_row: wp.array[int], blocks: wp.array[wp.float64],
     vector: wp.array[wp.float64], lanes: int,
 ):  # fmt: skip
     """`substitute_backward` in double precision."""

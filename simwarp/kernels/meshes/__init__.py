@@ -1,0 +1,1 @@
+"""Meshes: loads of their elements, their matrix and its factor, links of nodes in the tree."""

@@ -1,0 +1,181 @@
+"""Meshes of a model: their nodes are bodies of three coordinates, which elements tie to each other and, where they are
+glued, to a body (kernels/meshes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.rotation import matrix_of
+from simwarp.core.types import WORLD, Material, ModelError, Pose, Vec3, finite_vector, formatted, pose as make_pose
+from simwarp.core.wording import suggestion
+from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
+from simwarp.model.checks import checked_name, checked_pose
+from simwarp.model.mesh_specification import FlexibleMesh
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+class SolidSource(Protocol):
+    """A mesh of solid elements (`sw.flex.box`, `lattice`, `read`)."""
+
+    @property
+    def points(self) -> Array:
+        """(n, 3) nodes [m]."""
+
+    @property
+    def elements(self) -> npt.NDArray[np.int32]:
+        """(m, 4) tetrahedra or (m, 8) hexahedra."""
+
+    @property
+    def sets(self) -> Mapping[str, Any]:
+        """Nodes by the name of a set."""
+
+    @property
+    def boundary_nodes(self) -> npt.NDArray[np.int32]:
+        """Nodes of its surface."""
+
+
+class MeshBuilder(Protocol):
+    """What a mesh needs of a `ModelBuilder`."""
+
+    bodies: list[Any]
+    shapes: list[Any]
+    excluded_bodies: set[tuple[int, int]]
+    flexible_meshes: list[FlexibleMesh]
+
+    @property
+    def add_body(self) -> Callable[..., int]:
+        """`ModelBuilder.add_body`, and so on."""
+
+    @property
+    def add_shape_sphere(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def exclude_collision(self) -> Callable[[int, int], None]: ...  # noqa: D102
+
+
+def build_mesh(
+    builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
+    pose: Pose | None, glue: Mapping[int | str, Any] | None, fixed: Any, radius: float | None,
+    surface: Material | None, touching: Sequence[int], velocity: Vec3, omega: Vec3, double: bool,
+) -> FlexibleMesh:  # fmt: skip
+    """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`.
+
+    Raises:
+        ModelError: an argument cannot be used.
+    """
+    thing = checked_name("mesh", name)
+    rest = checked_points(thing, points)
+    made = tuple(checked_part(thing, rest, part) for part in parts)
+    masses = lumped_masses(rest, made)
+    unused = np.flatnonzero(masses == 0.0)
+    if len(unused):
+        raise ModelError(
+            f"{thing}: every node must be one of an element, got {len(unused)} that are not, the first {unused[0]}; "
+            "leave them out"
+        )
+    place = make_pose() if pose is None else checked_pose(thing, pose)
+    turn = matrix_of(place.rotation)
+    at = np.asarray(place.position) + rest @ turn.T
+    held = _held_nodes(builder, thing, len(rest), sets, glue, fixed)
+    own = [node for node in range(len(rest)) if node not in held]
+    if not own:
+        raise ModelError(f"{thing}: some node must move by itself, got all {len(rest)} glued or fixed; use a shape")
+    v, w = finite_vector(thing, "velocity", velocity, 3), finite_vector(thing, "omega", omega, 3)
+    counts = len(builder.bodies), len(builder.shapes)
+    apart = set(builder.excluded_bodies)
+    centre = masses @ at / masses.sum()
+    try:
+        bodies, places = [WORLD] * len(rest), at.copy()
+        for node in own:
+            size = 0.1 * float(masses[node]) ** (1.0 / 3.0)
+            bodies[node] = builder.add_body(
+                f"{name}_{node}", mass=float(masses[node]), inertia=(float(masses[node]) * size**2,) * 3,
+                pose=Pose(at[node], np.array([0.0, 0.0, 0.0, 1.0])),
+                velocity=tuple(v + np.cross(w, at[node] - centre)),
+            )  # fmt: skip
+        for node, body in held.items():
+            bodies[node] = body
+            if body != WORLD:
+                owner = builder.bodies[body].pose
+                places[node] = matrix_of(owner.rotation).T @ (at[node] - np.asarray(owner.position))
+        shapes: tuple[int, ...] = ()
+        if radius is not None:
+            stuff = Material() if surface is None else surface
+            shapes = tuple(
+                builder.add_shape_sphere(bodies[node], radius=radius, material=stuff)
+                for node in touching if node not in held
+            )  # fmt: skip
+            together = [bodies[node] for node in touching if node not in held]
+            owners = sorted({body for body in held.values() if body != WORLD})
+            for index, one in enumerate(together):
+                for other in [*together[index + 1 :], *owners]:
+                    builder.exclude_collision(one, other)
+    except ModelError:
+        del builder.bodies[counts[0] :], builder.shapes[counts[1] :]
+        builder.excluded_bodies &= apart
+        raise
+    glued = tuple(node in held and held[node] != WORLD for node in range(len(rest)))
+    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, double, shapes)
+    builder.flexible_meshes.append(mesh)
+    return mesh
+
+
+def _held_nodes(
+    builder: MeshBuilder, thing: str, count: int, sets: Mapping[str, Any], glue: Mapping[int | str, Any] | None,
+    fixed: Any,
+) -> dict[int, int]:  # fmt: skip
+    """Body of each node that does not move by itself; WORLD: it is fixed."""
+    held: dict[int, int] = dict.fromkeys(_chosen(thing, "fixed", count, sets, fixed), WORLD)
+    owners = []
+    for holder, nodes in (glue or {}).items():
+        body = holder
+        if isinstance(holder, str):
+            names = [each.name for each in builder.bodies]
+            if holder not in names:
+                raise ModelError(
+                    f"{thing}: glue must name bodies that were added, got {formatted(holder)}; "
+                    + suggestion(holder, names, "add it before the mesh")
+                )
+            body = names.index(holder)
+        if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not 0 <= body < len(builder.bodies):
+            raise ModelError(
+                f"{thing}: glue must name bodies that were added, got {formatted(holder)}; `fixed` holds nodes in the "
+                "world"
+            )
+        owners.append(int(body))
+        for node in _chosen(thing, "glue", count, sets, nodes):
+            if node in held:
+                raise ModelError(f"{thing}: a node must be held once, got node {node} twice; leave it out of one set")
+            held[node] = int(body)
+    if len(set(owners)) > 1:
+        raise ModelError(
+            f"{thing}: glue must name one body, got {len(set(owners))}; hold further nodes by joints "
+            "(add_loop_joint, SPHERICAL)"
+        )
+    return held
+
+
+def _chosen(thing: str, label: str, count: int, sets: Mapping[str, Any], nodes: Any) -> list[int]:
+    """Nodes by their numbers or the name of a set."""
+    if isinstance(nodes, str):
+        if nodes not in sets:
+            raise ModelError(
+                f"{thing}: {label} must be nodes or a set of the mesh, got {formatted(nodes)}; "
+                + suggestion(nodes, list(sets), "the mesh has no sets: give numbers of nodes")
+            )
+        nodes = sets[nodes]
+    given = np.asarray(nodes)
+    if given.size == 0:
+        return []
+    if given.ndim != 1 or given.dtype.kind not in "iu":
+        raise ModelError(f"{thing}: {label} must be numbers of nodes or the name of a set, got {formatted(nodes)}")
+    wrong = given[(given < 0) | (given >= count)]
+    if len(wrong):
+        raise ModelError(f"{thing}: {label} must be nodes from 0 to {count - 1}, got {int(wrong[0])}; count from 0")
+    return [int(node) for node in dict.fromkeys(given.tolist())]

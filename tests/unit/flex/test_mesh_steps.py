@@ -1,0 +1,230 @@
+"""Meshes in a Simulation: one step held to dense algebra, glue, contacts, laws."""
+
+import types
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp.core.types import ModelError
+from simwarp.flex.free_meshes import FreeMeshes
+from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra
+from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_model import make_mesh
+from simwarp.meshes.mesh_parts import MeshPart
+from tests.unit.flex.loaded_meshes import loads
+
+H = 1e-3
+SIZE = (0.12, 0.1, 0.08)
+RUBBER = Rubber(young=1e5, poisson=0.4, density=1000.0, damping_time=1e-3)
+
+
+def solid(kind="hexahedra", cells=(2, 2, 2)):
+    """A box with its faces as sets."""
+    points, elements = (box_of_hexahedra if kind == "hexahedra" else box_of_tetrahedra)(cells, SIZE)
+    low, high = points.min(axis=0), points.max(axis=0)
+    near = np.isclose(points, low) | np.isclose(points, high)
+    faces = {"top": np.flatnonzero(np.isclose(points[:, 2], high[2])), "bottom": np.flatnonzero(points[:, 2] == low[2])}
+    return types.SimpleNamespace(
+        points=points, elements=elements, sets=faces, boundary_nodes=np.flatnonzero(near.any(axis=1))
+    )
+
+
+def with_block(*, plate=False, floor=False, gravity=(0.0, 0.0, 0.0), worlds=1, z=0.5, kind="hexahedra", **options):
+    """A simulation of a block, which hangs on a plate, above a floor; its mesh."""
+    builder = sw.ModelBuilder(gravity=gravity)
+    if floor:
+        builder.add_shape_plane(material=sw.Material(friction=0.5))
+    glue = None
+    if plate:
+        turn = (0.1, 0.2, -0.1, 0.9695359)
+        pose = sw.pose((0.05, 0.06, z + 0.11), turn)
+        glue = {builder.add_body("plate", mass=0.7, inertia=(3e-3, 3e-3, 3e-3), pose=pose): "top"}
+    mesh = builder.add_solid_mesh(
+        "block", solid(kind), material=RUBBER, pose=sw.pose((0.0, 0.0, z)), glue=glue, **options
+    )
+    model = builder.finalize(world_count=worlds, device="cpu")
+    return sw.Simulation(model, dt=H), mesh
+
+
+def own_bodies(mesh):
+    return [mesh.bodies[node] for node in mesh.nodes]
+
+
+def disturb(sim, seed=1, speed=0.2):
+    """Random velocities of all bodies, the plate's rotation included."""
+    rng = np.random.default_rng(seed)
+    v = speed * rng.standard_normal(sim.state.body_v.numpy().shape).astype(np.float32)
+    sim.state.body_v.assign(v)
+    omega = np.zeros(sim.state.body_omega.numpy().shape, np.float32)
+    omega[:, 0] = speed * 10.0 * rng.standard_normal(3) if "plate" in sim.model.body_names else 0.0
+    sim.state.body_omega.assign(omega)
+    sim.measure()
+    return v, omega
+
+
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("kind", ["tetrahedra", "hexahedra"])
+def test_a_free_mesh_moves_as_one_by_itself(kind, double):
+    sim, mesh = with_block(kind=kind, double=double)
+    v, _ = disturb(sim)
+    part = MeshPart(elements=solid(kind).elements, material=RUBBER)
+    alone = FreeMeshes(
+        make_mesh("block", mesh.points, [part], double=double, device="cpu"),
+        1,
+        H,
+        gravity=(0.0, 0.0, 0.0),
+        device="cpu",
+    )
+    alone.node_v.assign(v)
+    for _ in range(20):
+        sim.step()
+    alone.step(20)
+    found = sim.state.body_x.numpy()[0] - [0.0, 0.0, 0.5]
+    # float32 velocities of 0.2 m/s, their rounding over twenty steps of a millisecond
+    assert np.abs(found - alone.node_x.numpy()[0]).max() < 2e-9
+
+
+def dense_change(mesh, sim, v, omega):
+    """(bodies, 3) change of velocity and of angular velocity of the plate in one step, by dense algebra in float64."""
+    state, model = sim.state, sim.model
+    x = state.body_x.numpy()[0]
+    plate = model.body("plate")
+    count, nodes = len(mesh.points), list(mesh.nodes)
+    rot = rotation_of(state.body_rot.numpy()[0, plate])
+    places = np.array([x[plate] + rot @ mesh.places[n] if mesh.glued[n] else x[mesh.bodies[n]] for n in range(count)])
+    spread = np.zeros((3 * count, 3 * len(nodes) + 6))
+    for n in range(count):
+        rows = slice(3 * n, 3 * n + 3)
+        if mesh.glued[n]:
+            r = places[n] - x[plate]
+            spread[rows, -6:-3] = np.eye(3)
+            spread[rows, -3:] = -np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+        else:
+            k = nodes.index(n)
+            spread[rows, 3 * k : 3 * k + 3] = np.eye(3)
+    start = np.concatenate([v[0, [mesh.bodies[n] for n in nodes]].reshape(-1), v[0, plate], omega[0, plate]])
+    part = MeshPart(elements=mesh.parts[0].elements, material=RUBBER)
+    made = make_mesh("block", mesh.points, [part], device="cpu")
+    forces, matrix, _ = loads(made, places, (spread @ start).reshape(-1, 3).astype(np.float32), h=H, zeta=0.1)
+    mass = np.zeros((len(start),) * 2)
+    weights = model.body_mass.numpy()[0]
+    for k, n in enumerate(nodes):
+        mass[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = weights[mesh.bodies[n]] * np.eye(3)
+    mass[-6:-3, -6:-3] = weights[plate] * np.eye(3)
+    mass[-3:, -3:] = rot @ model.body_inertia_b.numpy()[0, plate] @ rot.T
+    change = np.linalg.solve(mass + spread.T @ matrix.toarray() @ spread, spread.T @ forces.reshape(-1) * H)
+    return {mesh.bodies[n]: change[3 * k : 3 * k + 3] for k, n in enumerate(nodes)}, change[-6:-3], change[-3:]
+
+
+def rotation_of(q):
+    x, y, z, w = q
+    return np.array(
+        [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("kind", ["tetrahedra", "hexahedra"])
+def test_glue_is_the_dense_system_of_nodes_and_body(kind, double):
+    sim, mesh = with_block(plate=True, kind=kind, double=double)
+    v, omega = disturb(sim)
+    plate = sim.model.body("plate")
+    nodes, lin, ang = dense_change(mesh, sim, v, omega)
+    before = sim.state.body_omega.numpy()[0, plate].copy()
+    sim.step()
+    after = sim.state.body_v.numpy()[0]
+    largest = max(np.abs(each).max() for each in nodes.values())
+    # float32 elements and velocities of up to half a metre per second: 6e-8 each, of changes of a tenth of that
+    for body, change in nodes.items():
+        assert np.abs(after[body] - v[0, body] - change).max() < 1e-5 * largest + 1e-7
+    assert np.abs(after[plate] - v[0, plate] - lin).max() < 1e-5 * largest + 1e-7
+    assert np.abs(sim.state.body_omega.numpy()[0, plate] - before - ang).max() < 1e-5 * np.abs(ang).max() + 5e-7
+
+
+def momenta(sim):
+    """Linear momentum, and angular momentum about the origin, of one world."""
+    mass = sim.model.body_mass.numpy()[0].astype(float)
+    x, v = sim.state.body_x.numpy()[0], sim.state.body_v.numpy()[0].astype(float)
+    linear = mass @ v
+    angular = np.cross(x, mass[:, None] * v).sum(axis=0)
+    for body in range(len(mass)):
+        rot = rotation_of(sim.state.body_rot.numpy()[0, body])
+        angular += rot @ sim.model.body_inertia_b.numpy()[0, body] @ rot.T @ sim.state.body_omega.numpy()[0, body]
+    return linear, angular
+
+
+@pytest.mark.parametrize("plate", [False, True])
+def test_momenta_of_a_free_mesh_stay(plate):
+    sim, _ = with_block(plate=plate)
+    disturb(sim, speed=0.1)
+    linear, angular = momenta(sim)
+    for _ in range(200):
+        sim.step()
+    after = momenta(sim)
+    scale = np.abs(linear).max()
+    assert np.abs(after[0] - linear).max() < 1e-5 * scale
+    # levers change within a step by h v: an error of the step's order, of vibrations alone
+    assert np.abs(after[1] - angular).max() < 2e-3 * np.abs(angular).max()
+
+
+def test_a_block_lies_on_a_floor_that_carries_its_weight():
+    sim, mesh = with_block(floor=True, gravity=(0.0, 0.0, -9.81), z=0.02, radius=0.01)
+    for _ in range(1500):
+        sim.step()
+    weight = 9.81 * sim.model.body_mass.numpy()[0].sum()
+    force = sim.contacts.body_contact_force.numpy()[0].sum(axis=0)
+    # the block has come to rest but for what vibrates still
+    assert np.abs(sim.state.body_v.numpy()[0]).max() < 1e-3
+    assert abs(force[2] - weight) < 1e-3 * weight
+    assert np.abs(force[:2]).max() < 1e-3 * weight
+    lowest = sim.state.body_x.numpy()[0, own_bodies(mesh), 2].min()
+    assert 0.01 - 1e-4 < lowest < 0.01 + 1e-3
+
+
+def test_worlds_do_not_touch_each_other():
+    alone, _ = with_block(plate=True, floor=True, gravity=(0.0, 0.0, -9.81), z=0.02, radius=0.01)
+    many, _ = with_block(plate=True, floor=True, gravity=(0.0, 0.0, -9.81), z=0.02, radius=0.01, worlds=5)
+    v = many.state.body_v.numpy().copy()
+    v[3] += 0.5
+    many.state.body_v.assign(v)
+    many.measure()
+    for _ in range(60):
+        alone.step()
+        many.step()
+    x = many.state.body_x.numpy()
+    for world in (0, 1, 2, 4):
+        assert (x[world] == alone.state.body_x.numpy()[0]).all()
+    assert np.abs(x[3] - x[0]).max() > 1e-3
+
+
+def test_a_mesh_between_two_bodies_is_refused_by_name():
+    builder = sw.ModelBuilder()
+    one = builder.add_body("one", mass=1.0, inertia=(1.0, 1.0, 1.0))
+    two = builder.add_body("two", mass=1.0, inertia=(1.0, 1.0, 1.0))
+    with pytest.raises(ModelError, match="glue must name one body, got 2"):
+        builder.add_solid_mesh("block", solid(), material=RUBBER, glue={one: "top", two: "bottom"})
+    assert len(builder.bodies) == 2 and not builder.flexible_meshes
+
+
+def test_stiffness_of_a_held_beam_is_that_of_theory():
+    """A cantilever of hexahedra under a load at its end, against Timoshenko's beam."""
+    builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    points, elements = box_of_hexahedra((16, 2, 2), (0.8, 0.1, 0.1))
+    beam = types.SimpleNamespace(points=points, elements=elements, sets={}, boundary_nodes=np.arange(0))
+    steel = Elastic(young=1e8, poisson=0.3, density=1000.0, damping_time=2e-2)
+    mesh = builder.add_solid_mesh("beam", beam, material=steel, fixed=np.flatnonzero(points[:, 0] == 0.0), double=True)
+    sim = sw.Simulation(builder.finalize(world_count=1, device="cpu"), dt=5e-3)
+    end = [mesh.bodies[n] for n in np.flatnonzero(np.isclose(points[:, 0], 0.8))]
+    force = np.zeros(sim.control.body_force.numpy().shape, np.float32)
+    force[0, end, 2] = 2.0 / len(end)
+    sim.control.body_force.assign(force)
+    for _ in range(600):
+        sim.step()
+    tip = sim.state.body_x.numpy()[0, end, 2].mean() - points[:, 2].mean()
+    inertia = 0.1**4 / 12.0
+    theory = 2.0 * 0.8**3 / (3.0 * 1e8 * inertia) + 2.0 * 0.8 / (5.0 / 6.0 * 1e8 / 2.6 * 0.01)
+    # 0.98 by the design's table; nodes of the clamp cannot contract
+    assert 0.95 < tip / theory < 1.0
