@@ -4,13 +4,15 @@
 """
 
 from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
 from simwarp.model.rods import Clamp, Hinge, Rod
 from simwarp.simulation.flexible_options import FlexibleOptions as Options
 
+from .mesh_readings import mesh_positions, mesh_stress
 from .rod_readings import rod_forces, rod_strains, rod_stress
 
 __all__ = [
-    "Clamp", "Elastic", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber", "Section", "Tube", "rod_forces",
-    "rod_strains", "rod_stress",
+    "Clamp", "Elastic", "FlexibleMesh", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber", "Section", "Tube",
+    "mesh_positions", "mesh_stress", "rod_forces", "rod_strains", "rod_stress",
 ]  # fmt: skip

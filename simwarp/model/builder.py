@@ -361,8 +361,9 @@ class ModelBuilder(Readable, ShapeList):
             pose: of the mesh's frame in the world; identity when None.
             glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name.
             fixed: nodes that do not move, likewise.
-            radius: of spheres around the nodes of its surface, which touch other shapes [m]; None: it touches nothing.
-            surface: of these spheres.
+            radius: of spheres around the nodes of its surface, which touch other shapes [m]; a fiftieth of the shortest
+                edge when None.
+            surface: of these spheres; None: without a radius it touches nothing.
             velocity, omega: of all of it as a rigid body at the start [m/s, rad/s], world.
             double: factor its matrix in double precision: for stiff meshes that are glued to light bodies.
 
@@ -372,7 +373,41 @@ class ModelBuilder(Readable, ShapeList):
         part = MeshPart(elements=mesh.elements, material=material)
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
-            surface=surface, touching=mesh.boundary_nodes, velocity=velocity, omega=omega, double=double,
+            surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,
+        )  # fmt: skip
+
+    def add_shell(
+        self, name: str, vertices: npt.ArrayLike, triangles: npt.ArrayLike, *, thickness: float,
+        material: Elastic | Rubber, pose: Pose | None = None, glue: Mapping[int | str, Any] | None = None,
+        fixed: Any = (), pressure: float = 0.0, radius: float | None = None, surface: Material | None = None,
+        velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), double: bool = False,
+    ) -> FlexibleMesh:  # fmt: skip
+        """A flexible sheet of triangles, at rest in the shape of its vertices: cloth, tarps, membranes, tires. Its
+        nodes are bodies of three coordinates, `name_0`, `name_1` and on (docs/flexible.md).
+
+        Args:
+            name: of it.
+            vertices: (n, 3) nodes [m].
+            triangles: (e, 3) nodes of each, counter-clockwise about their normal.
+            thickness: [m].
+            material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
+            pose: of the vertices' frame in the world; identity when None.
+            glue: nodes that move with a body, by its index or name.
+            fixed: nodes that do not move.
+            pressure: that pushes triangles along their normals [Pa].
+            radius: of spheres around its nodes, which touch other shapes [m]; half the thickness when None.
+            surface: of these spheres; None: without a radius it touches nothing.
+            velocity, omega: of all of it as a rigid body at the start [m/s, rad/s], world.
+            double: factor its matrix in double precision.
+
+        Raises:
+            ModelError: an argument cannot be used.
+        """
+        elements: Any = np.asarray(triangles)
+        part = MeshPart(elements=elements, material=material, thickness=thickness, pressure=pressure)
+        return build_mesh(
+            self, name, vertices, [part], sets={}, pose=pose, glue=glue, fixed=fixed, radius=radius, surface=surface,
+            touching=None, velocity=velocity, omega=omega, double=double,
         )  # fmt: skip
 
     def add_loop_joint(

@@ -62,7 +62,7 @@ class MeshBuilder(Protocol):
 def build_mesh(
     builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
     pose: Pose | None, glue: Mapping[int | str, Any] | None, fixed: Any, radius: float | None,
-    surface: Material | None, touching: Sequence[int], velocity: Vec3, omega: Vec3, double: bool,
+    surface: Material | None, touching: Sequence[int] | None, velocity: Vec3, omega: Vec3, double: bool,
 ) -> FlexibleMesh:  # fmt: skip
     """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`.
 
@@ -105,13 +105,11 @@ def build_mesh(
                 owner = builder.bodies[body].pose
                 places[node] = matrix_of(owner.rotation).T @ (at[node] - np.asarray(owner.position))
         shapes: tuple[int, ...] = ()
-        if radius is not None:
+        if radius is not None or surface is not None:
+            thick = _usual_radius(rest, made) if radius is None else radius
             stuff = Material() if surface is None else surface
-            shapes = tuple(
-                builder.add_shape_sphere(bodies[node], radius=radius, material=stuff)
-                for node in touching if node not in held
-            )  # fmt: skip
-            together = [bodies[node] for node in touching if node not in held]
+            together = [bodies[node] for node in (own if touching is None else touching) if node not in held]
+            shapes = tuple(builder.add_shape_sphere(body, radius=thick, material=stuff) for body in together)
             owners = sorted({body for body in held.values() if body != WORLD})
             for index, one in enumerate(together):
                 for other in [*together[index + 1 :], *owners]:
@@ -124,6 +122,33 @@ def build_mesh(
     mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, double, shapes)
     builder.flexible_meshes.append(mesh)
     return mesh
+
+
+def _usual_radius(points: Array, parts: Sequence[MeshPart]) -> float:
+    """Of spheres around nodes [m]: half the thickness of a sheet, a fiftieth of a solid's shortest edge."""
+    sheets = [part.thickness for part in parts if part.thickness is not None]
+    if sheets:
+        return 0.5 * max(sheets)
+    corners = points[parts[0].elements]
+    return 0.02 * float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min())
+
+
+def check_nodes(thing: str, mesh: FlexibleMesh, builder: MeshBuilder) -> None:
+    """Every node that moves by itself is a body of its own, with mass.
+
+    Raises:
+        ModelError: one is not.
+    """
+    taken = {other.bodies[node] for other in builder.flexible_meshes for node in other.nodes}
+    for node in mesh.nodes:
+        body = mesh.bodies[node]
+        if body in taken or builder.bodies[body].mass <= 0.0:
+            what = "which another node is" if body in taken else "which has no mass"
+            raise ModelError(
+                f"{thing}: a node must be a body of its own with mass, got body {body} for node {node}, {what}; give "
+                "it another"
+            )
+        taken.add(body)
 
 
 def _held_nodes(

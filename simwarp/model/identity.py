@@ -15,6 +15,7 @@ from simwarp.core.types import Dof, FrictionRule, Material, PairRule, formatted
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.specifications import JointSpec, ShapeSpec, Specification
 
 VERSION: Final = "1"
@@ -85,6 +86,7 @@ def model_identity(builder: Specification, world_count: int, contact_capacity: i
             ],
             "shapes": [_shape_line(shape) for shape in builder.shapes],
             "geometries": [_asset_line(asset) for asset in assets],
+            **({"flexible meshes": flexible} if (flexible := [_mesh_line(m) for m in builder.flexible_meshes]) else {}),
             "excluded pairs": [f"{a} and {b}" for a, b in sorted(builder.excluded_bodies)],
             "contact capacity": [str(contact_capacity)],
             "rolling friction": [str(rolling_friction)],
@@ -178,6 +180,12 @@ def _asset_line(asset: Hull | HeightField | TriangleMesh) -> str:
         content = _array_digest(asset.heights, np.array(asset.spacing))
         return f"height field of {formatted(asset.heights.shape)} {content}"
     return f"mesh of {len(asset.triangles)} triangles {_array_digest(asset.vertices, asset.triangles)}"
+
+
+def _mesh_line(mesh: FlexibleMesh) -> str:
+    arrays = [part.elements for part in mesh.parts]
+    content = _array_digest(mesh.points, mesh.places, np.array([mesh.bodies, mesh.glued]), *arrays)
+    return f"'{mesh.name}' of {len(mesh.points)} nodes {content}"
 
 
 def _array_digest(*arrays: Any) -> str:

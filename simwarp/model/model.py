@@ -45,7 +45,7 @@ from simwarp.model.topology import (
 )
 
 CONTACTS_PER_BODY = 12
-"""Default contact slots per body: a brick in a wall has eight to twelve."""
+"""Default contact slots per body: a brick in a wall has eight to twelve; a node of a mesh has one."""
 
 LISTED_PAIRS = 2000
 """Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
@@ -417,7 +417,8 @@ def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> in
     """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
     shapes = builder.shapes
     total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
-    return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
+    nodes = sum(len(mesh.nodes) for mesh in builder.flexible_meshes)
+    return min(total, max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes))
 
 
 def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:

@@ -9,6 +9,7 @@ Every number is the same one afterwards, so that what `finalize` makes of it, an
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -22,6 +23,8 @@ from simwarp.core.schema import Fault, Place
 from simwarp.core.types import WORLD, JointType, ModelError, Pose, ShapeType, formatted
 from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
+from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_parts import MeshPart, checked_part
 from simwarp.model.builder import MAX_COUPLING_TERMS, ModelBuilder
 from simwarp.model.checks import (
     check_floats,
@@ -33,7 +36,9 @@ from simwarp.model.checks import (
     positive_number,
     whole_number,
 )
+from simwarp.model.flexible_meshes import check_nodes
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.model_format import (
     FORMAT,
     MODELS,
@@ -42,12 +47,15 @@ from simwarp.model.model_format import (
     VERSION,
     BodyEntry,
     CouplingEntry,
+    FlexibleMaterialEntry,
+    FlexibleMeshEntry,
     FrameEntry,
     GivenPairEntry,
     HeightFieldEntry,
     HullEntry,
     JointEntry,
     MeshEntry,
+    MeshPartEntry,
     ModelEntry,
     PackedArray,
     ShapeEntry,
@@ -173,6 +181,7 @@ def model_entry(builder: Specification, robot: Mapping[str, Any] | None = None) 
             MeshEntry(vertices=PackedArray.of(mesh.vertices), triangles=PackedArray.of(mesh.triangles))
             for mesh in builder.meshes
         ),
+        flexible_meshes=tuple(_flexible_mesh_entry(mesh) for mesh in builder.flexible_meshes),
         excluded_bodies=tuple(sorted((int(a), int(b)) for a, b in builder.excluded_bodies)),
         excluded_shapes=tuple(sorted((int(a), int(b)) for a, b in builder.excluded_shapes)),
         given_pairs=tuple(
@@ -222,6 +231,24 @@ def _shape_entry(shape: ShapeSpec) -> ShapeEntry:
     )  # fmt: skip
 
 
+def _flexible_mesh_entry(mesh: FlexibleMesh) -> FlexibleMeshEntry:
+    parts = tuple(
+        MeshPartEntry(
+            elements=PackedArray.of(part.elements), thickness=part.thickness, pressure=float(part.pressure),
+            material=FlexibleMaterialEntry(
+                kind="rubber" if isinstance(part.material, Rubber) else "elastic",
+                **{field.name: float(getattr(part.material, field.name)) for field in dataclasses.fields(Elastic)},
+            ),
+        )
+        for part in mesh.parts
+    )  # fmt: skip
+    return FlexibleMeshEntry(
+        name=mesh.name, points=PackedArray.of(mesh.points), places=PackedArray.of(mesh.places), parts=parts,
+        bodies=PackedArray.of(np.array(mesh.bodies, np.int32)), double=mesh.double, shapes=mesh.shapes,
+        glued=tuple(node for node, is_glued in enumerate(mesh.glued) if is_glued),
+    )  # fmt: skip
+
+
 # ---- from entries ----------------------------------------------------------------------------------------------------
 
 
@@ -237,6 +264,7 @@ def _builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
         "joints": lambda part, taken: _joint(builder, part, taken),
         "couplings": lambda part, taken: _coupling(builder, part, taken),
         "shapes": lambda part, taken: _shape(builder, part, taken),
+        "flexible_meshes": lambda part, taken: _flexible_mesh(builder, part, taken),
     }
     for room, make in made.items():
         taken = NameColumns()
@@ -443,3 +471,35 @@ def _mesh(entry: MeshEntry) -> TriangleMesh:
     )
     # changes nothing in a mesh that it has made
     return triangle_mesh(vertices, triangles)
+
+
+def _flexible_mesh(builder: ModelBuilder, entry: FlexibleMeshEntry, taken: NameColumns) -> FlexibleMesh:
+    thing = taken.new("mesh", entry.name)
+    points, places = entry.points.unpacked("points", "float64", 3), entry.places.unpacked("places", "float64", 3)
+    bodies = entry.bodies.unpacked("bodies", "int32")
+    parts = tuple(_mesh_part(thing, points, part) for part in entry.parts)
+    if not parts or bodies.shape != (len(points),) or places.shape != points.shape:
+        raise ModelError(f"{thing}: parts must be there, bodies and places one for each of {len(points)} points")
+    glued = np.zeros(len(points), bool)
+    for node in entry.glued:
+        glued[whole_number(thing, "glued", node, 0, len(points) - 1, "count nodes from 0")] = True
+    for index in bodies.tolist():
+        whole_number(thing, "bodies", index, WORLD, len(builder.bodies) - 1, "count bodies from 0; -1 is the world")
+    for index in entry.shapes:
+        whole_number(thing, "shapes", index, 0, len(builder.shapes) - 1, "count shapes from 0")
+    mesh = FlexibleMesh(
+        entry.name, points, parts, tuple(bodies.tolist()), tuple(glued.tolist()), places, entry.double, entry.shapes
+    )
+    check_nodes(thing, mesh, builder)
+    return mesh
+
+
+def _mesh_part(thing: str, points: Array, entry: MeshPartEntry) -> MeshPart:
+    columns = entry.elements.shape[1:]
+    kind = Rubber if entry.material.kind == "rubber" else Elastic
+    material = kind(**{field.name: getattr(entry.material, field.name) for field in dataclasses.fields(Elastic)})
+    part = MeshPart(
+        elements=entry.elements.unpacked("elements", "int32", *columns), material=material, thickness=entry.thickness,
+        pressure=entry.pressure,
+    )  # fmt: skip
+    return checked_part(thing, points, part)

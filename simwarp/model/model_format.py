@@ -245,6 +245,41 @@ class MeshEntry:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class FlexibleMaterialEntry:
+    """An `Elastic` or a `Rubber` of `sw.flex`."""
+
+    kind: Literal["elastic", "rubber"]
+    young: float
+    poisson: float
+    density: float
+    damping_time: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MeshPartEntry:
+    """A `MeshPart`."""
+
+    elements: PackedArray
+    material: FlexibleMaterialEntry
+    thickness: float | None = None
+    pressure: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlexibleMeshEntry:
+    """A `FlexibleMesh`: of each node its body (-1: fixed), and which nodes are glued to theirs."""
+
+    name: str
+    points: PackedArray
+    places: PackedArray
+    parts: tuple[MeshPartEntry, ...]
+    bodies: PackedArray
+    glued: tuple[Whole, ...] = ()
+    double: bool = False
+    shapes: tuple[Whole, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class GivenPairEntry:
     """A pair of shapes that may meet in any case, and the surface of their contact."""
 
@@ -268,6 +303,7 @@ class ModelEntry:
     hulls: tuple[HullEntry, ...] = ()
     height_fields: tuple[HeightFieldEntry, ...] = ()
     meshes: tuple[MeshEntry, ...] = ()
+    flexible_meshes: tuple[FlexibleMeshEntry, ...] = ()
     excluded_bodies: tuple[tuple[int, int], ...] = ()
     excluded_shapes: tuple[tuple[int, int], ...] = ()
     given_pairs: tuple[GivenPairEntry, ...] = ()

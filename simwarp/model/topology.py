@@ -33,6 +33,8 @@ from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
 
 NODE_DOFS = 3
 """Of a node of a mesh."""
+POINT_JOINTS = (JointType.SPHERICAL, JointType.DISTANCE, JointType.POINT_ON_PLANE, JointType.POINT_ON_LINE)
+"""Joints that a node of a mesh may have."""
 
 IntArray = npt.NDArray[np.int32]
 
@@ -160,6 +162,7 @@ def build_tables(builder: Specification) -> Tables:
     coupled = {dof for coupling in all_sums(builder) for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     _check_elastic(builder, tree)
+    _check_node_joints(builder)
     meshes = mesh_columns(builder.flexible_meshes)
     links = _ordered_links(builder, tree, meshes)
     _check_massless(builder, links)
@@ -345,6 +348,19 @@ def _check_elastic(builder: Specification, tree: set[int]) -> None:
             raise ModelError(
                 f"joint '{spec.name}': is ELASTIC and closes a ring of elastic joints, which needs a row; split a body "
                 "of the ring in two halves and fix them to each other (add_joint_fixed)"
+            )
+
+
+def _check_node_joints(builder: Specification) -> None:
+    """Joints at nodes of meshes hold points: a node has no rotation."""
+    nodes = _mesh_nodes(builder)
+    for spec in builder.joints:
+        if nodes & {spec.parent, spec.child} and (
+            spec.type not in POINT_JOINTS or any(has_effort(dof) for dof in spec.dofs if spec.type in ROTATION_START)
+        ):
+            raise ModelError(
+                f"joint '{spec.name}': ties a node of a mesh, which has no rotation, got {spec.type.name}; use "
+                "SPHERICAL or DISTANCE without efforts on rotations, or glue the mesh"
             )
 
 

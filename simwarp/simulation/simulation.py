@@ -47,6 +47,7 @@ from simwarp.simulation.attachments import (
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.joint_values import joint_values
+from simwarp.simulation.mesh_readings import MeshReadings
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
 from simwarp.simulation.snapshot import Snapshot
@@ -192,10 +193,14 @@ class Simulation(Readable, Readings, FixedAttributes):
         """Those of each sensor in every sub-step."""
         self.read_interval.sensors += [sensor.record_interval(self) for sensor in self.sensors]
         self._setting = self._record_setting()
-        self._measuring_energy = self.shares.record(
-            measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
-            outputs=[self.diagnostics.energy],
-        )  # fmt: skip
+        self._measuring_energy = [
+            self.shares.record(
+                measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
+                outputs=[self.diagnostics.energy],
+            )
+        ]  # fmt: skip
+        self.mesh_readings = MeshReadings(model, self.shares, self.state.arrays)
+        self._measuring_energy += self.mesh_readings.record_energy(self.diagnostics.energy)
         self._publishing = [
             command for part in self.elements for command in recorded(part.record_outputs, self, self._all_worlds)
         ]
@@ -302,12 +307,13 @@ class Simulation(Readable, Readings, FixedAttributes):
             self._begin_sensors(mask)
 
     def measure_energy(self) -> wp.array:
-        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of joint springs.
+        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights, joint springs and meshes.
 
         Positions are those of a step, velocities those half a step before: the sum swings with the motion
         (docs/integrators.md).
         """
-        self._measuring_energy.launch()
+        for command in self._measuring_energy:
+            command.launch()
         return self.diagnostics.energy
 
     def problems(self) -> list[str]:

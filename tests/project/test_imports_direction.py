@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 RANKS = {
     "core": 0, "kernels": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "actuators": 6, "kinematics": 6,
-    "motions": 6, "analysis": 6, "meshes": 2,
+    "motions": 6, "analysis": 6, "meshes": 3,
     "vehicle": 6, "sensors": 6, "soil": 6, "flex": 6,
     "scenery": 6, "scenes": 6, "importers": 7, "exporters": 7, "viewer": 7, "tasks": 8, "train": 9, "bench": 10,
     "verify": 10, "cli": 10, "__main__": 11,

@@ -43,7 +43,7 @@ from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.recovery import find_recovery, needs_recovery
 from simwarp.kernels.dynamics.smooth_contacts import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
-from simwarp.kernels.meshes.mesh_links import NODE
+from simwarp.kernels.meshes.mesh_links import NODE, resist_glue
 
 wp.set_module_options({"enable_backward": False})
 
@@ -103,6 +103,7 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
     if topology.elastic_count > 0:
         for link in range(topology.link_count):
             resist_crossing(link, topology, work)
+    resist_glue(topology, work)
     for tree_dof in range(topology.tree_dof_count):
         work.k_qd[tree_dof] = work.xi[tree_dof]
         work.k_effort[tree_dof] = work.effort[tree_dof]
@@ -110,7 +111,8 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
             work.effort[tree_dof] = work.effort[tree_dof] - work.gain[tree_dof] * work.change[tree_dof]
     backward_pass(0.0, topology, work)
     for tree_dof in range(topology.tree_dof_count):
-        work.xi[tree_dof] = work.xi[tree_dof] + work.k_qd[tree_dof]
+        if topology.link_type[topology.tree_dof_link[tree_dof]] != NODE:
+            work.xi[tree_dof] = work.xi[tree_dof] + work.k_qd[tree_dof]
         work.effort[tree_dof] = work.k_effort[tree_dof]
     forward_pass(topology, work)
 

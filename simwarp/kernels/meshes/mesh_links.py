@@ -121,6 +121,28 @@ def add_meshes_to_owners(topology: Topology, work: Work):
 
 
 @wp.func
+def resist_glue(topology: Topology, work: Work):
+    """Makes of the momentum balance in `p` the load of another backward pass: nodes, whose elimination is exact, bring
+    all of theirs once more, and what is left of them answers the change of their body's velocity.
+    """
+    if not has_mesh_code():
+        return
+    for column in range(topology.mesh_nodes):
+        link = topology.mesh_link0 + column
+        work.p_lin[link] = work.f_lin[link]
+    for pair in range((topology.mesh_columns - topology.mesh_nodes) // 2):
+        owner = topology.mesh_owner[pair]
+        column = topology.mesh_nodes + 2 * pair
+        coupling = mesh_block(topology.mesh_columns + topology.mesh_column_start[column], topology, work)
+        v = work.v_lin[owner]
+        omega = work.v_ang[owner]
+        lin = mesh_block(column, topology, work) * v + wp.transpose(coupling) * omega
+        ang = coupling * v + mesh_block(column + 1, topology, work) * omega
+        work.p_lin[owner] = work.p_lin[owner] - lin
+        work.p_ang[owner] = work.p_ang[owner] - ang
+
+
+@wp.func
 def meshes_backward(topology: Topology, work: Work):
     """`backward_pass` of all nodes, before that of the other links."""
     if not has_mesh_code():
