@@ -19,9 +19,10 @@ def mesh_positions(simulation: Simulation, mesh: FlexibleMesh) -> wp.array:
         ModelError: the mesh is none of the simulation's model.
     """
     first = _first_node("mesh_positions", simulation, mesh)
-    found: Any = wp.empty((simulation.model.world_count, len(mesh.points)), dtype=wp.vec3d, device=simulation.model.device)
-    everything = simulation.mesh_readings.positions()
-    wp.launch(copy_nodes, found.shape, inputs=[everything, first], outputs=[found], device=simulation.model.device)
+    model = simulation.model
+    found: Any = wp.empty((model.world_count, len(mesh.points)), dtype=wp.vec3d, device=model.device)
+    everything = simulation.mesh_places.positions()
+    wp.launch(copy_nodes, found.shape, inputs=[everything, first], outputs=[found], device=model.device)
     return found
 
 
@@ -35,9 +36,9 @@ def mesh_stress(simulation: Simulation, mesh: FlexibleMesh) -> wp.array:
     _first_node("mesh_stress", simulation, mesh)
     model, tables = simulation.model, simulation.model.mesh_tables
     worlds, count = model.world_count, sum(len(part.elements) for part in mesh.parts)
-    found = wp.empty((worlds, count), dtype=float, device=simulation.model.device)
-    nodes = simulation.mesh_readings.positions()
-    still = wp.zeros(nodes.shape[1], dtype=wp.vec3, device=simulation.model.device)
+    found = wp.empty((worlds, count), dtype=float, device=model.device)
+    nodes = simulation.mesh_places.positions()
+    still = wp.zeros(nodes.shape[1], dtype=wp.vec3, device=model.device)
     # elements of a kind stand one after the other, mesh by mesh and part by part
     first = dict.fromkeys(("tetrahedra", "hexahedra", "triangles"), 0)
     place = 0
@@ -52,7 +53,7 @@ def mesh_stress(simulation: Simulation, mesh: FlexibleMesh) -> wp.array:
                 kernel: Any = measure_triangle_stress
             else:
                 kernel, inputs = measure_solid_stress, [getattr(tables, part.kind), tables, nodes, still, here, place]
-            wp.launch(kernel, (worlds, elements), inputs=inputs, outputs=[found], device=simulation.model.device)
+            wp.launch(kernel, (worlds, elements), inputs=inputs, outputs=[found], device=model.device)
             place += elements
     return found
 

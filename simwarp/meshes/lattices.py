@@ -54,3 +54,24 @@ def rectangle_of_triangles(cells: tuple[int, int], size: tuple[float, float]) ->
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     lower, upper = np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)
     return points, np.stack([lower, upper], axis=2).reshape(-1, 3)
+
+
+def revolved_triangles(profile: Points, around: int) -> tuple[Points, Cells]:
+    """Nodes (n, 3) [m] and triangles (e, 3) of a profile that turns about the y axis, such as a tire.
+
+    Nodes are numbered along the profile, then around; triangles show their outside where the profile goes towards
+    positive y with the axis on its left, and all diagonals run the same way.
+
+    Args:
+        profile: (rows, 2) distance from the axis and place along it [m].
+        around: how many times it stands around the axis, 3 or more.
+    """
+    angle = 2.0 * np.pi * np.arange(around) / around
+    radius, along = np.asarray(profile, np.float64).T
+    x, y, z = np.outer(np.sin(angle), radius), np.tile(along, (around, 1)), np.outer(np.cos(angle), radius)
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    number = np.arange(len(points), dtype=np.int32).reshape(around, len(along))
+    following = np.roll(number, -1, axis=0)
+    a, b, c, d = number[:, :-1], number[:, 1:], following[:, 1:], following[:, :-1]
+    lower, upper = np.stack([a, d, c], axis=-1), np.stack([a, c, b], axis=-1)
+    return points, np.stack([lower, upper], axis=2).reshape(-1, 3)

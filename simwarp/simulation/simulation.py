@@ -47,7 +47,7 @@ from simwarp.simulation.attachments import (
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.joint_values import joint_values
-from simwarp.simulation.mesh_readings import MeshReadings
+from simwarp.simulation.mesh_places import MeshPlaces
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
 from simwarp.simulation.snapshot import Snapshot
@@ -199,8 +199,8 @@ class Simulation(Readable, Readings, FixedAttributes):
                 outputs=[self.diagnostics.energy],
             )
         ]  # fmt: skip
-        self.mesh_readings = MeshReadings(model, self.shares, self.state.arrays)
-        self._measuring_energy += self.mesh_readings.record_energy(self.diagnostics.energy)
+        self.mesh_places = MeshPlaces(model, self.shares, self.state.arrays)
+        self._measuring_energy += self.mesh_places.record_energy(self.diagnostics.energy)
         self._publishing = [
             command for part in self.elements for command in recorded(part.record_outputs, self, self._all_worlds)
         ]

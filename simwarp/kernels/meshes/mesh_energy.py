@@ -1,4 +1,4 @@
-"""Readings of meshes at a state: places of all nodes, the energy that elements store."""
+"""Meshes at a state: places of all nodes, the energy that elements store."""
 
 import warp as wp
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.kernels.meshes.mesh_readings import add_strain_energy, measure_nodes
+from simwarp.kernels.meshes.mesh_energy import add_strain_energy, measure_nodes
 from simwarp.model.model import Model
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares
 
 
-class MeshReadings:
-    """Readings of the meshes of a simulation, made when they are asked for.
+class MeshPlaces:
+    """Places and energy of the meshes of a simulation, found when they are asked for.
 
     Args:
         model: with its meshes.
