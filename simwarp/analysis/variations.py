@@ -17,6 +17,7 @@ from scipy.linalg import qr
 from scipy.spatial.transform import Rotation
 
 from simwarp.core.types import JointType, ModelError, WorldStatus, formatted
+from simwarp.model.flexible_meshes import refuse_meshes
 from simwarp.model.limit_order import coordinate_titles
 from simwarp.model.parameters import PARAMETERS
 from simwarp.simulation.simulation import Simulation
@@ -378,6 +379,7 @@ def checked_simulation(thing: str, simulation: Any) -> Simulation:
     """A simulation, or a ModelError."""
     if not isinstance(simulation, Simulation):
         raise ModelError(f"{thing}: simulation must be a Simulation, got {formatted(simulation)}; pass Simulation(...)")
+    refuse_meshes(thing, simulation.model.builder)
     return simulation
 
 

@@ -38,6 +38,7 @@ class Size(enum.Enum):
     TERMS = ("terms", "")
     SHAPES = ("S", "")
     CONTACTS = ("C", "")
+    MESH_PARTS = ("parts", "0 without flexible meshes")
 
     def noun(self, length: int) -> str:
         """What so many of them are called: `worlds`, `1 body` without the number."""
@@ -94,9 +95,12 @@ def field(
     return Field(dtype, sizes, text, domain, writable, of_kernels, transient=transient)
 
 
-def parameter(dtype: Any, *sizes: Size, text: str, domain: Domain = ANY, source: str = "") -> Any:
+def parameter(
+    dtype: Any, *sizes: Size, text: str, domain: Domain = ANY, source: str = "", of_kernels: bool = True
+) -> Any:
     """Declare a parameter: all worlds share it, or each has its own; users write into it."""
-    return Field(dtype, (Size.PARAMETER_WORLDS, *sizes), text, domain, writable=True, source=source)
+    sizes = (Size.PARAMETER_WORLDS, *sizes)
+    return Field(dtype, sizes, text, domain, writable=True, source=source, of_kernels=of_kernels)
 
 
 class FieldGroup(Readable, FixedAttributes):

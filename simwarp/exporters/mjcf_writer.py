@@ -26,6 +26,7 @@ from simwarp.exporters.mjcf_geoms import ShapeWriter
 from simwarp.exporters.mjcf_joints import WIDE, FileJoint, JointWriter, text_of
 from simwarp.exporters.mjcf_tree import Node, nodes_of, row_of
 from simwarp.model.checks import whole_number
+from simwarp.model.flexible_meshes import refuse_meshes
 from simwarp.model.model import Model
 from simwarp.model.rules import INFINITE, RULES, Name, instance_of
 
@@ -162,6 +163,7 @@ def mjcf_of(
         raise ModelError(
             f"mjcf_of: actuators must be Actuators of the same model, got {formatted(actuators)}; make them"
         )
+    refuse_meshes("mjcf_of", model.builder)
     world = whole_number("mjcf_of", "world", world, 0, model.world_count - 1, "count from 0")
     soft = text_of([softness, 1.0])
     root = ElementTree.Element("mujoco", model=name)

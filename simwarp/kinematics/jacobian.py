@@ -12,6 +12,7 @@ from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch
 from simwarp.kinematics.jacobian_kernels import measure_point_jacobian
 from simwarp.model.checks import checked_index
+from simwarp.model.flexible_meshes import refuse_meshes
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.step_sizes import scratch_slots_of, step_sizes
 
@@ -70,6 +71,7 @@ def checked_tree(thing: str, simulation: Any) -> None:
     """A simulation whose coordinates are independent of each other."""
     if not isinstance(simulation, Simulation):
         raise ModelError(f"{thing}: simulation must be a Simulation, got {formatted(simulation)}; pass Simulation(...)")
+    refuse_meshes(thing, simulation.model.builder)
     rows = simulation.model.topology.row_count - simulation.model.tables.tree_row_count
     if rows > 0:
         raise ModelError(

@@ -69,6 +69,8 @@ def effective_entries(
     if size is Size.JOINTS:  # anchors and frames
         bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
         return ActiveEntries(bodies, "shafts have no anchors and frames")
+    if size is Size.MESH_PARTS:
+        return _of_parts(model, name)
     if size is Size.BODIES:
         return ActiveEntries(model.has_mass, "only bodies with mass have one, and the model has none")
     return ActiveEntries(np.ones(1, bool), "")
@@ -268,6 +270,15 @@ def idle_changes(model: Model, contact_model: str) -> dict[int, str]:
     return {world: "; ".join(lines) for world, lines in found.items()}
 
 
+def _of_parts(model: Model, name: str) -> ActiveEntries:
+    """Of parts of flexible meshes: thickness and pressure are of sheets."""
+    parts = [part for mesh in model.builder.flexible_meshes for part in mesh.parts]
+    if name in ("flexible_thickness", "flexible_pressure"):
+        sheets = np.array([part.kind == "triangles" for part in parts], bool)
+        return ActiveEntries(sheets, "only sheets have thickness and pressure (add_shell)")
+    return ActiveEntries(np.ones(len(parts), bool), "the model has no flexible mesh (add_solid_mesh, add_shell)")
+
+
 def entry_titles(model: Model, name: str) -> tuple[str, ...]:
     """What errors call the entries of a parameter."""
     size = PARAMETERS[name].sizes[1] if len(PARAMETERS[name].sizes) > 1 else None
@@ -275,6 +286,9 @@ def entry_titles(model: Model, name: str) -> tuple[str, ...]:
         return coordinate_titles(model.joint_names, model.joint_dof_start)
     if size is Size.COUPLINGS:
         return tuple(f"coupling '{spec.name}'" for spec in all_sums(model.builder))
+    if size is Size.MESH_PARTS:
+        meshes = model.builder.flexible_meshes
+        return tuple(f"part {index} of mesh '{mesh.name}'" for mesh in meshes for index in range(len(mesh.parts)))
     kind, names = "shape", model.shape_names
     if size in (Size.BODIES, Size.JOINTS):
         kind, names = ("body", model.body_names) if size is Size.BODIES else ("joint", model.joint_names)

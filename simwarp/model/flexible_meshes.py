@@ -133,6 +133,15 @@ def _usual_radius(points: Array, parts: Sequence[MeshPart]) -> float:
     return 0.02 * float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min())
 
 
+def refuse_meshes(thing: str, builder: Any) -> None:
+    """Raises a ModelError where a model has meshes."""
+    if builder.flexible_meshes:
+        raise ModelError(
+            f"{thing}: the model must be without flexible meshes, got '{builder.flexible_meshes[0].name}'; use a model "
+            "of rigid bodies and rods"
+        )
+
+
 def check_nodes(thing: str, mesh: FlexibleMesh, builder: MeshBuilder) -> None:
     """Every node that moves by itself is a body of its own, with mass.
 

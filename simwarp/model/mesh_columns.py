@@ -17,6 +17,9 @@ from simwarp.meshes.mesh_model import ORDER, element_tables, factor_sizes, mater
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.model.mesh_specification import FlexibleMesh
 
+MATERIAL_PARAMETERS = ("flexible_young", "flexible_damping_time", "flexible_thickness", "flexible_pressure")
+"""Parameters of a model that belong to parts of its meshes."""
+
 Array: TypeAlias = npt.NDArray[np.float64]
 
 
@@ -178,6 +181,14 @@ def device_meshes(meshes: Sequence[FlexibleMesh], columns: MeshColumns | None, d
     glue.share, glue.share_node = array(pushed[:, 0]), array(pushed[:, 1])
     tables.glue = glue
     return tables
+
+
+def use_parameters(tables: Any, arrays: Mapping[str, Any]) -> None:
+    """Lets kernels read the model's parameters of materials, by the names of `MATERIAL_PARAMETERS`."""
+    materials, triangles = tables.materials, tables.triangles
+    materials.young, materials.damping_time = arrays["flexible_young"], arrays["flexible_damping_time"]
+    triangles.thickness, triangles.pressure = arrays["flexible_thickness"], arrays["flexible_pressure"]
+    tables.materials, tables.triangles = materials, triangles
 
 
 def mesh_sizes(meshes: Sequence[FlexibleMesh], columns: MeshColumns | None) -> dict[str, int]:

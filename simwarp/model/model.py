@@ -28,7 +28,7 @@ from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
-from simwarp.model.mesh_columns import device_meshes
+from simwarp.model.mesh_columns import MATERIAL_PARAMETERS, device_meshes, use_parameters
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
 from simwarp.model.shapes import contact_limit, pair_ways, shape_pairs
@@ -190,7 +190,10 @@ class Model(ParameterFields):
                 hint=f"all worlds share it: finalize(per_world=('{name}',)) gives each its own" if shared else "",
             )  # fmt: skip
             setattr(model, name, array)
-            setattr(model.parameters, name, array)
+            if PARAMETERS[name].of_kernels:
+                setattr(model.parameters, name, array)
+        if builder.flexible_meshes:
+            use_parameters(model.mesh_tables, {name: getattr(model, name) for name in MATERIAL_PARAMETERS})
         model.as_built = values
         titles = coordinate_titles(model.joint_names, model.joint_dof_start)
         keep_in_order(model.joint_limit_lower, model.joint_limit_upper, titles)

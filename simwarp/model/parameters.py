@@ -94,6 +94,7 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     def floats(values: Iterable[Any], *shape: int) -> npt.NDArray[np.float64]:
         return np.array([*values], np.float64).reshape(-1, *shape)
 
+    parts = [part for mesh in builder.flexible_meshes for part in mesh.parts]
     joints, dofs = builder.joints, [dof for joint in builder.joints for dof in joint.dofs]
     drives = [dof.drive for dof in dofs]
     pd = [drive if isinstance(drive, PositionDrive) else PositionDrive(stiffness=0.0) for drive in drives]
@@ -128,6 +129,10 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         "drive_effort_lower": np.where(paired, np.maximum(efforts[:, 0], -INFINITE), MIRRORED),
         "coupling_coefficient": coefficients,
         "coupling_offset": floats(offsets),
+        "flexible_young": floats(part.material.young for part in parts),
+        "flexible_damping_time": floats(part.material.damping_time for part in parts),
+        "flexible_thickness": floats(part.thickness or 0.0 for part in parts),
+        "flexible_pressure": floats(part.pressure for part in parts),
         "shape_enabled": np.ones(len(builder.shapes), np.int32),
     }
 

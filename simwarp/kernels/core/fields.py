@@ -97,6 +97,21 @@ class ParameterFields(FieldGroup):
         wp.float32, Size.COUPLINGS, source="coupling.damping", domain=NOT_NEGATIVE,
         text="of a viscous coupling, 0: rigid [N·m·s/rad]",
     )
+    flexible_young: WritableArray = parameter(
+        wp.float32, Size.MESH_PARTS, domain=POSITIVE, of_kernels=False,
+        text="Young's modulus of each part of the flexible meshes [Pa]",
+    )
+    flexible_damping_time: WritableArray = parameter(
+        wp.float32, Size.MESH_PARTS, domain=NOT_NEGATIVE, of_kernels=False,
+        text="stress per strain rate over stress per strain [s]",
+    )
+    flexible_thickness: WritableArray = parameter(
+        wp.float32, Size.MESH_PARTS, domain=NOT_NEGATIVE, of_kernels=False,
+        text="of sheets, whose mass it leaves alone [m]; 0 for solids",
+    )
+    flexible_pressure: WritableArray = parameter(
+        wp.float32, Size.MESH_PARTS, of_kernels=False, text="that pushes sheets along their normals [Pa]"
+    )
     shape_x: WritableArray = parameter(
         wp.vec3d, Size.SHAPES, source="shape.pose.position",
         text="origin from the body's centre of mass, body axes [m]",
