@@ -1,6 +1,7 @@
-"""Flexible bodies: rods of elastic joints, their sections, materials and ends (docs/flexible.md).
+"""Flexible bodies: rods of elastic joints, their sections, materials and ends; volumes in cells (docs/flexible.md).
 
 `ModelBuilder.add_rod` makes a rod, `Simulation` moves it, `rod_forces` and `rod_stress` read what it carries.
+`box`, `lattice`, `tetrahedra` and `read` divide a volume into cells.
 """
 
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
@@ -9,8 +10,11 @@ from simwarp.simulation.flexible_options import FlexibleOptions as Options
 
 from .materials import Elastic, Rubber
 from .rod_readings import rod_forces, rod_strains, rod_stress
+from .volume_files import read, tetrahedra
+from .volume_lattices import box, lattice
+from .volume_mesh import EmbeddedSurface, VolumeMesh
 
 __all__ = [
-    "Clamp", "Elastic", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber", "Section", "Tube", "rod_forces",
-    "rod_strains", "rod_stress",
+    "Clamp", "Elastic", "EmbeddedSurface", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber", "Section",
+    "Tube", "VolumeMesh", "box", "lattice", "read", "rod_forces", "rod_strains", "rod_stress", "tetrahedra",
 ]  # fmt: skip
