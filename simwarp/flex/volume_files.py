@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import importlib.util
 import io
 import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -36,7 +39,14 @@ MIRRORED = {4: (0, 2, 1, 3), 8: (0, 3, 2, 1, 4, 7, 6, 5)}
 """Nodes of a cell in the order of its mirror image."""
 MOST_DEVIATION = 0.1
 """Of a boundary from its surface, in diagonals of that; more would lose the shape."""
-LIBRARIES = {"meshio": "reading it", "pytetwild": "making tetrahedra"}
+TETRAHEDRALISE = (
+    "import sys; import numpy as np; import pytetwild; surface = np.load('surface.npz'); "
+    "points, elements = pytetwild.tetrahedralize(surface['vertices'], surface['triangles'], "
+    "edge_length_abs=float(sys.argv[1]), epsilon=float(sys.argv[2]), coarsen=True); "
+    "np.savez('mesh.npz', points=points, elements=elements)"
+)
+"""In a process and a folder of its own: fTetWild writes a file where it runs, and a crash would end the caller."""
+LIBRARIES = {"meshio": "reading files", "pytetwild": "making tetrahedra"}
 """What the libraries of the extra `flex` are needed for."""
 
 
@@ -75,7 +85,10 @@ def read(path: str | os.PathLike[str], *, scale: float = 1.0) -> VolumeMesh:
         check_input(file)
     except FileError as error:
         raise ModelError(f"{label}: there must be a readable file, got: {error.reason}; check the path") from None
-    reader = _library("meshio", label, READERS[file.suffix.lower()])
+    try:
+        reader = importlib.import_module(f"meshio.{READERS[file.suffix.lower()]}")
+    except ImportError as error:
+        raise _missing("meshio", label, " ".join(str(error).split())) from None
     with _silent():
         try:
             content = reader.read(os.fspath(file))
@@ -129,11 +142,7 @@ def tetrahedra(surface: Surface, *, edge: float, deviation: float = 1e-3, scale:
             f"{label}: deviation must be above 0 and at most {MOST_DEVIATION}, got {formatted(deviation)}; it is a "
             "share of the diagonal, 0.001 is usual"
         )
-    library = _library("pytetwild", label)
-    with _silent():
-        points, elements = library.tetrahedralize(
-            vertices, triangles, edge_length_abs=length, epsilon=share, coarsen=True
-        )
+    points, elements = _tetrahedralised(label, vertices, triangles, length, share)
     if not len(elements):
         raise ModelError(f"{label}: the surface must enclose a volume, got no tetrahedra; use a smaller edge")
     nodes, numbered = np.unique(elements, return_inverse=True)
@@ -238,6 +247,27 @@ def _mesh(name: str, points: Points, elements: npt.NDArray[Any], sets: dict[str,
     return VolumeMesh(points=points, elements=elements, sets=sets, name=name)
 
 
+def _tetrahedralised(
+    label: str, vertices: Points, triangles: Nodes, edge: float, deviation: float
+) -> tuple[Points, npt.NDArray[Any]]:
+    """Points and tetrahedra inside a surface, of a process of its own."""
+    if importlib.util.find_spec("pytetwild") is None:
+        raise _missing("pytetwild", label, "it is not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(os.path.join(folder, "surface.npz"), vertices=vertices, triangles=triangles)
+        command = [sys.executable, "-P", "-c", TETRAHEDRALISE, repr(edge), repr(deviation)]
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", cwd=folder, check=False)
+        if done.returncode == 0:
+            with np.load(os.path.join(folder, "mesh.npz")) as found:
+                return np.asarray(found["points"], np.float64), found["elements"]
+    told = done.stderr.strip().rpartition("\n")[2] or f"code {done.returncode}"
+    if "ModuleNotFoundError" in told or "ImportError" in told:
+        raise _missing("pytetwild", label, told)
+    raise ModelError(
+        f"{label}: pytetwild must find tetrahedra, got: {told[:200]}; use another edge, or sw.flex.lattice"
+    )
+
+
 def _scale(label: str, scale: Any) -> float:
     factor = number(scale)
     if not 0.0 < factor <= FLOAT32_MAX:
@@ -245,16 +275,12 @@ def _scale(label: str, scale: Any) -> float:
     return factor
 
 
-def _library(name: str, label: str, part: str = "") -> ModuleType:
-    """A module of the extra `flex`."""
-    try:
-        return importlib.import_module(f"{name}.{part}" if part else name)
-    except ImportError as error:
-        told = " ".join(str(error).split())
-        raise ModelError(
-            f"{label}: {LIBRARIES[name]} needs the library {name}, which cannot be imported ({told}); run: "
-            "pip install 'simwarp[flex]'"
-        ) from None
+def _missing(name: str, label: str, told: str) -> ModelError:
+    """An error about a library of the extra `flex`."""
+    return ModelError(
+        f"{label}: the library {name} must be there for {LIBRARIES[name]}, got: {told}; run: "
+        "pip install 'simwarp[flex]'"
+    )
 
 
 @contextlib.contextmanager

@@ -189,7 +189,7 @@ class VolumeMesh(Readable):
         return self.sets[which]
 
     def with_sets(self, **sets: npt.ArrayLike) -> VolumeMesh:
-        """The same mesh with further named sets of nodes, or with other nodes in those it has.
+        """A mesh with further named sets of nodes, each (k,), or with other nodes in those it has.
 
         Raises:
             ModelError: a set is empty, or of nodes that are not there.
