@@ -1,9 +1,13 @@
-"""Flexible bodies: rods of elastic joints, their sections, materials and ends (docs/flexible.md).
+"""Flexible bodies: rods of elastic joints, their sections, materials and ends; volumes in cells (docs/flexible.md).
 
 `ModelBuilder.add_rod` makes a rod, `Simulation` moves it, `rod_forces` and `rod_stress` read what it carries.
+`box`, `lattice`, `tetrahedra` and `read` divide a volume into cells.
 """
 
 from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.volume_files import read, tetrahedra
+from simwarp.meshes.volume_lattices import box, lattice
+from simwarp.meshes.volume_mesh import EmbeddedSurface, VolumeMesh
 from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
 from simwarp.model.rods import Clamp, Hinge, Rod
@@ -13,6 +17,7 @@ from .mesh_readings import mesh_positions, mesh_stress
 from .rod_readings import rod_forces, rod_strains, rod_stress
 
 __all__ = [
-    "Clamp", "Elastic", "FlexibleMesh", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber", "Section", "Tube",
-    "mesh_positions", "mesh_stress", "rod_forces", "rod_strains", "rod_stress",
+    "Clamp", "Elastic", "EmbeddedSurface", "FlexibleMesh", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber",
+    "Section", "Tube", "VolumeMesh", "box", "lattice", "mesh_positions", "mesh_stress", "read", "rod_forces",
+    "rod_strains", "rod_stress", "tetrahedra",
 ]  # fmt: skip

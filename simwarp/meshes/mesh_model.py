@@ -168,14 +168,22 @@ def element_tables(
     else:
         found = hexahedra_constants(points, nodes, np.array([parts[index].material.poisson for index in part.tolist()]))
     solid.node, solid.part = array(nodes, int), array(part, int)
-    solid.gradient, solid.volume = array(found.gradient, wp.vec3d), array(found.volume, float)
+    fill = np.concatenate([np.zeros(0), *(_fill(parts[index]) for index in place)])
+    solid.gradient, solid.volume = array(found.gradient, wp.vec3d), array(fill * found.volume, float)
     solid.hourglass = array(found.hourglass, wp.vec4d)
     stiffness = found.hourglass_stiffness.transpose(0, 1, 3, 2, 4)
+    if len(stiffness):
+        stiffness = fill[:, None, None, None, None] * stiffness
     solid.hourglass_stiffness = array(stiffness, wp.mat33)
     weights, (rows, columns) = found.hourglass, np.tril_indices(size)
     pairs = np.einsum("eam,emnij,ebn->eabij", weights, stiffness, weights, optimize=True)
     solid.hourglass_blocks = array(pairs[:, rows, columns], wp.mat33)
     return solid, nodes
+
+
+def _fill(part: MeshPart) -> npt.NDArray[np.float64]:
+    """(e,) share of each element's volume that is material."""
+    return np.ones(len(part.elements)) if part.fill is None else part.fill
 
 
 def factor_sizes(structure: BlockStructure) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import FLOAT32_MAX, ModelError, formatted
+from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, host_values, numbers
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.solid_elements import CORNERS, hexahedra_volumes, natural_slopes
 
@@ -32,17 +32,28 @@ class MeshPart:
         material: what it is made of.
         thickness: of triangles [m].
         pressure: that pushes triangles along their normals [Pa].
+        fill: (e,) share of each solid element's volume that is material, above 0 and up to 1: mass and stiffness are
+            those of the element times it. None: 1.
     """
 
     elements: npt.NDArray[np.int32]
     material: Elastic | Rubber
     thickness: float | None = None
     pressure: float = 0.0
+    fill: npt.NDArray[np.float64] | None = None
 
     @property
     def kind(self) -> str:
         """Name of its elements."""
         return KINDS[self.elements.shape[1]]
+
+
+def as_array(values: Any) -> npt.NDArray[Any]:
+    """Values as an array: a single NaN where they are none, as rows of different lengths."""
+    try:
+        return np.asarray(host_values(values))
+    except (TypeError, ValueError, RuntimeError):
+        return np.full((), np.nan)
 
 
 def checked_points(label: str, points: Any) -> npt.NDArray[np.float64]:
@@ -51,7 +62,7 @@ def checked_points(label: str, points: Any) -> npt.NDArray[np.float64]:
     Raises:
         ModelError: they are not.
     """
-    given = np.asarray(points, dtype=np.float64)
+    given = numbers(points)
     if given.ndim != 2 or given.shape[1] != 3 or not len(given):
         raise ModelError(f"{label}: points must be of shape (n, 3), got {given.shape}; give x, y, z of each node [m]")
     bad = np.flatnonzero(~(np.abs(given) <= FLOAT32_MAX).all(axis=1))
@@ -63,13 +74,13 @@ def checked_points(label: str, points: Any) -> npt.NDArray[np.float64]:
     return given
 
 
-def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) -> MeshPart:
-    """A part whose elements are what they should be.
+def checked_elements(label: str, points: npt.NDArray[np.float64], elements: Any) -> npt.NDArray[np.int32]:
+    """Elements (e, 3), (e, 4) or (e, 8) between points that are neither flat nor inside out.
 
     Raises:
         ModelError: an element is of no known kind, flat, inside out or of nodes that are not there.
     """
-    elements = np.asarray(part.elements)
+    elements = as_array(elements)
     if elements.ndim != 2 or elements.shape[1] not in KINDS or not len(elements) or elements.dtype.kind not in "iu":
         raise ModelError(
             f"{label}: elements must be integers of shape (e, 3), (e, 4) or (e, 8), got {elements.dtype} "
@@ -90,6 +101,36 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
             f"{label}: {kind} must have a positive {'area' if kind == 'triangles' else 'volume'}, got element {worst} "
             f"of nodes {elements[worst].tolist()}, which is {what}; reorder its nodes or repair the mesh"
         )
+    return elements.astype(np.int32)
+
+
+def checked_fill(label: str, fill: Any, count: int) -> npt.NDArray[np.float64]:
+    """(e,) shares of elements' volumes, of one share for all or of one for each.
+
+    Raises:
+        ModelError: there are more or fewer, or one is not above 0 and at most 1.
+    """
+    given = numbers(fill)
+    if given.shape not in ((), (count,)):
+        raise ModelError(f"{label}: fill must be one share, or {count}, got {formatted(fill)}; give one per element")
+    wrong = np.flatnonzero(~((given > 0.0) & (given <= 1.0)))
+    if len(wrong):
+        raise ModelError(
+            f"{label}: fill must be above 0 and at most 1, got {formatted(given.reshape(-1)[wrong[0]])} for element "
+            f"{wrong[0]}; it is a share of a volume, leave empty elements out"
+        )
+    return np.broadcast_to(given, count).copy()
+
+
+def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) -> MeshPart:
+    """A part whose elements are what they should be.
+
+    Raises:
+        ModelError: an element is of no known kind, flat, inside out or of nodes that are not there, or a number of the
+            part breaks its rule.
+    """
+    elements = checked_elements(label, points, part.elements)
+    kind = KINDS[elements.shape[1]]
     if kind == "tetrahedra" and part.material.poisson > MOST_POISSON:
         raise ModelError(
             f"{label}: poisson of tetrahedra must be at most {MOST_POISSON}, got {part.material.poisson!r}: they would "
@@ -102,7 +143,8 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
             f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
             f"{part.pressure!r}; they are of triangles"
         )
-    return dataclasses.replace(part, elements=elements.astype(np.int32))
+    fill = None if part.fill is None else checked_fill(label, part.fill, len(elements))
+    return dataclasses.replace(part, elements=elements, fill=fill)
 
 
 def _shapes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
@@ -125,6 +167,10 @@ def _check_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> None
         raise ModelError(f"{label}: thickness must be positive, got {formatted(part.thickness)}; give metres")
     if not abs(part.pressure) <= FLOAT32_MAX:
         raise ModelError(f"{label}: pressure must be finite, got {formatted(part.pressure)}; give pascals")
+    if part.fill is not None:
+        raise ModelError(
+            f"{label}: fill must be left out for triangles, got {formatted(part.fill)}; give a smaller thickness"
+        )
     sides = np.concatenate([elements[:, [0, 1]], elements[:, [1, 2]], elements[:, [2, 0]]])
     found, count = np.unique(sides, axis=0, return_counts=True)
     if (count > 1).any():
@@ -135,19 +181,22 @@ def _check_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> None
         )
 
 
+def element_volumes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(e,) volumes of tetrahedra or hexahedra [m³]."""
+    x = points[elements]
+    return np.asarray(np.linalg.det(x[:, 1:] - x[:, :1]) / 6.0) if elements.shape[1] == 4 else hexahedra_volumes(x)
+
+
 def lumped_masses(points: npt.NDArray[np.float64], parts: Sequence[MeshPart]) -> npt.NDArray[np.float64]:
     """(n,) mass of each node: equal shares of its elements' [kg]."""
     masses = np.zeros(len(points))
     for part in parts:
-        x = points[part.elements]
         if part.kind == "triangles":
-            size = (
-                np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2.0 * (part.thickness or 0.0)
-            )
-        elif part.kind == "tetrahedra":
-            size = np.linalg.det(x[:, 1:] - x[:, :1]) / 6.0
+            x = points[part.elements]
+            area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2.0
+            size = area * (part.thickness or 0.0)
         else:
-            size = hexahedra_volumes(x)
+            size = element_volumes(points, part.elements) * (1.0 if part.fill is None else part.fill)
         share = np.repeat(part.material.density * size / part.elements.shape[1], part.elements.shape[1])
         np.add.at(masses, part.elements.reshape(-1), share)
     return masses

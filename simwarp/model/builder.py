@@ -370,7 +370,7 @@ class ModelBuilder(Readable, ShapeList):
         Raises:
             ModelError: an argument cannot be used.
         """
-        part = MeshPart(elements=mesh.elements, material=material)
+        part = MeshPart(elements=mesh.elements, material=material, fill=mesh.fill)
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
             surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,

@@ -32,6 +32,10 @@ class SolidSource(Protocol):
         """(m, 4) tetrahedra or (m, 8) hexahedra."""
 
     @property
+    def fill(self) -> Array:
+        """(m,) share of each cell's volume that is material."""
+
+    @property
     def sets(self) -> Mapping[str, Any]:
         """Nodes by the name of a set."""
 

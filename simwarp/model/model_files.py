@@ -235,6 +235,7 @@ def _flexible_mesh_entry(mesh: FlexibleMesh) -> FlexibleMeshEntry:
     parts = tuple(
         MeshPartEntry(
             elements=PackedArray.of(part.elements), thickness=part.thickness, pressure=float(part.pressure),
+            fill=None if part.fill is None or (part.fill == 1.0).all() else PackedArray.of(part.fill),
             material=FlexibleMaterialEntry(
                 kind="rubber" if isinstance(part.material, Rubber) else "elastic",
                 **{field.name: float(getattr(part.material, field.name)) for field in dataclasses.fields(Elastic)},
@@ -500,6 +501,6 @@ def _mesh_part(thing: str, points: Array, entry: MeshPartEntry) -> MeshPart:
     material = kind(**{field.name: getattr(entry.material, field.name) for field in dataclasses.fields(Elastic)})
     part = MeshPart(
         elements=entry.elements.unpacked("elements", "int32", *columns), material=material, thickness=entry.thickness,
-        pressure=entry.pressure,
+        pressure=entry.pressure, fill=None if entry.fill is None else entry.fill.unpacked("fill", "float64"),
     )  # fmt: skip
     return checked_part(thing, points, part)

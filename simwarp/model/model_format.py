@@ -263,6 +263,7 @@ class MeshPartEntry:
     material: FlexibleMaterialEntry
     thickness: float | None = None
     pressure: float = 0.0
+    fill: PackedArray | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

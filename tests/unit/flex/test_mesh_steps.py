@@ -1,14 +1,11 @@
 """Meshes in a Simulation: one step held to dense algebra, glue, contacts, laws."""
 
-import types
-
 import numpy as np
 import pytest
 
 import simwarp as sw
 from simwarp.core.types import ModelError
 from simwarp.flex.free_meshes import FreeMeshes
-from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_model import make_mesh
 from simwarp.meshes.mesh_parts import MeshPart
@@ -20,14 +17,8 @@ RUBBER = Rubber(young=1e5, poisson=0.4, density=1000.0, damping_time=1e-3)
 
 
 def solid(kind="hexahedra", cells=(2, 2, 2)):
-    """A box with its faces as sets."""
-    points, elements = (box_of_hexahedra if kind == "hexahedra" else box_of_tetrahedra)(cells, SIZE)
-    low, high = points.min(axis=0), points.max(axis=0)
-    near = np.isclose(points, low) | np.isclose(points, high)
-    faces = {"top": np.flatnonzero(np.isclose(points[:, 2], high[2])), "bottom": np.flatnonzero(points[:, 2] == low[2])}
-    return types.SimpleNamespace(
-        points=points, elements=elements, sets=faces, boundary_nodes=np.flatnonzero(near.any(axis=1))
-    )
+    """A box with one corner at the origin."""
+    return sw.flex.box(SIZE, cells, elements=kind).placed(sw.pose((0.06, 0.05, 0.04)))
 
 
 def with_block(*, plate=False, floor=False, gravity=(0.0, 0.0, 0.0), worlds=1, z=0.5, kind="hexahedra", **options):
@@ -39,7 +30,7 @@ def with_block(*, plate=False, floor=False, gravity=(0.0, 0.0, 0.0), worlds=1, z
     if plate:
         turn = (0.1, 0.2, -0.1, 0.9695359)
         pose = sw.pose((0.05, 0.06, z + 0.11), turn)
-        glue = {builder.add_body("plate", mass=0.7, inertia=(3e-3, 3e-3, 3e-3), pose=pose): "top"}
+        glue = {builder.add_body("plate", mass=0.7, inertia=(3e-3, 3e-3, 3e-3), pose=pose): "z_max"}
     mesh = builder.add_solid_mesh(
         "block", solid(kind), material=RUBBER, pose=sw.pose((0.0, 0.0, z)), glue=glue, **options
     )
@@ -205,7 +196,7 @@ def test_a_mesh_between_two_bodies_is_refused_by_name():
     one = builder.add_body("one", mass=1.0, inertia=(1.0, 1.0, 1.0))
     two = builder.add_body("two", mass=1.0, inertia=(1.0, 1.0, 1.0))
     with pytest.raises(ModelError, match="glue must name one body, got 2"):
-        builder.add_solid_mesh("block", solid(), material=RUBBER, glue={one: "top", two: "bottom"})
+        builder.add_solid_mesh("block", solid(), material=RUBBER, glue={one: "z_max", two: "z_min"})
     assert len(builder.bodies) == 2
     assert not builder.flexible_meshes
 
@@ -213,10 +204,10 @@ def test_a_mesh_between_two_bodies_is_refused_by_name():
 def test_stiffness_of_a_held_beam_is_that_of_theory():
     """A cantilever of hexahedra under a load at its end, against Timoshenko's beam."""
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
-    points, elements = box_of_hexahedra((16, 2, 2), (0.8, 0.1, 0.1))
-    beam = types.SimpleNamespace(points=points, elements=elements, sets={}, boundary_nodes=np.arange(0))
+    beam = sw.flex.box((0.8, 0.1, 0.1), (16, 2, 2)).placed(sw.pose((0.4, 0.05, 0.05)))
+    points = beam.points
     steel = Elastic(young=1e8, poisson=0.3, density=1000.0, damping_time=2e-2)
-    mesh = builder.add_solid_mesh("beam", beam, material=steel, fixed=np.flatnonzero(points[:, 0] == 0.0), double=True)
+    mesh = builder.add_solid_mesh("beam", beam, material=steel, fixed="x_min", double=True)
     sim = sw.Simulation(builder.finalize(world_count=1, device="cpu"), dt=5e-3)
     end = [mesh.bodies[n] for n in np.flatnonzero(np.isclose(points[:, 0], 0.8))]
     force = np.zeros(sim.control.body_force.numpy().shape, np.float32)
@@ -235,7 +226,7 @@ def test_strain_energy_is_the_work_of_forces():
     """A block that is let go bent, undamped: what it loses in strain is motion."""
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     stuff = Rubber(young=1e5, poisson=0.4, density=1000.0)
-    mesh = builder.add_solid_mesh("block", solid(), material=stuff, fixed="bottom")
+    mesh = builder.add_solid_mesh("block", solid(), material=stuff, fixed="z_min")
     model = builder.finalize(world_count=1, device="cpu")
     sim = sw.Simulation(model, dt=2e-4, flex=sw.flex.Options(numerical_damping=0.0))
     assert sim.measure_energy().numpy()[0] == pytest.approx(0.0, abs=1e-9)
@@ -250,8 +241,8 @@ def test_strain_energy_is_the_work_of_forces():
     for _ in range(400):
         sim.step()
         kinetic.append(0.5 * float(model.body_mass.numpy()[0] @ (sim.state.body_v.numpy()[0] ** 2).sum(axis=1)))
-        # velocities belong half a step before positions: the sum swings by h ω of what swings, ω some 100 rad/s
-        assert sim.measure_energy().numpy()[0] < 1.03 * start
+        # velocities belong half a step before positions: the sum swings by half of h ω of what swings, ω up to 500 rad/s
+        assert sim.measure_energy().numpy()[0] < 1.05 * start
     assert sim.measure_energy().numpy()[0] > 0.9 * start
     assert max(kinetic) > 0.3 * start
 
@@ -261,7 +252,7 @@ def test_an_impact_keeps_the_momentum_of_mesh_and_body(plate):
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     glue = None
     if plate:
-        glue = {builder.add_body("plate", mass=0.3, inertia=(1e-3,) * 3, pose=sw.pose((0.06, 0.05, 0.1))): "top"}
+        glue = {builder.add_body("plate", mass=0.3, inertia=(1e-3,) * 3, pose=sw.pose((0.06, 0.05, 0.1))): "z_max"}
     builder.add_solid_mesh("block", solid(), material=RUBBER, radius=2e-3, glue=glue)
     ball = builder.add_body(
         "ball", mass=0.2, inertia=(2e-4,) * 3, pose=sw.pose((0.05, 0.045, -0.06)), velocity=(0.1, 0.05, 1.0)
@@ -301,8 +292,8 @@ def test_a_block_on_a_slope_sticks_or_slides(slope, slides):
 
 def test_a_ball_joint_holds_a_body_at_a_node():
     builder = sw.ModelBuilder()
-    mesh = builder.add_solid_mesh("block", solid(), material=RUBBER, fixed="top")
-    node = int(np.flatnonzero((mesh.points == (0.0, 0.0, 0.0)).all(axis=1))[0])
+    mesh = builder.add_solid_mesh("block", solid(), material=RUBBER, fixed="z_max")
+    node = int(np.flatnonzero(np.isclose(mesh.points, (0.0, 0.0, 0.0)).all(axis=1))[0])
     weight = builder.add_body("weight", mass=0.2, inertia=(1e-4,) * 3, pose=sw.pose((0.0, 0.0, -0.05)))
     builder.add_joint_spherical("hook", mesh.bodies[node], weight, anchor=(0.0, 0.0, 0.0))
     sim = sw.Simulation(
@@ -315,7 +306,7 @@ def test_a_ball_joint_holds_a_body_at_a_node():
     # what a step's own turn leaves is of the size of (h ω)² times the lever
     assert np.abs(x[mesh.bodies[node]] - (x[weight] + lever)).max() < 1e-6
     # it hangs lower than the unloaded corner beside it
-    other = int(np.flatnonzero((mesh.points == (0.12, 0.1, 0.0)).all(axis=1))[0])
+    other = int(np.flatnonzero(np.isclose(mesh.points, (0.12, 0.1, 0.0)).all(axis=1))[0])
     assert x[mesh.bodies[node], 2] < x[mesh.bodies[other], 2] - 1e-3
 
 
@@ -333,7 +324,7 @@ def test_a_saved_model_steps_with_the_same_bits(tmp_path):
     builder.add_shape_plane()
     plate = builder.add_body("plate", mass=0.7, inertia=(2e-3, 3e-3, 4e-3), pose=sw.pose((0.05, 0.06, 0.11)))
     builder.add_solid_mesh(
-        "block", solid(), material=RUBBER, glue={plate: "top"}, radius=2e-3, pose=sw.pose((0, 0, 0.01))
+        "block", solid(), material=RUBBER, glue={plate: "z_max"}, radius=2e-3, pose=sw.pose((0, 0, 0.01))
     )
     points = np.array([[1.0, 0.0, 0.5], [1.5, 0.0, 0.5], [1.5, 0.5, 0.5], [1.0, 0.5, 0.5]])
     nylon = Elastic(young=1e8, density=1100.0)
