@@ -14,7 +14,23 @@ from simwarp.scenes.contact import (
     stack,
     wall,
 )
-from simwarp.scenes.flexible import ROD_LENGTH, ROD_MATERIAL, ROD_SECTION, rod, rod_on_floor
+from simwarp.scenes.flexible import (
+    BLOCK_MATERIAL,
+    BLOCK_SIZE,
+    ROD_LENGTH,
+    ROD_MATERIAL,
+    ROD_SECTION,
+    TIRE_MATERIAL,
+    TIRE_RIM,
+    TIRE_SECTION,
+    add_toroidal_tire,
+    hexa,
+    rod,
+    rod_on_floor,
+    shell,
+    tetra,
+    tire,
+)
 from simwarp.scenes.mechanisms import (
     ANDREWS_INITIAL,
     ANDREWS_REFERENCE,
