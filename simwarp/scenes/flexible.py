@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simwarp.core.types import Material, pose
+from simwarp.core.types import WORLD, Material, pose
 from simwarp.flex import Clamp, Elastic, Round, Rubber, box
 from simwarp.meshes.lattices import rectangle_of_triangles, revolved_triangles
 from simwarp.model.builder import ModelBuilder
@@ -79,7 +79,7 @@ def shell() -> ModelBuilder:
     """A tarp of 1 m by 1 m, 11 x 11 nodes, falls on a box."""
     builder = ModelBuilder()
     builder.add_shape_plane(material=Material(friction=0.6))
-    builder.add_shape_box(half_extents=(0.25, 0.25, 0.15), pose=pose((0.0, 0.0, 0.15)), material=Material(friction=0.6))
+    builder.add_shape_box(WORLD, half=(0.25, 0.25, 0.15), pose=pose((0.0, 0.0, 0.15)))
     points, triangles = rectangle_of_triangles((10, 10), (1.0, 1.0))
     builder.add_shell(
         "tarp", points - [0.5, 0.5, 0.0], triangles, thickness=1e-3, pose=pose((0.0, 0.0, 0.35)),
@@ -118,10 +118,12 @@ def add_toroidal_tire(
     points, triangles = revolved_triangles(section, around)
     row = np.arange(len(points)) % len(section)
     spin = (0.0, speed / (TIRE_RIM + TIRE_SECTION), 0.0)
-    motion = {"velocity": (speed, 0.0, 0.0), "omega": spin}
-    rim = builder.add_body(f"{name}:rim", mass=20.0, inertia=(1.0, 1.5, 1.0), pose=pose((0.0, 0.0, height)), **motion)
+    velocity = (speed, 0.0, 0.0)
+    rim = builder.add_body(
+        f"{name}:rim", mass=20.0, inertia=(1.0, 1.5, 1.0), pose=pose((0.0, 0.0, height)), velocity=velocity, omega=spin
+    )
     return builder.add_shell(
         name, points, triangles, thickness=0.014, material=TIRE_MATERIAL, pressure=pressure,
         glue={rim: np.flatnonzero((row < 2) | (row > len(section) - 3))}, pose=pose((0.0, 0.0, height)), radius=0.007,
-        surface=Material(friction=0.8), **motion,
+        surface=Material(friction=0.8), velocity=velocity, omega=spin,
     )  # fmt: skip
