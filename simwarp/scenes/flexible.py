@@ -9,8 +9,8 @@ import numpy as np
 from simwarp.core.types import WORLD, Material, pose
 from simwarp.flex import Clamp, Elastic, Round, Rubber, box
 from simwarp.meshes.lattices import rectangle_of_triangles, revolved_triangles
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.mesh_specification import FlexibleMesh
 
 ROD_LENGTH: Final = 1.0
 """Of `rod` [m]."""
