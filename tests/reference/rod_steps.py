@@ -46,6 +46,11 @@ class Rule:
         return (1.0 - self.numerical_damping) ** 2 / 4.0 + self.numerical_damping
 
     @property
+    def crossing(self) -> float:
+        """What stands for beta + zeta in the transverse stiffness of tension: a tension may double within a step."""
+        return 0.5 + self.numerical_damping
+
+    @property
     def lag(self) -> float:
         """Time by which rates of strains act as strains [s]."""
         return self.damping_time + self.numerical_damping * self.h
@@ -191,7 +196,7 @@ class Motion:
             size = np.linalg.norm(r, axis=1)
             across = np.eye(3) - r[:, :, None] * r[:, None, :] / (size**2)[:, None, None]
             pull = np.maximum(model.stiffness[:, 0] * strain[:, 0], 0.0)
-            term = (h * h * self.rule.implicit * pull / size)[:, None, None] * across
+            term = (h * h * self.rule.crossing * pull / size)[:, None, None] * across
             for first in (0, 6):
                 for last in (0, 6):
                     blocks[:, first : first + 3, last : last + 3] += term if first == last else -term

@@ -21,7 +21,7 @@ to the child: equal to X^T A X - U Z^-1 U^T, which cancels to nothing where the 
 `s` and `u` then hold S L^-T and U L^-T, the latter about the parent's centre.
 
 A taut element resists its ends' moving across it, which is no function of q' alone: with its tension N, h the step and
-w = h^2 (beta + zeta) N/|d|, the term w P with P = 1 - d d^T/|d|^2 acts on the change of the anchors' relative velocity,
+w = h^2 (1/2 + zeta) N/|d|, the term w P with P = 1 - d d^T/|d|^2 acts on the change of the anchors' relative velocity,
 W V + S_lin q' with W V = omega x d. It joins Z, U and B and leaves -E^T w P W on the parent, E V the velocity of its
 anchor.
 
@@ -32,6 +32,8 @@ and (beta + zeta) k in the matrix is stable, however fast the oscillation, where
     beta = (1 - zeta)^2 / 4         leaves zeta^2 k: what is too fast for the step dies out by (1 - zeta) / (1 + zeta)
     (1 + zeta) / 2 for beta + zeta  of twist leaves k: the tie is below the stiffness as long as the rod does not buckle
     h^2 N |d| a^2 / 8               more of twist, a the angle of bending [rad], where N pulls: the shear force N a / 2
+
+N has no rate in the force, so that w leaves (1 + 4 zeta) N: a tension may double within a step.
 """
 
 import warp as wp
@@ -330,7 +332,7 @@ def load_elastic(
         if local == 0:
             crossing = crossing_speed(frames, v0, w0, v1, w1)
             tension = tension_over_length(spring, k, d, crossing, frame, config)
-            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(implicit * tension, 0.0, 0.0)
+            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(h * h * (0.5 + zeta) * tension, 0.0, 0.0)
         if local == 3:
             twist = (0.5 + 0.5 * zeta) * k + taut_twist(tension, frame)
             work.gain[tree_dof] = h * (0.5 + 0.5 * zeta) * d + h * h * twist
