@@ -332,7 +332,9 @@ def load_elastic(
         if local == 0:
             crossing = crossing_speed(frames, v0, w0, v1, w1)
             tension = tension_over_length(spring, k, d, crossing, frame, config)
-            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(h * h * (0.5 + zeta) * tension, 0.0, 0.0)
+            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(
+                h * h * (0.5 + zeta) * tension, 0.0, 0.0
+            )
         if local == 3:
             twist = (0.5 + 0.5 * zeta) * k + taut_twist(tension, frame)
             work.gain[tree_dof] = h * (0.5 + 0.5 * zeta) * d + h * h * twist
