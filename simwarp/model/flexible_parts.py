@@ -30,8 +30,8 @@ class FlexibleParts:
 
     def add_rod(
         self: RodBuilder, name: str, points: npt.ArrayLike, *, section: AnySection, material: RodMaterial,
-        up: Vec3 | None = None, twist: float = 0.0, elements: int | None = None, start: RodEnd = None, end: RodEnd = None,
-        radius: float | None = None, surface: Material | None = None,
+        up: Vec3 | None = None, twist: float = 0.0, elements: int | None = None, start: RodEnd = None,
+        end: RodEnd = None, radius: float | None = None, surface: Material | None = None,
     ) -> Rod:  # fmt: skip
         """A rod along points, at rest as built: bodies `name_0`, `name_1` ... at the points, elastic joints between
         them, and joints at its ends. Straight or curved, from ropes to shafts (docs/flexible.md).
