@@ -15,17 +15,19 @@ from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import As, Ge, Le, Meaning
 from simwarp.core.object_repr import Names, Readable, Row, plural
-from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted, pose as make_pose
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_names, checked_pose, index_within
+from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, held_fields, instance_of
 from simwarp.model.shapes import checked_size, loaded_mesh, primitive_size
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
+from simwarp.sensors.deforming_surfaces import DeformingSurfaces
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.ray_hit_kernels import RayTarget
 from simwarp.sensors.ray_instances_kernels import RayScene, place_instances
@@ -91,7 +93,9 @@ class AppearanceOptions(PlainAppearanceOptions, total=False):
 
 @dataclasses.dataclass(frozen=True)
 class Instance:
-    """One thing that rays can hit. A shape of the model (`shape` >= 0) lends its placement, size and asset."""
+    """One thing that rays can hit. A shape of the model (`shape` >= 0) lends its placement, size and asset; a flexible
+    mesh (`flexible` >= 0, its number in the builder) its surface, from the body of its first node that moves by itself.
+    """
 
     name: str
     kind: ShapeType
@@ -101,26 +105,33 @@ class Instance:
     size: npt.NDArray[np.float64]
     asset: int
     appearance: Appearance
+    flexible: int = -1
 
 
 class Visuals(Readable):
-    """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden.
+    """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden; flexible
+    meshes by their surfaces as they deform, and not by the spheres of their nodes.
 
     Args:
         builder: with its shapes; those that are added to it later are seen too, and come after what is there by then.
+        spheres: flexible meshes are seen by the spheres of their nodes, which touch others, and not by their surfaces.
 
     Raises:
         ModelError: `builder` is no ModelBuilder; by its methods: a body, mesh or value is not usable.
     """
 
     @RULES.arguments("visuals")
-    def __init__(self, builder: Annotated[ModelBuilder, instance_of(ModelBuilder, "pass the model's builder")]) -> None:
+    def __init__(
+        self, builder: Annotated[ModelBuilder, instance_of(ModelBuilder, "pass the model's builder")], *,
+        spheres: bool = False,
+    ) -> None:  # fmt: skip
         self.builder = builder
+        self._spheres = spheres
         self.meshes: list[TriangleMesh] = []
         self.mesh_visuals: list[VisualMesh | None] = []
         self.textures = AppearanceList()
         self.instances: list[Instance] = []
-        self._followed = 0
+        self._followed = self._followed_meshes = 0
         self._follow()
 
     def _readable_title(self) -> str:
@@ -133,8 +144,8 @@ class Visuals(Readable):
         """The number of a texture, for `Appearance.texture` and `Scene.texture`."""
         return self.textures.add(texture)
 
-    def show(self, shape: int, **appearance: Unpack[AppearanceOptions]) -> None:
-        """Changes the appearance of a shape: fields of `Appearance`."""
+    def show(self, shape: int | FlexibleMesh, **appearance: Unpack[AppearanceOptions]) -> None:
+        """Changes the appearance of a shape or a flexible mesh: fields of `Appearance`."""
         index = self.index_of(shape)
         instance = self.instances[index]
         self.instances[index] = dataclasses.replace(
@@ -144,8 +155,10 @@ class Visuals(Readable):
             ),
         )
 
-    def hide(self, *shapes: int) -> None:
-        """No ray meets these shapes. Indices of instances that were added before fall: hide first, then add."""
+    def hide(self, *shapes: int | FlexibleMesh) -> None:
+        """No ray meets these shapes and flexible meshes. Indices of instances that were added before fall: hide first,
+        then add.
+        """
         gone = {self.index_of(shape) for shape in shapes}
         self.instances = [instance for index, instance in enumerate(self.instances) if index not in gone]
 
@@ -286,13 +299,20 @@ class Visuals(Readable):
         self._check_model(model)
         return Scene(self, model, per_world, origin_body)
 
-    def index_of(self, shape: int) -> int:
-        """The instance that shows a shape of the model; those after a hidden one move up.
+    def index_of(self, shape: int | FlexibleMesh) -> int:
+        """The instance that shows a shape or a flexible mesh of the model; those after a hidden one move up.
 
         Raises:
-            ModelError: there is no such shape, or it is hidden.
+            ModelError: there is no such shape or mesh, or it is hidden.
         """
         self._follow()
+        if isinstance(shape, FlexibleMesh):
+            for index, instance in enumerate(self.instances):
+                if instance.flexible >= 0 and self.builder.flexible_meshes[instance.flexible] is shape:
+                    return index
+            raise ModelError(
+                f"visuals: there must be a mesh '{shape.name}' in sight; pass what add_solid_mesh returned"
+            )
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
                 return index
@@ -303,7 +323,11 @@ class Visuals(Readable):
     def _follow(self) -> None:
         """Adds instances for shapes that the builder got since the last call."""
         names = {instance.name for instance in self.instances}
+        meshes = self.builder.flexible_meshes
+        nodes = set() if self._spheres else {shape for mesh in meshes for shape in mesh.shapes}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
+            if index in nodes:
+                continue
             if shape.name in names:
                 raise ModelError(
                     f"visual '{shape.name}': the name must be unique, got a shape of that name later; rename one"
@@ -312,6 +336,10 @@ class Visuals(Readable):
                 Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Appearance())
             )
         self._followed = len(self.builder.shapes)
+        if not self._spheres:
+            for number in range(self._followed_meshes, len(meshes)):
+                self.instances.append(_surface_instance(number, meshes[number], names))
+        self._followed_meshes = len(meshes)
 
     def _check_model(self, model: Model) -> None:
         remedy = "finalize this builder after its last body and shape, and pass that model"
@@ -350,6 +378,16 @@ class Visuals(Readable):
         return len(self.instances) - 1
 
 
+def _surface_instance(number: int, mesh: FlexibleMesh, names: set[str]) -> Instance:
+    """The instance that shows a flexible mesh, where none has its name yet."""
+    if mesh.name in names:
+        raise ModelError(
+            f"visual '{mesh.name}': the name must be unique, got a flexible mesh of that name later; rename one"
+        )
+    body = mesh.bodies[mesh.nodes[0]]
+    return Instance(mesh.name, ShapeType.MESH, body, -1, make_pose(), np.ones(3), -1, Appearance(), number)
+
+
 class Scene(Readable):
     """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have poses, sizes and appearance.
 
@@ -365,13 +403,16 @@ class Scene(Readable):
         x: (1 or W, I) vec3d position in the body's axes from its centre of mass [m]; world axes on WORLD.
         rot: (1 or W, I) quat xyzw.
         size: (1 or W, I) vec3, see `ShapeType` [m]; of a mesh its scale.
-        asset: (1 or W, I) int32: which mesh of `Visuals.add_mesh_asset` an instance shows.
+        asset: (1 or W, I) int32: which mesh of `Visuals.add_mesh_asset` an instance shows. A scene with flexible meshes
+            has a row per world, where theirs is the number of the world.
         enabled: (1 or W, I) int32: 0 takes it out of sight.
         color: (1 or W, I) vec3 linear albedo.
         texture: (1 or W, I) int32, -1: none.
         reflectance: (1 or W, I).
         body, shape, label: (I,) NumPy.
+        flexible: (I,) NumPy: number of the flexible mesh that an instance shows, -1: none.
         appearance: textures and visuals of meshes, for kernels.
+        surfaces: those of flexible meshes; None: there are none.
 
     A shape of the model is placed by the model's arrays (`shape_x`, `shape_enabled`, ...): here only its appearance and
     `enabled` count.
@@ -395,18 +436,20 @@ class Scene(Readable):
         self.names = tuple(instance.name for instance in instances)
         self.body = np.array([instance.body for instance in instances], np.int32)
         self.shape = np.array([instance.shape for instance in instances], np.int32)
+        self.flexible = np.array([instance.flexible for instance in instances], np.int32)
         self.label = np.array([instance.appearance.label for instance in instances], np.int32)
         self.instance_count = len(instances)
         self._constants = _constants(visuals, model.device)
-        without = len(visuals.builder.hulls) + len(visuals.builder.meshes)
-        self.appearance = visuals.textures.tables([None] * without + visuals.mesh_visuals, model.device)
+        self.surfaces = self._deforming()
+        self.appearance = visuals.textures.tables(self._looks(), model.device)
         for instance in instances:
-            own = instance.kind == ShapeType.MESH and instance.shape < 0
-            mesh = visuals.mesh_visuals[instance.asset] if own else None
-            visuals.textures.check(f"visual '{instance.name}'", instance.appearance.texture, mesh)
+            _check_texture(visuals, instance)
         for name, (values, dtype) in _instance_values(instances).items():
-            copies = model.world_count if name in wanted else 1
-            setattr(self, name, writable_from(np.repeat(values[None], copies, axis=0), dtype, model.device))
+            shared = name not in wanted and not (name == "asset" and self.surfaces is not None)
+            rows = np.repeat(values[None], 1 if shared else model.world_count, axis=0)
+            if name == "asset" and self.surfaces is not None:
+                rows[:, self.flexible >= 0] = np.arange(model.world_count)[:, None]
+            setattr(self, name, writable_from(rows, dtype, model.device))
         self._placed = _placed(len(instances), model.world_count, model.device)
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else body_index("scene", origin_body, model)
@@ -430,6 +473,25 @@ class Scene(Readable):
         if name not in self.names:
             raise ModelError(f"scene: there is no instance '{name}'; known: {', '.join(self.names[:20])}")
         return self.names.index(name)
+
+    def _deforming(self) -> DeformingSurfaces | None:
+        """The surfaces of the flexible meshes that are seen, with their trees behind all others, or None."""
+        shown = np.flatnonzero(self.flexible >= 0)
+        if not len(shown):
+            return None
+        surfaces = DeformingSurfaces(self.model, self.flexible[shown].tolist(), self._constants["trees"])
+        self._constants["trees"] = surfaces.trees
+        trees = self._constants["tree"].numpy()
+        trees[shown] = [surfaces.tree(index) for index in range(len(shown))]
+        self._constants["tree"].assign(trees)
+        return surfaces
+
+    def _looks(self) -> list[VisualMesh | None]:
+        """The look of every tree."""
+        visuals = self.visuals
+        plain = len(visuals.builder.hulls) + len(visuals.builder.meshes)
+        flexible = int((self.flexible >= 0).sum()) * self.model.world_count
+        return [*([None] * plain), *visuals.mesh_visuals, *([None] * flexible)]
 
     def cover_with(self, soil: Soil, ground: int | str | None = None) -> None:
         """Shows the ruts of a soil in the ground, darker where it is pressed down.
@@ -472,24 +534,39 @@ class Scene(Readable):
         return scene
 
     def place(self, state: State, tables: RayScene, due: wp.array | None = None) -> None:
-        """Moves the instances of the worlds that are due, (W,) int32, to their poses in the state. Rays may follow.
+        """Moves the instances of the worlds that are due, (W,) int32, to their poses in the state, and deforms the
+        surfaces of flexible meshes. Rays may follow.
 
         Raises:
             ModelError: an array lies on another device than the scene.
         """
         inputs = [WorldRange(), *self._place_inputs(state, due)]
         refuse_arguments_elsewhere(place_instances, [*inputs, tables], self.model.device)
+        if self.surfaces is not None:
+            self.surfaces.follow(state, self._everyone if due is None else due)
         wp.launch(
             place_instances, dim=self.model.world_count, device=self.model.device, inputs=inputs, outputs=[tables]
         )
 
-    def record_place(self, simulation: StepContext, tables: RayScene, due: wp.array | None = None) -> Any:
-        """Records `place` as a launch of a simulation, for the worlds that are due, (W,) int32."""
+    def record_place(self, simulation: StepContext, tables: RayScene, due: wp.array | None = None) -> list[Any]:
+        """Records `place` as launches of a simulation, for the worlds that are due, (W,) int32."""
         inputs = self._place_inputs(simulation.state, due)
-        return simulation.shares.record(place_instances, inputs=inputs, outputs=[tables])
+        place = simulation.shares.record(place_instances, inputs=inputs, outputs=[tables])
+        if self.surfaces is None:
+            return [place]
+        return [*self.surfaces.record(simulation, self._everyone if due is None else due), place]
 
     def _place_inputs(self, state: State, due: wp.array | None) -> list[Any]:
         return [self._everyone if due is None else due, self.model.parameters, self.model.assets, state.arrays]
+
+
+def _check_texture(visuals: Visuals, instance: Instance) -> None:
+    """An instance's texture has to exist, and to have a mapping onto its surface."""
+    thing, texture = f"visual '{instance.name}'", instance.appearance.texture
+    if instance.flexible >= 0 and texture >= 0:
+        raise ModelError(f"{thing}: a flexible mesh must have no texture, got {texture}; give it a colour alone")
+    own = instance.kind == ShapeType.MESH and instance.shape < 0 and instance.flexible < 0
+    visuals.textures.check(thing, texture, visuals.mesh_visuals[instance.asset] if own else None)
 
 
 def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
