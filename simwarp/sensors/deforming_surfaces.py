@@ -37,6 +37,7 @@ class DeformingSurfaces:
     Attributes:
         trees: those, then of each surface in turn one per world.
         first_tree: number of the first surface's tree in world 0.
+        vertex_start: (S + 1,) where the vertices of each begin among those of all.
     """
 
     def __init__(self, model: Model, meshes: Sequence[int], trees: Trees) -> None:
@@ -57,7 +58,7 @@ class DeformingSurfaces:
         self._vertex: Any = wp.zeros((model.world_count, sum(counts)), dtype=wp.vec3, device=model.device)
 
     def tree(self, surface: int) -> int:
-        """Number of a surface's tree in world 0; those of the other worlds follow."""
+        """Number of a surface's tree in world 0, by its place among those that are seen; other worlds' follow."""
         return self.first_tree + surface * self._model.world_count
 
     def record(self, simulation: StepContext, due: wp.array) -> list[Any]:
@@ -69,26 +70,28 @@ class DeformingSurfaces:
 
     def follow(self, state: State, due: wp.array) -> None:
         """Brings the surfaces to a state in the worlds that are due, (W,) int32."""
-        model = self._model
-        for kernel, threads, inputs, output in self._launches(state, due):
-            wp.launch(
-                kernel, dim=(model.world_count, threads), device=model.device, inputs=[WorldRange(), *inputs],
-                outputs=[output],
-            )  # fmt: skip
+        for command in self._launches(state, due):
+            self._launch(command)
 
-    def vertices(self, state: State, surface: int, worlds: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-        """(S, v, 3) vertices of a surface in these worlds, from the body that carries it, as they are now [m]."""
+    def vertices(self, state: State, worlds: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+        """(S, V, 3) vertices of all surfaces in these worlds, from the body that carries each, as they are now [m].
+
+        Those of a surface begin at its `vertex_start`.
+        """
+        device, count = self._model.device, self._model.world_count
+        due: wp.array = wp.array(np.isin(np.arange(count), worlds).astype(np.int32), dtype=int, device=device)
+        self._launch(self._launches(state, due)[0])
+        chosen: Any = wp.array(worlds.astype(np.int32), dtype=int, device=device)
+        found: npt.NDArray[np.float32] = wp.indexedarray(self._vertex, [chosen, None]).contiguous().numpy()
+        return found
+
+    def _launch(self, command: tuple[Any, int, list[Any], Any]) -> None:
+        kernel, threads, inputs, output = command
         model = self._model
-        due = np.zeros(model.world_count, np.int32)
-        due[worlds] = 1
-        kernel, threads, inputs, output = self._launches(state, wp.array(due, dtype=int, device=model.device))[0]
         wp.launch(
             kernel, dim=(model.world_count, threads), device=model.device, inputs=[WorldRange(), *inputs],
             outputs=[output],
         )  # fmt: skip
-        start, end = self.vertex_start[surface : surface + 2]
-        found: npt.NDArray[np.float32] = self._vertex.numpy()[worlds, start:end]
-        return found
 
     def _launches(self, state: State, due: wp.array) -> list[tuple[Any, int, list[Any], Any]]:
         """Kernels, threads of a world, inputs after the range of worlds, output."""
