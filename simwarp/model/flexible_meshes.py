@@ -14,7 +14,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, Material, ModelError, Pose, Vec3, finite_vector, formatted, pose as make_pose
 from simwarp.core.wording import suggestion
 from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
-from simwarp.meshes.surfaces import surface_of
+from simwarp.meshes.mesh_surfaces import surface_of
 from simwarp.meshes.volume_mesh import EmbeddedSurface
 from simwarp.model.checks import checked_name, checked_pose
 from simwarp.model.mesh_specification import FlexibleMesh

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import WORLD
 from simwarp.meshes.mesh_parts import MeshPart
-from simwarp.meshes.surfaces import MeshSurface
+from simwarp.meshes.mesh_surfaces import MeshSurface
 
 Array: TypeAlias = npt.NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_parts import MeshPart, checked_part
-from simwarp.meshes.surfaces import MeshSurface, checked_surface, surface_of
+from simwarp.meshes.mesh_surfaces import MeshSurface, checked_surface, surface_of
 from simwarp.model.builder import MAX_COUPLING_TERMS, ModelBuilder
 from simwarp.model.checks import (
     check_floats,

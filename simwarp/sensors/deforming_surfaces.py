@@ -81,8 +81,8 @@ class DeformingSurfaces:
         device, count = self._model.device, self._model.world_count
         due: wp.array = wp.array(np.isin(np.arange(count), worlds).astype(np.int32), dtype=int, device=device)
         self._launch(self._launches(state, due)[0])
-        chosen: Any = wp.array(worlds.astype(np.int32), dtype=int, device=device)
-        found: npt.NDArray[np.float32] = wp.indexedarray(self._vertex, [chosen, None]).contiguous().numpy()
+        rows: list[Any] = [wp.array(worlds.astype(np.int32), dtype=int, device=device), None]
+        found: npt.NDArray[np.float32] = wp.indexedarray(self._vertex, rows).contiguous().numpy()
         return found
 
     def _launch(self, command: tuple[Any, int, list[Any], Any]) -> None:

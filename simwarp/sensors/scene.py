@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere
 from simwarp.core.arrays import writable, writable_from
-from simwarp.core.constraints import As, Ge, Le, Meaning
+from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted, pose as make_pose
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
@@ -28,6 +28,7 @@ from simwarp.model.rules import RULES, held_fields, instance_of
 from simwarp.model.shapes import checked_size, loaded_mesh, primitive_size
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.deforming_surfaces import DeformingSurfaces
+from simwarp.sensors.instances import Appearance, AppearanceOptions, Instance
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.ray_hit_kernels import RayTarget
 from simwarp.sensors.ray_instances_kernels import RayScene, place_instances
@@ -42,70 +43,8 @@ if TYPE_CHECKING:
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 GroupBits: TypeAlias = Annotated[int, Ge(0), Le(ALL_GROUPS), Meaning("bits of groups below 2^31")]
-GREY: Final = (0.5, 0.5, 0.5)
 PER_WORLD: Final = ("x", "rot", "size", "asset", "enabled", "color", "texture", "reflectance")
 """Arrays of a Scene that may differ by world."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Appearance:
-    """Colour, texture, label and reflectance of an instance.
-
-    Attributes:
-        color: linear albedo, 0 to 1.
-        texture: index that `Visuals.texture` returned; -1: none, or that of the mesh's file.
-        label: semantic class.
-        reflectance: of a lidar's or radar's beam, 0 to 1.
-        group: bits; a sensor sees instances of the groups in its mask.
-    """
-
-    color: Vec3 = GREY
-    texture: int = -1
-    label: int = 0
-    reflectance: float = 0.5
-    group: int = 1
-
-
-Albedo: TypeAlias = Annotated[float, Ge(0.0), Le(1.0), Meaning("0 for none to 1 for all light")]
-Int32: TypeAlias = Annotated[int, Ge(-(2**31)), Le(2**31 - 1), Meaning("an integer of 32 bits")]
-TextureIndex: TypeAlias = Annotated[
-    int,
-    Ge(-1),
-    Le(2**31 - 1),
-    Meaning("one of visuals: write texture=visuals.texture(ImageTexture(image=...))"),
-]
-
-
-class PlainAppearanceOptions(TypedDict, total=False):
-    """Fields of `Appearance` without its colour, with its defaults."""
-
-    texture: TextureIndex
-    label: Int32
-    reflectance: Albedo
-    group: Int32
-
-
-class AppearanceOptions(PlainAppearanceOptions, total=False):
-    """Fields of `Appearance`, with its defaults."""
-
-    color: Annotated[Vec3, As(tuple[Albedo, Albedo, Albedo])]
-
-
-@dataclasses.dataclass(frozen=True)
-class Instance:
-    """One thing that rays can hit. A shape of the model (`shape` >= 0) lends its placement, size and asset; a flexible
-    mesh (`flexible` >= 0, its number in the builder) its surface, from the body of its first node that moves by itself.
-    """
-
-    name: str
-    kind: ShapeType
-    body: int
-    shape: int
-    pose: Pose
-    size: npt.NDArray[np.float64]
-    asset: int
-    appearance: Appearance
-    flexible: int = -1
 
 
 class Visuals(Readable):
