@@ -96,10 +96,13 @@ class DeformingSurfaces:
     def _launches(self, state: State, due: wp.array) -> list[tuple[Any, int, list[Any], Any]]:
         """Kernels, threads of a world, inputs after the range of worlds, output."""
         tables, glue = self._tables, self._model.mesh_tables.glue
+        counts = self._vertex.shape[1], tables.leaf_surface.shape[0], tables.carrier.shape[0]
+        # a launch on a CPU is serial: a world that is not due costs one thread
+        vertices, leaves, trees = counts if self._model.device.is_cuda else (1, 1, 1)
         return [
-            (place_vertices, self._vertex.shape[1], [due, tables, glue, state.arrays], self._vertex),
-            (refit_leaves, tables.leaf_surface.shape[0], [due, tables, self._vertex], self.trees),
-            (refit_nodes, tables.carrier.shape[0], [due, tables], self.trees),
+            (place_vertices, vertices, [vertices, due, tables, glue, state.arrays], self._vertex),
+            (refit_leaves, leaves, [leaves, due, tables, self._vertex], self.trees),
+            (refit_nodes, trees, [trees, due, tables], self.trees),
         ]
 
 

@@ -65,6 +65,7 @@ def place_of_node(world: int, node: int, glue: GlueTables, state: StateArrays) -
 def place_vertices(
     # inputs
     worlds: WorldRange,
+    threads: int,
     due: wp.array[int],
     surfaces: SurfaceTables,
     glue: GlueTables,
@@ -72,18 +73,19 @@ def place_vertices(
     # outputs
     vertex: wp.array2d[wp.vec3],  # (W, V) from the body that carries the surface, world axes [m]
 ):
-    """The vertices of all surfaces in the worlds that are due."""
-    k, index = wp.tid()
+    """The vertices of all surfaces in the worlds that are due; `threads` threads of each world share them."""
+    k, thread = wp.tid()
     world = worlds.first + k
     if due[world] == 0:
         return
-    origin = state.body_x[world, surfaces.carrier[surfaces.vertex_surface[index]]]
-    x = wp.vec3d()
-    for part in range(surfaces.vertex_node.shape[1]):
-        weight = surfaces.vertex_weight[index, part]
-        if weight != wp.float64(0.0):
-            x += weight * (place_of_node(world, surfaces.vertex_node[index, part], glue, state) - origin)
-    vertex[world, index] = to_float(x)
+    for index in range(thread, surfaces.vertex_surface.shape[0], threads):
+        origin = state.body_x[world, surfaces.carrier[surfaces.vertex_surface[index]]]
+        x = wp.vec3d()
+        for part in range(surfaces.vertex_node.shape[1]):
+            weight = surfaces.vertex_weight[index, part]
+            if weight != wp.float64(0.0):
+                x += weight * (place_of_node(world, surfaces.vertex_node[index, part], glue, state) - origin)
+        vertex[world, index] = to_float(x)
 
 
 @wp.func
@@ -95,21 +97,9 @@ def write_box(tree: int, slot: int, lower: wp.vec3, upper: wp.vec3, trees: Trees
         trees.node[base + WIDTH * (3 + c)] = upper[c]
 
 
-@wp.kernel
-def refit_leaves(
-    # inputs
-    worlds: WorldRange,
-    due: wp.array[int],
-    surfaces: SurfaceTables,
-    vertex: wp.array2d[wp.vec3],
-    # outputs
-    trees: Trees,
-):
-    """Triangles of all leaves, and their boxes, in the worlds that are due."""
-    k, leaf = wp.tid()
-    world = worlds.first + k
-    if due[world] == 0:
-        return
+@wp.func
+def refit_leaf(world: int, leaf: int, surfaces: SurfaceTables, vertex: wp.array2d[wp.vec3], trees: Trees):
+    """Triangles of a leaf, and its box."""
     surface = surfaces.leaf_surface[leaf]
     tree = tree_of(surface, world, surfaces)
     base = LEAF * (trees.leaf_start[tree] + leaf - surfaces.leaf_start[surface])
@@ -133,19 +123,28 @@ def refit_leaves(
 
 
 @wp.kernel
-def refit_nodes(
+def refit_leaves(
     # inputs
     worlds: WorldRange,
+    threads: int,
     due: wp.array[int],
     surfaces: SurfaceTables,
+    vertex: wp.array2d[wp.vec3],
     # outputs
     trees: Trees,
 ):
-    """Boxes of all nodes, children before their parents, in the worlds that are due. A thread takes a tree."""
-    k, surface = wp.tid()
+    """Triangles of all leaves, and their boxes, likewise."""
+    k, thread = wp.tid()
     world = worlds.first + k
     if due[world] == 0:
         return
+    for leaf in range(thread, surfaces.leaf_surface.shape[0], threads):
+        refit_leaf(world, leaf, surfaces, vertex, trees)
+
+
+@wp.func
+def refit_tree(world: int, surface: int, surfaces: SurfaceTables, trees: Trees):
+    """Boxes of all nodes of a tree, children before their parents."""
     tree = tree_of(surface, world, surfaces)
     first = surfaces.node_start[surface]
     count = surfaces.node_start[surface + 1] - first
@@ -165,3 +164,22 @@ def refit_nodes(
         else:
             trees.lower[tree] = lower
             trees.upper[tree] = upper
+
+
+@wp.kernel
+def refit_nodes(
+    # inputs
+    worlds: WorldRange,
+    threads: int,
+    due: wp.array[int],
+    surfaces: SurfaceTables,
+    # outputs
+    trees: Trees,
+):
+    """Boxes of the nodes of all trees in the worlds that are due; `threads` threads of each world share the trees."""
+    k, thread = wp.tid()
+    world = worlds.first + k
+    if due[world] == 0:
+        return
+    for surface in range(thread, surfaces.carrier.shape[0], threads):
+        refit_tree(world, surface, surfaces, trees)
