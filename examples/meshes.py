@@ -20,6 +20,8 @@ CLOTH = sw.flex.Elastic(young=1e6, poisson=0.3, density=500.0, damping_time=5e-3
 RUBBER = sw.flex.Rubber(young=2.5e5, poisson=0.4, density=1000.0, damping_time=5e-3)
 FOAM = sw.flex.Rubber(young=4e4, poisson=0.2, density=300.0, damping_time=2e-2)
 SURFACE = sw.Material(friction=0.5)
+MOST = (2e4, 5e3, 2e4)
+"""Stress of the last colour of cloth, ball and beam [Pa]."""
 
 
 def cloth(builder: sw.ModelBuilder, x: float, cells: int = 12) -> sw.flex.FlexibleMesh:
@@ -59,29 +61,34 @@ def main() -> None:
     """Runs all of them in one world, and takes pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=1.2)
-    parser.add_argument("--picture", type=Path, default=None, help="PNG of what is seen, at the start and at the end")
+    parser.add_argument("--picture", type=Path, default=None, help="PNG: start, end, end in colours of stress")
     arguments = parser.parse_args()
     builder = sw.ModelBuilder()
     builder.add_shape_plane(material=SURFACE)
     meshes = cloth(builder, -0.9), ball(builder, 0.0), beam(builder, 0.7)
-    visuals = Visuals(builder)
+    plain, colored = Visuals(builder), Visuals(builder)
     for mesh, color in zip(meshes, ((0.75, 0.16, 0.05), (0.06, 0.3, 0.55), (0.08, 0.4, 0.2)), strict=True):
-        visuals.show(mesh, color=color)
-    paint(visuals, tile=0.25)
+        plain.show(mesh, color=color)
+        colored.show_values(mesh)
     sim = sw.Simulation(builder.finalize(1, "cpu"), 0.001)
-    scene = visuals.finalize(sim.model)
     lighting = Lighting(suns=(Sun(direction=(0.3, -0.8, 1.5)),))
-    camera = FreeCamera(scene, [0], CameraConfig(width=640, height=360, samples=3, lens=Pinhole(fov=0.8)), lighting)
+    config = CameraConfig(width=480, height=300, samples=3, lens=Pinhole(fov=0.8))
+    cameras = []
+    for visuals in (plain, colored):
+        paint(visuals, tile=0.25)
+        cameras.append(FreeCamera(visuals.finalize(sim.model), [0], config, lighting))
     eye = look_at((-0.05, -2.9, 1.1), (-0.12, 0.0, 0.3))
-    pictures: list[Any] = [camera.render(sim.state, [eye])[0]]
+    pictures: list[Any] = [cameras[0].render(sim.state, [eye])[0]]
     sim.step(round(arguments.seconds / 0.001))
-    pictures.append(camera.render(sim.state, [eye])[0])
+    for mesh, most in zip(meshes, MOST, strict=True):
+        cameras[1].scene.set_values(mesh, sw.flex.mesh_stress(sim, mesh), most=most)
+    pictures += [camera.render(sim.state, [eye])[0] for camera in cameras]
     places = [sw.flex.mesh_positions(sim, mesh).numpy()[0] for mesh in meshes]
     print(f"the cloth reaches down to {places[0][:, 2].min():.2f} m")
     print(f"the ball is {np.ptp(places[1][:, 2]):.2f} m high and {np.ptp(places[1][:, 0]):.2f} m wide, cells and all")
     print(f"the beam's end hangs {0.7 - places[2][:, 2].min():.2f} m below the wall")
     if arguments.picture is not None:
-        Image.fromarray(grid(pictures, 2)).save(arguments.picture)
+        Image.fromarray(grid(pictures, 3)).save(arguments.picture)
 
 
 if __name__ == "__main__":

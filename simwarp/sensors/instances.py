@@ -61,7 +61,8 @@ class AppearanceOptions(PlainAppearanceOptions, total=False):
 @dataclasses.dataclass(frozen=True)
 class Instance:
     """One thing that rays can hit. A shape of the model (`shape` >= 0) lends its placement, size and asset; a flexible
-    mesh (`flexible` >= 0, its number in the builder) its surface, from the body of its first node that moves by itself.
+    mesh (`flexible` >= 0, its number in the builder) its surface, from the body of its first node that moves by itself,
+    in one colour or in those of values.
     """
 
     name: str
@@ -73,3 +74,4 @@ class Instance:
     asset: int
     appearance: Appearance
     flexible: int = -1
+    by_values: bool = False

@@ -12,12 +12,12 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere
-from simwarp.core.arrays import writable, writable_from
+from simwarp.core.arrays import writable_from
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted, pose as make_pose
-from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
-from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
+from simwarp.geometry.assets import TriangleMesh, triangle_mesh
+from simwarp.geometry.triangle_tree import tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.model.builder import ModelBuilder
@@ -32,8 +32,9 @@ from simwarp.sensors.instances import Appearance, AppearanceOptions, Instance
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.ray_hit_kernels import RayTarget
 from simwarp.sensors.ray_instances_kernels import RayScene, place_instances
-from simwarp.sensors.ray_targets_kernels import TARGETS, RayTargets
+from simwarp.sensors.scene_arrays import hull_mesh, instance_values, no_targets, placed_arrays
 from simwarp.sensors.soil_ground import ground_instance, soil_view
+from simwarp.sensors.surface_values import color_by_values, white_look
 from simwarp.simulation.attachments import StepContext
 from simwarp.simulation.state import State
 from simwarp.soil.soil_rays_kernels import SOIL_TARGET
@@ -93,6 +94,16 @@ class Visuals(Readable):
                 instance.appearance, **held_fields(f"visual '{instance.name}'", AppearanceOptions, appearance)
             ),
         )
+
+    def show_values(self, mesh: FlexibleMesh) -> None:
+        """Shows a flexible mesh in colours of values, such as stresses, that `Scene.set_values` gives; white at first.
+
+        Raises:
+            ModelError: it is not in sight.
+        """
+        index = self.index_of(mesh)
+        white = dataclasses.replace(self.instances[index].appearance, color=(1.0, 1.0, 1.0))
+        self.instances[index] = dataclasses.replace(self.instances[index], appearance=white, by_values=True)
 
     def hide(self, *shapes: int | FlexibleMesh) -> None:
         """No ray meets these shapes and flexible meshes. Indices of instances that were added before fall: hide first,
@@ -383,13 +394,13 @@ class Scene(Readable):
         self.appearance = visuals.textures.tables(self._looks(), model.device)
         for instance in instances:
             _check_texture(visuals, instance)
-        for name, (values, dtype) in _instance_values(instances).items():
+        for name, (values, dtype) in instance_values(instances).items():
             shared = name not in wanted and not (name == "asset" and self.surfaces is not None)
             rows = np.repeat(values[None], 1 if shared else model.world_count, axis=0)
             if name == "asset" and self.surfaces is not None:
                 rows[:, self.flexible >= 0] = np.arange(model.world_count)[:, None]
             setattr(self, name, writable_from(rows, dtype, model.device))
-        self._placed = _placed(len(instances), model.world_count, model.device)
+        self._placed = placed_arrays(len(instances), model.world_count, model.device)
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else body_index("scene", origin_body, model)
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
@@ -429,8 +440,33 @@ class Scene(Readable):
         """The look of every tree."""
         visuals = self.visuals
         plain = len(visuals.builder.hulls) + len(visuals.builder.meshes)
-        flexible = int((self.flexible >= 0).sum()) * self.model.world_count
-        return [*([None] * plain), *visuals.mesh_visuals, *([None] * flexible)]
+        flexible: list[VisualMesh | None] = []
+        for instance in visuals.instances:
+            if instance.flexible >= 0:
+                mesh = visuals.builder.flexible_meshes[instance.flexible]
+                flexible += [white_look(mesh) if instance.by_values else None] * self.model.world_count
+        return [*([None] * plain), *visuals.mesh_visuals, *flexible]
+
+    def set_values(self, mesh: FlexibleMesh, values: wp.array, *, most: float, least: float = 0.0) -> None:
+        """Colours a flexible mesh in all worlds, from dark blue over green and yellow to red, until the next call.
+
+        Args:
+            mesh: one of `Visuals.show_values`.
+            values: (W, E) float32 of its elements, as `sw.flex.mesh_stress` returns them, or (W, n) of its nodes.
+            most: value of the last colour.
+            least: value of the first colour.
+
+        Raises:
+            ModelError: the mesh is shown in one colour, or an argument is not usable.
+        """
+        index = self.visuals.index_of(mesh)
+        if self.surfaces is None or not self.visuals.instances[index].by_values:
+            raise ModelError(
+                f"scene: values must be of a mesh that is shown by them, got '{mesh.name}'; call "
+                "visuals.show_values(mesh) before finalize"
+            )
+        tree = int(self._constants["tree"].numpy()[index])
+        color_by_values(mesh, tree, values, least, most, self.appearance, self.model.device)
 
     def cover_with(self, soil: Soil, ground: int | str | None = None) -> None:
         """Shows the ruts of a soil in the ground, darker where it is pressed down.
@@ -522,7 +558,7 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
             return hulls if instance.shape >= 0 else hulls + meshes
         return 0
 
-    geometry = [*(_hull_mesh(hull) for hull in builder.hulls), *builder.meshes, *visuals.meshes]
+    geometry = [*(hull_mesh(hull) for hull in builder.hulls), *builder.meshes, *visuals.meshes]
     return {
         "kind": ints([int(instance.kind) for instance in instances]),
         "body": ints([instance.body for instance in instances]),
@@ -531,54 +567,5 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
         "group": ints([instance.appearance.group for instance in instances]),
         "label": ints([instance.appearance.label for instance in instances]),
         "trees": tree_tables(((mesh.vertices, mesh.triangles) for mesh in geometry), device),
-        "targets": _no_targets(device),
+        "targets": no_targets(device),
     }
-
-
-def _no_targets(device: Any) -> Any:
-    """The views of a scene without targets of rays beside its shapes."""
-    targets = RayTargets()
-    for each in TARGETS:
-        setattr(targets, each.name, wp.array([each.view()], dtype=each.view, device=device))
-    return targets
-
-
-def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[Any], Any]]:
-    """One world's values and dtypes of the arrays of `PER_WORLD`."""
-    return {
-        "x": (np.array([each.pose.position for each in instances], np.float64).reshape(-1, 3), wp.vec3d),
-        "rot": (np.array([each.pose.rotation for each in instances], np.float32).reshape(-1, 4), wp.quat),
-        "size": (np.array([each.size for each in instances], np.float32).reshape(-1, 3), wp.vec3),
-        "asset": (np.array([each.asset for each in instances], np.int32), wp.int32),
-        "enabled": (np.ones(len(instances), np.int32), wp.int32),
-        "color": (np.array([each.appearance.color for each in instances], np.float32).reshape(-1, 3), wp.vec3),
-        "texture": (np.array([each.appearance.texture for each in instances], np.int32), wp.int32),
-        "reflectance": (np.array([each.appearance.reflectance for each in instances], np.float32), wp.float32),
-    }
-
-
-def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
-    """Output arrays of `place_instances`."""
-    nodes, level = 0, max(count, 1)
-    while True:
-        level = -(-level // WIDTH)
-        nodes += level
-        if level == 1:
-            break
-    shape = (world_count, max(count, 1))
-    arrays: dict[str, wp.array] = {
-        name: writable(shape, dtype, device)
-        for name, dtype in {
-            "place_x": wp.vec3, "place_rot": wp.mat33, "place_size": wp.vec3, "place_asset": wp.int32,
-            "lower": wp.vec3, "upper": wp.vec3, "order": wp.int32, "code": wp.int32,
-        }.items()
-    }  # fmt: skip
-    arrays["origin"] = writable((world_count,), wp.vec3d, device)
-    arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
-    return arrays
-
-
-def _hull_mesh(hull: Hull) -> TriangleMesh:
-    """A hull's faces as fans of triangles."""
-    fans = [(face[0], face[k], face[k + 1]) for face in hull.faces for k in range(1, len(face) - 1)]
-    return triangle_mesh(hull.vertices, np.array(fans))

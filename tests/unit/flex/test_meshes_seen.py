@@ -9,8 +9,22 @@ import simwarp as sw
 from simwarp.core.types import ModelError
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.sensors import Camera, CameraConfig, Lidar, LidarConfig, Mount, Schedule, Visuals, beam_grid, look_at
+from simwarp.sensors import (
+    Camera,
+    CameraConfig,
+    Lidar,
+    LidarConfig,
+    Lighting,
+    Mount,
+    Pinhole,
+    Schedule,
+    Visuals,
+    beam_grid,
+    look_at,
+)
 from simwarp.sensors.ray_casting_kernels import cast_rays
+from simwarp.sensors.surface_values import RAMP
+from simwarp.viewer.free_camera import FreeCamera
 
 RUBBER = Rubber(young=1e5, poisson=0.4, density=1000.0, damping_time=1e-3)
 NYLON = Elastic(young=1e8, density=1100.0)
@@ -276,3 +290,62 @@ def test_a_surface_can_be_disabled_in_one_world():
     scene.enabled.assign(there)
     t = rays(sim, scene, [[0.1, 0.2, 1.0]])[0][:, 0]
     assert t.tolist() == pytest.approx([1.0, -1.0, 1.0])
+
+
+def colored(values, *, most, least=0.0, worlds=1):
+    """Pictures from above of a sheet in colours of values."""
+    builder = sw.ModelBuilder()
+    mesh = sheet(builder, cells=4)
+    visuals = Visuals(builder)
+    visuals.show_values(mesh)
+    model = builder.finalize(world_count=worlds, device="cpu")
+    sim, scene = sw.Simulation(model, dt=1e-3), visuals.finalize(model)
+    config = CameraConfig(width=8, height=8, lens=Pinhole(fov=0.8))
+    bright = Lighting(suns=(), ambient=(1.0, 1.0, 1.0), shadows=False)
+    camera = FreeCamera(scene, range(worlds), config, bright)
+    if values is not None:
+        given = values(mesh) if callable(values) else values
+        scene.set_values(mesh, wp.array(given, dtype=float, device="cpu"), most=most, least=least)
+    return camera.render(sim.state, [look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))] * worlds)
+
+
+def developed(color):
+    """Bytes of linear light, by the camera's own response."""
+    return np.round(255.0 * np.array(color) ** (1.0 / 2.2))
+
+
+@pytest.mark.parametrize(("share", "place"), [(-0.5, 0), (0.0, 0), (0.25, 1), (0.5, 2), (0.75, 3), (1.0, 4), (2.0, 4)])
+def test_values_of_elements_are_colours_of_the_ramp(share, place):
+    picture = colored(np.full((1, 32), 100.0 + 50.0 * share), least=100.0, most=150.0)
+    assert np.abs(picture[0, 4, 4].astype(int) - developed(RAMP[place])).max() <= 1
+
+
+def test_values_of_nodes_are_interpolated_in_each_world():
+    def along_x(mesh):
+        return np.stack([np.full(len(mesh.points), 0.25), 0.5 + mesh.points[:, 0]])
+
+    picture = colored(along_x, most=1.0, worlds=2)
+    assert np.abs(picture[0].astype(int) - developed(RAMP[1])).max() <= 1
+    # +x goes along one side of the picture: what its pixels see, by the lens
+    half = np.tan(0.4)
+    shares = 0.5 + half * (2.0 * (np.arange(8) + 0.5) / 8.0 - 1.0)
+    expected = np.array(
+        [[np.interp(s, np.linspace(0.0, 1.0, 5), np.array(RAMP)[:, c]) for c in range(3)] for s in shares]
+    )
+    rows = picture[1, :, 4].astype(int)
+    columns = picture[1, 4, :].astype(int)
+    found = [np.abs(line - developed(expected[::way])).max() for line in (rows, columns) for way in (1, -1)]
+    assert min(found) <= 1
+
+
+def test_without_values_a_mesh_is_white_and_wrong_ones_are_refused():
+    assert (colored(None, most=1.0)[0, 4, 4] == 255).all()
+    with pytest.raises(ModelError, match=r"must be float32 \(worlds, 32\) of elements or \(worlds, 25\) of nodes"):
+        colored(np.zeros((1, 7)), most=1.0)
+    with pytest.raises(ModelError, match="least < most must hold"):
+        colored(np.zeros((1, 32)), most=0.0)
+    builder = sw.ModelBuilder()
+    mesh = sheet(builder)
+    _, scene = simulated(builder)
+    with pytest.raises(ModelError, match=r"values must be of a mesh that is shown by them, got 'sheet'"):
+        scene.set_values(mesh, wp.zeros((1, 128), dtype=float, device="cpu"), most=1.0)
