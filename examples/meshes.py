@@ -12,9 +12,8 @@ import trimesh
 from PIL import Image
 
 import simwarp as sw
-from simwarp.sensors import CameraConfig, Lighting, Pinhole, Sun, Visuals, look_at
+from simwarp.sensors import CameraConfig, CheckerTexture, Lighting, Pinhole, Sun, Visuals, look_at
 from simwarp.viewer import FreeCamera, grid
-from simwarp.viewer.default_visuals import paint
 
 CLOTH = sw.flex.Elastic(young=1e6, poisson=0.3, density=500.0, damping_time=5e-3)
 RUBBER = sw.flex.Rubber(young=2.5e5, poisson=0.4, density=1000.0, damping_time=5e-3)
@@ -64,7 +63,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, default=None, help="PNG: start, end, end in colours of stress")
     arguments = parser.parse_args()
     builder = sw.ModelBuilder()
-    builder.add_shape_plane(material=SURFACE)
+    ground = builder.add_shape_plane(material=SURFACE)
     meshes = cloth(builder, -0.9), ball(builder, 0.0), beam(builder, 0.7)
     plain, colored = Visuals(builder), Visuals(builder)
     for mesh, color in zip(meshes, ((0.75, 0.16, 0.05), (0.06, 0.3, 0.55), (0.08, 0.4, 0.2)), strict=True):
@@ -75,7 +74,8 @@ def main() -> None:
     config = CameraConfig(width=480, height=300, samples=3, lens=Pinhole(fov=0.8))
     cameras = []
     for visuals in (plain, colored):
-        paint(visuals, tile=0.25)
+        squares = CheckerTexture(colors=((0.21, 0.225, 0.24), (0.25, 0.265, 0.28)), metres=0.25)
+        visuals.show(ground, color=(1.0, 1.0, 1.0), texture=visuals.texture(squares))
         cameras.append(FreeCamera(visuals.finalize(sim.model), [0], config, lighting))
     eye = look_at((-0.05, -2.9, 1.1), (-0.12, 0.0, 0.3))
     pictures: list[Any] = [cameras[0].render(sim.state, [eye])[0]]

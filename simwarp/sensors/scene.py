@@ -453,8 +453,8 @@ class Scene(Readable):
         Args:
             mesh: one of `Visuals.show_values`.
             values: (W, E) float32 of its elements, as `sw.flex.mesh_stress` returns them, or (W, n) of its nodes.
-            most: value of the last colour.
-            least: value of the first colour.
+            most: value of the last colour [unit of the values].
+            least: value of the first colour [likewise].
 
         Raises:
             ModelError: the mesh is shown in one colour, or an argument is not usable.
