@@ -349,3 +349,47 @@ def test_without_values_a_mesh_is_white_and_wrong_ones_are_refused():
     _, scene = simulated(builder)
     with pytest.raises(ModelError, match=r"values must be of a mesh that is shown by them, got 'sheet'"):
         scene.set_values(mesh, wp.zeros((1, 128), dtype=float, device="cpu"), most=1.0)
+
+
+def test_surfaces_stand_beside_hulls_meshes_and_each_other():
+    """Trees of five kinds of geometry in three worlds, and vertices that one and eight nodes carry."""
+    builder = sw.ModelBuilder()
+    cube = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+    builder.add_shape_hull(sw.WORLD, cube, pose=sw.pose((0.0, 0.0, 0.0)), name="hull")
+    box = trimesh.creation.box(extents=(0.2, 0.2, 0.2))
+    builder.add_shape_mesh(sw.WORLD, box.vertices, box.faces, pose=sw.pose((1.0, 0.0, 0.0)), name="stone")
+    flat = sheet(builder, cells=3, side=0.4, pose=sw.pose((2.0, 0.0, 0.0)))
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.2)
+    builder.add_solid_mesh(
+        "ball",
+        sw.flex.lattice((ball.vertices, ball.faces), spacing=0.1),
+        material=RUBBER,
+        pose=sw.pose((3.0, 0.0, 0.0)),
+    )
+    solid = sw.flex.box((0.2, 0.2, 0.2), (2, 2, 2), elements="tetrahedra")
+    block = builder.add_solid_mesh("block", solid, material=RUBBER, pose=sw.pose((4.0, 0.0, 0.0)))
+    visuals = Visuals(builder)
+    visuals.add_mesh(sw.WORLD, box.vertices, box.faces, name="seen", pose=sw.pose((5.0, 0.0, 0.0)))
+    visuals.show_values(block)
+    model = builder.finalize(world_count=3, device="cpu")
+    sim, scene = sw.Simulation(model, dt=1e-3), visuals.finalize(model)
+    bend(sim, flat, lambda p: p + np.array([2.0, 0.0, 0.3]), worlds=[1])
+    bend(sim, block, lambda p: p * (1.0, 1.0, 2.0) + np.array([4.0, 0.0, 0.0]), worlds=[2])
+    start = np.array([[x, 0.031, 1.0] for x in (0.011, 1.013, 2.017, 3.0, 4.019, 5.023)])
+    t, _, instance = rays(sim, scene, start)
+    names = [[scene.names[index] for index in row] for row in instance]
+    assert names == [["hull", "stone", "sheet", "ball", "block", "seen"]] * 3
+    # the ball's triangles are chords of it
+    expected = np.array([0.9, 0.9, 1.0, 1.0 - np.sqrt(0.04 - 0.031**2), 0.9, 0.9])
+    for world, changes in enumerate(({}, {2: 0.7}, {4: 0.8})):
+        wanted = expected.copy()
+        for place, value in changes.items():
+            wanted[place] = value
+        assert t[world] == pytest.approx(wanted, abs=5e-3)
+        assert np.delete(t[world], 3) == pytest.approx(np.delete(wanted, 3), abs=1e-6)
+
+
+def test_the_first_frame_has_the_surfaces_as_they_are_at_the_start():
+    depth, semantic, *_ = Looks().frames()
+    assert depth[0, 8, 8, 0] == pytest.approx(0.4, abs=1e-6)
+    assert semantic[0, 8, 8, 0] == 7
