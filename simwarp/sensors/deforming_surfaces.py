@@ -56,6 +56,9 @@ class DeformingSurfaces:
         counts = [len(mesh.surface.nodes) for mesh in chosen]
         self.vertex_start = np.cumsum([0, *counts])
         self._vertex: Any = wp.zeros((model.world_count, sum(counts)), dtype=wp.vec3, device=model.device)
+        # a launch on a CPU is serial: a world that is not due costs one thread
+        every_one = sum(counts), self._tables.leaf_surface.shape[0], len(chosen)
+        self._threads = every_one if model.device.is_cuda else (1, 1, 1)
 
     def tree(self, surface: int) -> int:
         """Number of a surface's tree in world 0, by its place among those that are seen; other worlds' follow."""
@@ -96,9 +99,7 @@ class DeformingSurfaces:
     def _launches(self, state: State, due: wp.array) -> list[tuple[Any, int, list[Any], Any]]:
         """Kernels, threads of a world, inputs after the range of worlds, output."""
         tables, glue = self._tables, self._model.mesh_tables.glue
-        counts = self._vertex.shape[1], tables.leaf_surface.shape[0], tables.carrier.shape[0]
-        # a launch on a CPU is serial: a world that is not due costs one thread
-        vertices, leaves, trees = counts if self._model.device.is_cuda else (1, 1, 1)
+        vertices, leaves, trees = self._threads
         return [
             (place_vertices, vertices, [vertices, due, tables, glue, state.arrays], self._vertex),
             (refit_leaves, leaves, [leaves, due, tables, self._vertex], self.trees),

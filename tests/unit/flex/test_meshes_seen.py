@@ -46,16 +46,16 @@ def sheet(builder, *, cells=8, side=1.0, name="sheet", **options):
 
 def rays(sim, scene, start, direction=DOWN):
     """Distance, normal, instance of rays in all worlds, from world positions."""
-    worlds = scene.model.world_count
+    worlds, device = scene.model.world_count, scene.model.device
     start = np.broadcast_to(start, (worlds, *np.shape(start)[-2:]))
     direction = np.broadcast_to(np.asarray(direction, float), start.shape)
-    outputs = [wp.zeros(start.shape[:2], dtype=dtype, device="cpu") for dtype in (float, wp.vec3, int)]
+    outputs = [wp.zeros(start.shape[:2], dtype=dtype, device=device) for dtype in (float, wp.vec3, int)]
     tables = scene.tables()
     scene.place(sim.state, tables)
     wp.launch(
-        cast_rays, dim=start.shape[:2], device="cpu",
-        inputs=[WorldRange(), tables, scene.model.assets, wp.array(np.array(start), dtype=wp.vec3d, device="cpu"),
-                wp.array(np.array(direction), dtype=wp.vec3, device="cpu"), 1e3], outputs=outputs,
+        cast_rays, dim=start.shape[:2], device=device,
+        inputs=[WorldRange(), tables, scene.model.assets, wp.array(np.array(start), dtype=wp.vec3d, device=device),
+                wp.array(np.array(direction), dtype=wp.vec3, device=device), 1e3], outputs=outputs,
     )  # fmt: skip
     return [array.numpy() for array in outputs]
 
@@ -70,9 +70,9 @@ def bend(sim, mesh, shape, worlds=None):
     sim.measure()
 
 
-def simulated(builder, worlds=1, **options):
+def simulated(builder, worlds=1, device="cpu", **options):
     visuals = Visuals(builder)
-    model = builder.finalize(world_count=worlds, device="cpu")
+    model = builder.finalize(world_count=worlds, device=device)
     return sw.Simulation(model, dt=1e-3), visuals.finalize(model, **options)
 
 
@@ -393,3 +393,48 @@ def test_the_first_frame_has_the_surfaces_as_they_are_at_the_start():
     depth, semantic, *_ = Looks().frames()
     assert depth[0, 8, 8, 0] == pytest.approx(0.4, abs=1e-6)
     assert semantic[0, 8, 8, 0] == 7
+
+
+def saddle(points):
+    """A sheet bent two ways."""
+    return points + np.outer(points[:, 0] ** 2 - points[:, 1] ** 2, (0.0, 0.0, 0.5))
+
+
+def from_above(device="cpu", threads=None, worlds=3):
+    """Hits of rays with a bent sheet."""
+    builder = sw.ModelBuilder()
+    mesh = sheet(builder, cells=20)
+    sim, scene = simulated(builder, worlds, device)
+    if threads is not None:
+        scene.surfaces._threads = threads
+    bend(sim, mesh, saddle, [0, 2])
+    at = np.random.default_rng(4).uniform(-0.49, 0.49, (500, 2))
+    return rays(sim, scene, np.column_stack([at, np.full(500, 1.0)]))
+
+
+def test_threads_that_share_a_world_change_nothing():
+    """As those of a GPU do."""
+    for one, other in zip(from_above(), from_above(threads=(7, 5, 3)), strict=True):
+        assert (one == other).all()
+
+
+@pytest.mark.cuda
+def test_a_gpu_sees_the_same_surfaces():
+    for one, other in zip(from_above(), from_above("cuda:0"), strict=True):
+        assert other == pytest.approx(one, abs=1e-5)
+
+
+@pytest.mark.cuda
+def test_a_graph_refits_what_moved_since_it_was_captured():
+    builder = sw.ModelBuilder()
+    mesh = sheet(builder)
+    sim, scene = simulated(builder, 2, "cuda:0")
+    tables = scene.tables()
+    scene.place(sim.state, tables)
+    with wp.ScopedCapture(device="cuda:0") as capture:
+        scene.place(sim.state, tables)
+    bend(sim, mesh, lambda p: p + np.array([0.0, 0.0, 0.25]), [1])
+    wp.capture_launch(capture.graph)
+    surface = scene.instance("sheet")
+    heights = tables.lower.numpy()[:, surface, 2] + tables.origin.numpy()[:, 2]
+    assert heights == pytest.approx([0.0, 0.25], abs=1e-5)
