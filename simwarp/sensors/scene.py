@@ -273,6 +273,7 @@ class Visuals(Readable):
     def _follow(self) -> None:
         """Adds instances for shapes that the builder got since the last call."""
         names = {instance.name for instance in self.instances}
+        given = {shape.name for shape in self.builder.shapes} | names
         meshes = self.builder.flexible_meshes
         nodes = set() if self._spheres else {shape for mesh in meshes for shape in mesh.shapes}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
@@ -288,7 +289,7 @@ class Visuals(Readable):
         self._followed = len(self.builder.shapes)
         if not self._spheres:
             for number in range(self._followed_meshes, len(meshes)):
-                self.instances.append(_surface_instance(number, meshes[number], names))
+                self.instances.append(_surface_instance(number, meshes[number], given))
         self._followed_meshes = len(meshes)
 
     def _check_model(self, model: Model) -> None:
@@ -329,13 +330,10 @@ class Visuals(Readable):
 
 
 def _surface_instance(number: int, mesh: FlexibleMesh, names: set[str]) -> Instance:
-    """The instance that shows a flexible mesh, where none has its name yet."""
-    if mesh.name in names:
-        raise ModelError(
-            f"visual '{mesh.name}': the name must be unique, got a flexible mesh of that name later; rename one"
-        )
+    """The instance that shows a flexible mesh; where something else has its name, it is "name (mesh)"."""
+    title = f"{mesh.name} (mesh)" if mesh.name in names else mesh.name
     body = mesh.bodies[mesh.nodes[0]]
-    return Instance(mesh.name, ShapeType.MESH, body, -1, make_pose(), np.ones(3), -1, Appearance(), number)
+    return Instance(title, ShapeType.MESH, body, -1, make_pose(), np.ones(3), -1, Appearance(), number)
 
 
 class Scene(Readable):

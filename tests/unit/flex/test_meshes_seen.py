@@ -281,6 +281,15 @@ def test_surfaces_can_be_hidden_and_spheres_seen():
         painted.finalize(builder.finalize(world_count=1, device="cpu"))
 
 
+def test_a_mesh_and_a_shape_may_have_one_name():
+    builder = sw.ModelBuilder()
+    mesh = sheet(builder, cells=2, name="pad")
+    builder.add_shape_box(sw.WORLD, half=(0.1, 0.1, 0.1), pose=sw.pose((3.0, 0.0, 0.0)), name="pad")
+    visuals = Visuals(builder)
+    assert [each.name for each in visuals.instances] == ["pad", "pad (mesh)"]
+    assert visuals.index_of(mesh) == 1
+
+
 def test_a_surface_can_be_disabled_in_one_world():
     builder = sw.ModelBuilder()
     sheet(builder, cells=2)
