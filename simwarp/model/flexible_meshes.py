@@ -15,6 +15,8 @@ from simwarp.core.types import WORLD, Material, ModelError, Pose, Vec3, finite_v
 from simwarp.core.wording import suggestion
 from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
 from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_surfaces import surface_of
+from simwarp.meshes.volume_mesh import EmbeddedSurface
 from simwarp.model.checks import checked_name, checked_pose
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -38,6 +40,10 @@ class SolidSource(Protocol):
     @property
     def sets(self) -> Mapping[str, Any]:
         """Nodes by the name of a set."""
+
+    @property
+    def surface(self) -> EmbeddedSurface | None:
+        """What is seen of it; None: the outside of its elements."""
 
     @property
     def boundary_nodes(self) -> npt.NDArray[np.int32]:
@@ -67,8 +73,10 @@ def build_mesh(
     builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
     pose: Pose | None, glue: Mapping[int | str, Any] | None, fixed: Any, radius: float | None,
     surface: Material | None, touching: Sequence[int] | None, velocity: Vec3, omega: Vec3, double: bool,
+    embedded: EmbeddedSurface | None = None,
 ) -> FlexibleMesh:  # fmt: skip
-    """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`.
+    """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`,
+    and the surface that its cells carry.
 
     Raises:
         ModelError: an argument cannot be used.
@@ -123,7 +131,7 @@ def build_mesh(
         builder.excluded_bodies &= apart
         raise
     glued = tuple(node in held and held[node] != WORLD for node in range(len(rest)))
-    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, double, shapes)
+    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, double, shapes, surface_of(made, embedded))
     builder.flexible_meshes.append(mesh)
     return mesh
 

@@ -85,6 +85,7 @@ class FlexibleParts:
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
             surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,
+            embedded=mesh.surface,
         )  # fmt: skip
 
     def add_shell(
