@@ -42,7 +42,6 @@ from simwarp.core.types import (
     pose as make_pose,
 )
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.model.checks import (
     check_floats,
     check_link_across_axis,
@@ -60,7 +59,7 @@ from simwarp.model.checks import (
     whole_number,
 )
 from simwarp.model.effective_parameters import refuse_idle_writes
-from simwarp.model.flexible_meshes import SolidSource, build_mesh
+from simwarp.model.flexible_meshes import SolidSource, build_mesh, sheet_part, solid_part
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.mass_ratios import unsound_ratio
@@ -370,7 +369,7 @@ class ModelBuilder(Readable, ShapeList):
         Raises:
             ModelError: an argument cannot be used.
         """
-        part = MeshPart(elements=mesh.elements, material=material, fill=mesh.fill)
+        part = solid_part(name, mesh, material)
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
             surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,
@@ -403,8 +402,7 @@ class ModelBuilder(Readable, ShapeList):
         Raises:
             ModelError: an argument cannot be used.
         """
-        elements: Any = np.asarray(triangles)
-        part = MeshPart(elements=elements, material=material, thickness=thickness, pressure=pressure)
+        part = sheet_part(name, triangles, material, thickness, pressure)
         return build_mesh(
             self, name, vertices, [part], sets={}, pose=pose, glue=glue, fixed=fixed, radius=radius, surface=surface,
             touching=None, velocity=velocity, omega=omega, double=double,

@@ -522,6 +522,12 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
         ),
         np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.5, 0.0]]),
     ),
+    "ModelBuilder.add_shell": (
+        _built(
+            lambda b, v: b.add_shell("sheet", v, FACES, thickness=0.1, material=sw.flex.Rubber(young=1e6, density=1e3))
+        ),
+        TETRAHEDRON,
+    ),
     "ShapeList.add_solid": (_built(lambda b, v: b.add_solid("s", "hull", mass=1.0, points=v)), TETRAHEDRON),
     "ShapeList.add_shape_hull": (_built(lambda b, v: b.add_shape_hull(0, v)), TETRAHEDRON),
     "ShapeList.add_hull_asset": (_built(lambda b, v: b.add_hull_asset(v)), TETRAHEDRON),
