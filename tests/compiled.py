@@ -23,7 +23,8 @@ CPU_BLOCK = 1
 def compile_together() -> None:
     """Compile what Warp's cache does not hold: each unit in one worker, while the others take the next ones."""
     wp.init()
-    units = [fused_step(*which).kernel.module for which in ((True, False), (False, True), (False, False))]
+    variants = ((True, False, False), (False, True, False), (False, False, True), (False, False, False))
+    units = [fused_step(*which).kernel.module for which in variants]
     units.append(fused_collision().kernel.module)
     units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
     # First what nobody is at, then what the others have made

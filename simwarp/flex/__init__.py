@@ -5,10 +5,10 @@
 """
 
 from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.meshes.volume_files import read, tetrahedra
 from simwarp.meshes.volume_lattices import box, lattice
 from simwarp.meshes.volume_mesh import EmbeddedSurface, VolumeMesh
-from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.rod_sections import Rectangle, Round, Section, Tube
 from simwarp.model.rods import Clamp, Hinge, Rod
 from simwarp.simulation.flexible_options import FlexibleOptions as Options

@@ -8,7 +8,7 @@ import warp as wp
 
 from simwarp.core.types import ModelError, formatted
 from simwarp.flex.mesh_readings_kernels import copy_nodes, measure_solid_stress, measure_triangle_stress
-from simwarp.model.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.simulation.simulation import Simulation
 
 

@@ -17,8 +17,8 @@ from simwarp.core.wording import suggestion
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_model import check_cost
 from simwarp.meshes.mesh_parts import MeshPart, as_array, checked_part, checked_points, lumped_masses
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.model.checks import checked_flag, checked_name, checked_pose, positive_number
-from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.shapes import checked_material
 
 Array: TypeAlias = npt.NDArray[np.float64]

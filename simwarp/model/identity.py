@@ -13,9 +13,9 @@ from simwarp.core import file_keys
 from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import Dof, FrictionRule, Material, PairRule, formatted
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.specifications import JointSpec, ShapeSpec, Specification
 
 VERSION: Final = "1"

@@ -22,13 +22,13 @@ from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
+from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, device_meshes, mesh_topology, use_parameters
 from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
-from simwarp.model.mesh_columns import MATERIAL_PARAMETERS, device_meshes, use_parameters
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
 from simwarp.model.shapes import contact_limit, pair_ways, shape_pairs
@@ -516,20 +516,6 @@ def _row_topology(
     t.link_group, t.link_column = ints(groups.link_group), ints(groups.link_column)
 
 
-def _mesh_topology(t: Topology, builder: Specification, tables: Tables, ints: Callable[[Any], Any]) -> None:
-    """The matrix of meshes as the tree's passes read it."""
-    columns = tables.meshes
-    if columns is None:
-        t.mesh_column_start, t.mesh_block_row, t.mesh_owner = ints([0]), ints([]), ints([])
-        return
-    links = {link.body: index for index, link in enumerate(tables.links)}
-    t.mesh_nodes, t.mesh_columns = columns.node_count, columns.structure.node_count
-    t.mesh_link0 = len(tables.links) - columns.node_count
-    t.mesh_double = int(any(mesh.double for mesh in builder.flexible_meshes))
-    t.mesh_column_start, t.mesh_block_row = ints(columns.structure.column_start), ints(columns.structure.block_row)
-    t.mesh_owner = ints([links[body] for body in columns.owners])
-
-
 def _device_topology(
     builder: Specification, tables: Tables, groups: RowGroups, pairs: npt.NDArray[np.int32], device: Any
 ) -> Topology:
@@ -566,7 +552,7 @@ def _device_topology(
     t.link_parent = ints([link.parent for link in links])
     t.link_joint = ints([link.joint for link in links])
     t.link_type = ints([int(NODE) if link.is_node else link.type for link in links])
-    _mesh_topology(t, builder, tables, ints)
+    mesh_topology(t, builder.flexible_meshes, tables.meshes, [link.body for link in links], ints)
     t.link_sign = wp.array([link.sign for link in links] or [1.0], dtype=float, device=device)
     touched = {body for joint in joints for body in (joint.parent, joint.child)}
     massless = [link.body >= 0 and builder.bodies[link.body].is_massless for link in links]

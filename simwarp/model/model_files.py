@@ -25,6 +25,7 @@ from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_parts import MeshPart, checked_part
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.model.builder import MAX_COUPLING_TERMS, ModelBuilder
 from simwarp.model.checks import (
     check_floats,
@@ -38,7 +39,6 @@ from simwarp.model.checks import (
 )
 from simwarp.model.flexible_meshes import check_nodes
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.mesh_specification import FlexibleMesh
 from simwarp.model.model_format import (
     FORMAT,
     MODELS,

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from simwarp.core.object_repr import Names, ReadableFields, Row
 from simwarp.core.types import WORLD, Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
-from simwarp.model.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh
 
 Array = npt.NDArray[np.float64]
 

@@ -20,6 +20,7 @@ from simwarp.core.types import (
     PrescribedSpeed,
     Table,
 )
+from simwarp.meshes.mesh_columns import MeshColumns, mesh_columns
 from simwarp.model.effort_routing import (
     EffortRoute,
     box_constraint_kinds,
@@ -28,7 +29,6 @@ from simwarp.model.effort_routing import (
     joint_routes,
 )
 from simwarp.model.joint_types import ELEMENTS, ROTATION_START, Row
-from simwarp.model.mesh_columns import MeshColumns, mesh_columns
 from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
 
 NODE_DOFS = 3

@@ -90,6 +90,11 @@ def spring_average(numerical_damping: float) -> float:
     return max(0.0, (1.0 - 2.0 * numerical_damping) / 4.0)
 
 
+def flexible_average(numerical_damping: float) -> float:
+    """Beta of the rule for elastic joints: what damps oscillations that are too fast for the step most (elastic.py)."""
+    return (1.0 - numerical_damping) ** 2 / 4.0
+
+
 def needs_all_solvers(model: Model, options: SolverOptions) -> bool:
     """Whether other solvers than accelerated gradient descent may run."""
     fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
@@ -119,7 +124,7 @@ def step_config(
         setattr(config, name, getattr(options, name))
     config.spring_average = spring_average(options.numerical_damping)
     config.flexible_damping = flex.numerical_damping
-    config.flexible_average = spring_average(flex.numerical_damping)
+    config.flexible_average = flexible_average(flex.numerical_damping)
     config.projection_iterations = options.position_projection or 0
     config.curvature_share = CURVATURE_SHARE if config.projection_iterations == 0 else 1.0
     refined = int(mass_ratio > REFINED_MASS_RATIO)

@@ -10,7 +10,7 @@ from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON_VECTORS
 from simwarp.kernels.core.tables import progress_layouts
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
-from simwarp.model.mesh_columns import mesh_sizes
+from simwarp.meshes.mesh_columns import mesh_sizes
 from simwarp.model.model import Model
 from simwarp.simulation.world_launches import WorldShares
 

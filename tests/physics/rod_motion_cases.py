@@ -211,7 +211,7 @@ def spinning_positions(s: Array) -> Array:
 
 def stretch_bias(numerical_damping: float, step: float, rate: float, damping_time: float = 0.0) -> float:
     """Strain that a step adds in steady rotation, beside the forces: (beta + zeta / 2 + tau / h) (h w)^2."""
-    beta = max(0.0, (1.0 - 2.0 * numerical_damping) / 4.0)
+    beta = (1.0 - numerical_damping) ** 2 / 4.0
     return (beta + 0.5 * numerical_damping + damping_time / step) * (step * rate) ** 2
 
 

@@ -79,7 +79,7 @@ def things(tmp_path_factory):
         "time": sim.time, "array": sim.state.body_q, "mount": mount, "solver": sw.SolverOptions(), "dof": sw.Dof(),
         "material": sw.Material(), "body": builder.bodies[1], "joint": builder.joints[1], "shape": builder.shapes[0],
         "mesh": triangle_mesh(np.eye(3), [[0, 1, 2]]),
-        "pose": sw.pose((1, 2, 3)), "lighting": sensors.Lighting(),
+        "volume mesh": sw.flex.box((1, 2, 3), 2), "pose": sw.pose((1, 2, 3)), "lighting": sensors.Lighting(),
         "vehicle description": description, "axle": description.axles[0], "vehicle builder": chassis,
         "vehicle parts": parts, "vehicle model": cars, "vehicle": vehicle.Vehicle(parts, cars),
         "vehicles": vehicle.Vehicles([parts], cars),

@@ -4,8 +4,12 @@
     v+ = v + dv,    x+ = x + h v+,    R+ = exp(h w+) R
 
 K and d are the sums of L B^T C B and of tau L B^T C B: rates of strains, so that they do not act in rigid rotation.
-With beta = max(0, (1 - 2 zeta) / 4), zeta = 1 is the linearly implicit Euler rule and zeta = 0 is of second order.
-Masses are lumped. Option `tension` adds the transverse stiffness N / L of stretched elements, which acts on dv alone.
+With beta = (1 - zeta)^2 / 4, zeta = 1 is the linearly implicit Euler rule and zeta = 0 is of second order. Twist has
+(1 + zeta) / 2 for beta + zeta: stress ties it to the motion out of the plane of bending by less than its stiffness as
+long as the rod does not buckle, and (4 beta + 2 zeta - 1) K is what may be missing of the matrix.
+
+Masses are lumped. Option `tension` adds the transverse stiffness N / L of stretched elements, and N L a^2 / 8 to the
+twist of those that are bent by the angle a besides; both act on dv alone.
 """
 
 from __future__ import annotations
@@ -28,7 +32,7 @@ class Rule:
         h: step [s].
         numerical_damping: zeta, 0 to 1.
         damping_time: tau of the material [s].
-        tension: whether stretched elements resist transverse motion implicitly.
+        tension: whether stretched elements resist transverse motion, and bent ones of them twist, implicitly.
     """
 
     h: float
@@ -39,7 +43,12 @@ class Rule:
     @property
     def implicit(self) -> float:
         """beta + zeta."""
-        return max(0.0, (1.0 - 2.0 * self.numerical_damping) / 4.0) + self.numerical_damping
+        return (1.0 - self.numerical_damping) ** 2 / 4.0 + self.numerical_damping
+
+    @property
+    def crossing(self) -> float:
+        """What stands for beta + zeta in the transverse stiffness of tension: a tension may double within a step."""
+        return 0.5 + self.numerical_damping
 
     @property
     def lag(self) -> float:
@@ -47,9 +56,11 @@ class Rule:
         return self.damping_time + self.numerical_damping * self.h
 
     @property
-    def gain(self) -> float:
-        """The same of changes of those rates in the step [s]."""
-        return self.damping_time + self.h * self.implicit
+    def gain(self) -> Array:
+        """(6,) the same of changes of those rates in the step [s]."""
+        shares = np.full(6, self.implicit)
+        shares[3] = 0.5 + 0.5 * self.numerical_damping
+        return self.damping_time + self.h * shares
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,10 +176,19 @@ class Motion:
         rotation = self.pose.rotation
         return np.einsum("nij,nj,nkj->nik", rotation, self.model.inertia, rotation)
 
-    def _element_blocks(self, matrix: Array, strain: Array) -> Array:
-        """(E, 12, 12) what elements add to the matrix, by their strains and the derivatives of these."""
+    def _gains(self, strain: Array) -> Array:
+        """(E, 6) times by which changes of the rates of strains act as strains, by the strains [s]."""
+        gains = np.tile(self.rule.gain, (len(strain), 1))
+        if self.rule.tension:
+            pull = np.maximum(self.model.stiffness[:, 0] * strain[:, 0], 0.0)
+            bend = np.sum(strain[:, 4:] ** 2, axis=1) * self.model.length**2
+            gains[:, 3] += self.rule.h * 0.125 * pull * bend * self.model.length**2 / self.model.stiffness[:, 3]
+        return gains
+
+    def _element_blocks(self, matrix: Array, strain: Array, gains: Array) -> Array:
+        """(E, 12, 12) what elements add to the matrix, by their strains, the derivatives of these, and their gains."""
         model, h = self.model, self.rule.h
-        weights = h * self.rule.gain * model.length[:, None] * model.stiffness
+        weights = h * gains * model.length[:, None] * model.stiffness
         blocks = matrix.transpose(0, 2, 1) @ (weights[:, :, None] * matrix)
         if self.rule.tension:
             a, b = model.elements.T
@@ -176,7 +196,7 @@ class Motion:
             size = np.linalg.norm(r, axis=1)
             across = np.eye(3) - r[:, :, None] * r[:, None, :] / (size**2)[:, None, None]
             pull = np.maximum(model.stiffness[:, 0] * strain[:, 0], 0.0)
-            term = (h * h * self.rule.implicit * pull / size)[:, None, None] * across
+            term = (h * h * self.rule.crossing * pull / size)[:, None, None] * across
             for first in (0, 6):
                 for last in (0, 6):
                     blocks[:, first : first + 3, last : last + 3] += term if first == last else -term
@@ -203,7 +223,8 @@ class Motion:
         pose_strain = rods.strains(model, self.pose)
         strain = pose_strain + self.rule.lag * rate
         elastic = -np.einsum("eij,ei->ej", matrix, model.length[:, None] * model.stiffness * strain)
-        blocks = self._element_blocks(matrix, pose_strain)
+        gains = self._gains(pose_strain)
+        blocks = self._element_blocks(matrix, pose_strain, gains)
         nodes = self._node_blocks()
         spin = self.velocity[:, 3:]
         right = rods.gathered(model, elastic) + self.weight.ravel() + self.loads.at(self.pose)
@@ -215,7 +236,7 @@ class Motion:
             self._dense(blocks, nodes, right, change)
         else:
             self._banded(blocks, nodes, right, change)
-        strain += self.rule.gain * np.einsum("eij,ej->ei", matrix, change[dofs])
+        strain += gains * np.einsum("eij,ej->ei", matrix, change[dofs])
         self.acting = model.stiffness * strain
         self.velocity = self.velocity + change.reshape(-1, 6)
         self.pose = self.pose.moved((h * self.velocity).ravel())

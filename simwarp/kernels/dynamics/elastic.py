@@ -21,9 +21,19 @@ to the child: equal to X^T A X - U Z^-1 U^T, which cancels to nothing where the 
 `s` and `u` then hold S L^-T and U L^-T, the latter about the parent's centre.
 
 A taut element resists its ends' moving across it, which is no function of q' alone: with its tension N, h the step and
-w = h^2 (beta + zeta) N/|d|, the term w P with P = 1 - d d^T/|d|^2 acts on the change of the anchors' relative velocity,
+w = h^2 (1/2 + zeta) N/|d|, the term w P with P = 1 - d d^T/|d|^2 acts on the change of the anchors' relative velocity,
 W V + S_lin q' with W V = omega x d. It joins Z, U and B and leaves -E^T w P W on the parent, E V the velocity of its
 anchor.
+
+Shear and bending moments resist as well, as they turn with their element: in lateral-torsional buckling. That is left
+explicit, and its tie is between the twist and the motion out of the plane of bending. A step with k + g in the force
+and (beta + zeta) k in the matrix is stable, however fast the oscillation, where g < (4 beta + 2 zeta - 1) k. So
+
+    beta = (1 - zeta)^2 / 4         leaves zeta^2 k: what is too fast for the step dies out by (1 - zeta) / (1 + zeta)
+    (1 + zeta) / 2 for beta + zeta  of twist leaves k: the tie is below the stiffness as long as the rod does not buckle
+    h^2 N |d| a^2 / 8               more of twist, a the angle of bending [rad], where N pulls: the shear force N a / 2
+
+N has no rate in the force, so that w leaves (1 + 4 zeta) N: a tension may double within a step.
 """
 
 import warp as wp
@@ -266,6 +276,15 @@ def tension_over_length(
 
 
 @wp.func
+def taut_twist(tension: float, frame: ElasticFrame) -> float:
+    """Stiffness of twist that a step takes for a bent element that is pulled [N m/rad], from its tension over its
+    length [N/m].
+    """
+    bend = frame.turn[1] * frame.turn[1] + frame.turn[2] * frame.turn[2]
+    return 0.125 * tension * wp.dot(frame.span, frame.span) * bend
+
+
+@wp.func
 def load_elastic(
     link: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
     config: StepConfig, work: Work,
@@ -294,6 +313,7 @@ def load_elastic(
     d_row = world_row(world, parameters.joint_damping.shape[0])
     rest_row = world_row(world, parameters.joint_rest.shape[0])
     preload_row = world_row(world, parameters.joint_preload.shape[0])
+    tension = float(0.0)
     for local in range(6):
         tree_dof = first + local
         dof = topology.tree_dof_to_dof[tree_dof]
@@ -311,8 +331,13 @@ def load_elastic(
         work.effort[tree_dof] = h * force - h * h * zeta * k * rate
         if local == 0:
             crossing = crossing_speed(frames, v0, w0, v1, w1)
-            pull = implicit * tension_over_length(spring, k, d, crossing, frame, config)
-            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(pull, 0.0, 0.0)
+            tension = tension_over_length(spring, k, d, crossing, frame, config)
+            work.elastic_vectors[4 * topology.link_elastic[link] + PULL] = wp.vec3(
+                h * h * (0.5 + zeta) * tension, 0.0, 0.0
+            )
+        if local == 3:
+            twist = (0.5 + 0.5 * zeta) * k + taut_twist(tension, frame)
+            work.gain[tree_dof] = h * (0.5 + 0.5 * zeta) * d + h * h * twist
 
 
 @wp.func

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +15,7 @@ from simwarp.kernels.meshes.mesh_loads import GlueTables, MeshTables
 from simwarp.meshes.block_structure import BlockStructure, analyse, element_blocks
 from simwarp.meshes.mesh_model import ORDER, element_tables, factor_sizes, material_tables, structure_tables
 from simwarp.meshes.mesh_parts import MeshPart
-from simwarp.model.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh
 
 MATERIAL_PARAMETERS = ("flexible_young", "flexible_damping_time", "flexible_thickness", "flexible_pressure")
 """Parameters of a model that belong to parts of its meshes."""
@@ -181,6 +181,31 @@ def device_meshes(meshes: Sequence[FlexibleMesh], columns: MeshColumns | None, d
     glue.share, glue.share_node = array(pushed[:, 0]), array(pushed[:, 1])
     tables.glue = glue
     return tables
+
+
+def mesh_topology(
+    topology: Any, meshes: Sequence[FlexibleMesh], columns: MeshColumns | None, link_bodies: Sequence[int],
+    ints: Callable[[Any], Any],
+) -> None:  # fmt: skip
+    """The matrix of meshes as the tree's passes read it (`Topology`).
+
+    Args:
+        topology: to fill in.
+        meshes: of the model.
+        columns: of them.
+        link_bodies: body of each link.
+        ints: makes an array of the device.
+    """
+    t = topology
+    if columns is None:
+        t.mesh_column_start, t.mesh_block_row, t.mesh_owner = ints([0]), ints([]), ints([])
+        return
+    links = {body: index for index, body in enumerate(link_bodies)}
+    t.mesh_nodes, t.mesh_columns = columns.node_count, columns.structure.node_count
+    t.mesh_link0 = len(link_bodies) - columns.node_count
+    t.mesh_double = int(any(mesh.double for mesh in meshes))
+    t.mesh_column_start, t.mesh_block_row = ints(columns.structure.column_start), ints(columns.structure.block_row)
+    t.mesh_owner = ints([links[body] for body in columns.owners])
 
 
 def use_parameters(tables: Any, arrays: Mapping[str, Any]) -> None:
