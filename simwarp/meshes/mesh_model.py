@@ -84,7 +84,7 @@ def make_mesh(
     _check_nodes(label, masses, fixed)
     unknown = np.full(len(points), -1, dtype=np.int64)
     free = np.setdiff1d(np.arange(len(points)), np.asarray(fixed, dtype=np.int64))
-    _check_cost(label, len(free), any(part.kind != "triangles" for part in parts))
+    check_cost(label, len(free), any(part.kind != "triangles" for part in parts))
     unknown[free] = np.arange(len(free))
     tables: Any = MeshTables()
     elements: list[list[int]] = []
@@ -128,7 +128,7 @@ def _check_nodes(label: str, masses: npt.NDArray[np.float64], fixed: Sequence[in
         raise ModelError(f"{label}: some node must not be fixed, got all {len(masses)}; use a static shape")
 
 
-def _check_cost(label: str, nodes: int, is_solid: bool) -> None:
+def check_cost(label: str, nodes: int, is_solid: bool) -> None:
     """Refuse what no factor serves; its cost grows as that of boxes of hexahedra and of rolled sheets was counted."""
     if nodes <= MOST_NODES:
         return

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, host_values, numbers
+from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, formatted, host_values, number, numbers
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.solid_elements import CORNERS, hexahedra_volumes, natural_slopes
 
@@ -129,6 +129,11 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
         ModelError: an element is of no known kind, flat, inside out or of nodes that are not there, or a number of the
             part breaks its rule.
     """
+    if not isinstance(part.material, (Elastic, Rubber)):
+        raise ModelError(
+            f"{label}: material must be an Elastic or Rubber, got {formatted(part.material)}; "
+            "write sw.flex.Rubber(young=1e6, density=1000.0)"
+        )
     elements = checked_elements(label, points, part.elements)
     kind = KINDS[elements.shape[1]]
     if kind == "tetrahedra" and part.material.poisson > MOST_POISSON:
@@ -137,7 +142,7 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
             "be far too stiff; use hexahedra, or lower it"
         )
     if kind == "triangles":
-        _check_sheet(label, elements, part)
+        part = _checked_sheet(label, elements, part)
     elif part.thickness is not None or part.pressure != 0.0:
         raise ModelError(
             f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
@@ -161,11 +166,12 @@ def _shapes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.
     return least / size**3
 
 
-def _check_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> None:
+def _checked_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> MeshPart:
     """Rules of triangles: a thickness, and sides that two of them at most share, each in its own direction."""
-    if part.thickness is None or not 0.0 < part.thickness <= FLOAT32_MAX:
+    thickness, pressure = number(part.thickness), number(part.pressure)
+    if not FLOAT32_LEAST <= thickness <= FLOAT32_MAX:
         raise ModelError(f"{label}: thickness must be positive, got {formatted(part.thickness)}; give metres")
-    if not abs(part.pressure) <= FLOAT32_MAX:
+    if not abs(pressure) <= FLOAT32_MAX:
         raise ModelError(f"{label}: pressure must be finite, got {formatted(part.pressure)}; give pascals")
     if part.fill is not None:
         raise ModelError(
@@ -179,6 +185,7 @@ def _check_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> None
             f"{label}: triangles at a side must be two, which pass it in opposite directions, got more, or alike ones, "
             f"at nodes {side}; orient them alike, or split the mesh there"
         )
+    return dataclasses.replace(part, thickness=thickness, pressure=pressure)
 
 
 def element_volumes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

@@ -4,6 +4,7 @@ glued, to a body (kernels/meshes).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
@@ -13,11 +14,14 @@ import numpy.typing as npt
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, Material, ModelError, Pose, Vec3, finite_vector, formatted, pose as make_pose
 from simwarp.core.wording import suggestion
-from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
+from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_model import check_cost
+from simwarp.meshes.mesh_parts import MeshPart, as_array, checked_part, checked_points, lumped_masses
 from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.meshes.mesh_surfaces import surface_of
 from simwarp.meshes.volume_mesh import EmbeddedSurface
-from simwarp.model.checks import checked_name, checked_pose
+from simwarp.model.checks import checked_flag, checked_name, checked_pose, positive_number
+from simwarp.model.shapes import checked_material
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -69,6 +73,38 @@ class MeshBuilder(Protocol):
     def exclude_collision(self) -> Callable[[int, int], None]: ...  # noqa: D102
 
 
+def solid_part(name: Any, mesh: Any, material: Elastic | Rubber) -> MeshPart:
+    """The part that a mesh of solid elements is of.
+
+    Raises:
+        ModelError: it is no such mesh.
+    """
+    thing = checked_name("mesh", name)
+    if not all(hasattr(mesh, each) for each in ("points", "elements", "fill", "sets", "boundary_nodes")):
+        raise ModelError(
+            f"{thing}: mesh must be a VolumeMesh, got {formatted(mesh)}; make one by sw.flex.box, lattice or read"
+        )
+    return MeshPart(elements=mesh.elements, material=material, fill=mesh.fill)
+
+
+def sheet_part(
+    name: Any, triangles: Any, material: Elastic | Rubber, thickness: float, pressure: float
+) -> MeshPart:  # fmt: skip
+    """The part that a sheet is of.
+
+    Raises:
+        ModelError: these are no triangles.
+    """
+    thing = checked_name("mesh", name)
+    elements = as_array(triangles)
+    if elements.ndim != 2 or elements.shape[1] != 3 or elements.dtype.kind not in "iu":
+        raise ModelError(
+            f"{thing}: triangles must be integers of shape (e, 3), got {elements.dtype} {elements.shape}; "
+            "give the nodes of each"
+        )
+    return MeshPart(elements=elements, material=material, thickness=thickness, pressure=pressure)
+
+
 def build_mesh(
     builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
     pose: Pose | None, glue: Mapping[int | str, Any] | None, fixed: Any, radius: float | None,
@@ -91,6 +127,11 @@ def build_mesh(
             f"{thing}: every node must be one of an element, got {len(unused)} that are not, the first {unused[0]}; "
             "leave them out"
         )
+    precise = checked_flag(thing, "double", double)
+    thick = _usual_radius(rest, made)
+    if radius is not None:
+        thick = positive_number(thing, "radius", radius, "m", "None takes the usual one")
+    stuff = _checked_surface(thing, surface)
     place = make_pose() if pose is None else checked_pose(thing, pose)
     turn = matrix_of(place.rotation)
     at = np.asarray(place.position) + rest @ turn.T
@@ -98,6 +139,7 @@ def build_mesh(
     own = [node for node in range(len(rest)) if node not in held]
     if not own:
         raise ModelError(f"{thing}: some node must move by itself, got all {len(rest)} glued or fixed; use a shape")
+    check_cost(thing, len(own), any(part.kind != "triangles" for part in made))
     v, w = finite_vector(thing, "velocity", velocity, 3), finite_vector(thing, "omega", omega, 3)
     counts = len(builder.bodies), len(builder.shapes)
     apart = set(builder.excluded_bodies)
@@ -118,22 +160,30 @@ def build_mesh(
                 places[node] = matrix_of(owner.rotation).T @ (at[node] - np.asarray(owner.position))
         shapes: tuple[int, ...] = ()
         if radius is not None or surface is not None:
-            thick = _usual_radius(rest, made) if radius is None else radius
-            stuff = Material() if surface is None else surface
             together = [bodies[node] for node in (own if touching is None else touching) if node not in held]
             shapes = tuple(builder.add_shape_sphere(body, radius=thick, material=stuff) for body in together)
             owners = sorted({body for body in held.values() if body != WORLD})
-            for index, one in enumerate(together):
-                for other in [*together[index + 1 :], *owners]:
-                    builder.exclude_collision(one, other)
+            near = sorted(together)
+            builder.excluded_bodies.update(itertools.combinations(near, 2))
+            for one, owner in itertools.product(near, owners):
+                builder.exclude_collision(one, owner)
     except ModelError:
         del builder.bodies[counts[0] :], builder.shapes[counts[1] :]
         builder.excluded_bodies &= apart
         raise
     glued = tuple(node in held and held[node] != WORLD for node in range(len(rest)))
-    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, double, shapes, surface_of(made, embedded))
+    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, precise, shapes, surface_of(made, embedded))
     builder.flexible_meshes.append(mesh)
     return mesh
+
+
+def _checked_surface(thing: str, surface: Any) -> Material:
+    """The surface of nodes' spheres."""
+    if surface is None:
+        return Material()
+    if not isinstance(surface, Material):
+        raise ModelError(f"{thing}: surface must be a Material, got {formatted(surface)}; write sw.Material(...)")
+    return checked_material(thing, surface)
 
 
 def _usual_radius(points: Array, parts: Sequence[MeshPart]) -> float:
@@ -179,6 +229,9 @@ def _held_nodes(
     """Body of each node that does not move by itself; WORLD: it is fixed."""
     held: dict[int, int] = dict.fromkeys(_chosen(thing, "fixed", count, sets, fixed), WORLD)
     owners = []
+    if glue is not None and not isinstance(glue, Mapping):
+        raise ModelError(f"{thing}: glue must be {{body: nodes}}, got {formatted(glue)}; leave it out for none")
+    of_meshes = {mesh.bodies[node]: mesh for mesh in builder.flexible_meshes for node in mesh.nodes}
     for holder, nodes in (glue or {}).items():
         body = holder
         if isinstance(holder, str):
@@ -193,6 +246,11 @@ def _held_nodes(
             raise ModelError(
                 f"{thing}: glue must name bodies that were added, got {formatted(holder)}; `fixed` holds nodes in the "
                 "world"
+            )
+        if body in of_meshes:
+            raise ModelError(
+                f"{thing}: glue must name a body that turns, got '{builder.bodies[body].name}', a node of "
+                f"'{of_meshes[int(body)].name}'; join nodes by add_joint_spherical"
             )
         owners.append(int(body))
         for node in _chosen(thing, "glue", count, sets, nodes):
@@ -213,14 +271,17 @@ def _chosen(thing: str, label: str, count: int, sets: Mapping[str, Any], nodes: 
         if nodes not in sets:
             raise ModelError(
                 f"{thing}: {label} must be nodes or a set of the mesh, got {formatted(nodes)}; "
-                + suggestion(nodes, list(sets), "the mesh has no sets: give numbers of nodes")
+                + suggestion(nodes, list(sets), f"it has {', '.join(sets)}" if sets else "it has no sets: give numbers")
             )
         nodes = sets[nodes]
-    given = np.asarray(nodes)
+    given = as_array(nodes)
     if given.size == 0:
         return []
     if given.ndim != 1 or given.dtype.kind not in "iu":
-        raise ModelError(f"{thing}: {label} must be numbers of nodes or the name of a set, got {formatted(nodes)}")
+        raise ModelError(
+            f"{thing}: {label} must be numbers of nodes or the name of a set, got {formatted(nodes)}; "
+            "leave it out for none"
+        )
     wrong = given[(given < 0) | (given >= count)]
     if len(wrong):
         raise ModelError(f"{thing}: {label} must be nodes from 0 to {count - 1}, got {int(wrong[0])}; count from 0")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import Material, Pose, Vec3
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.mesh_specification import FlexibleMesh
-from simwarp.model.flexible_meshes import MeshBuilder, SolidSource, build_mesh
+from simwarp.model.flexible_meshes import MeshBuilder, SolidSource, build_mesh, sheet_part, solid_part
 from simwarp.model.rod_sections import AnySection
 from simwarp.model.rods import Rod, RodBuilder, RodEnd, RodMaterial, build_rod
 
@@ -81,7 +79,7 @@ class FlexibleParts:
         Raises:
             ModelError: an argument cannot be used.
         """
-        part = MeshPart(elements=mesh.elements, material=material, fill=mesh.fill)
+        part = solid_part(name, mesh, material)
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
             surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,
@@ -115,8 +113,7 @@ class FlexibleParts:
         Raises:
             ModelError: an argument cannot be used.
         """
-        elements: Any = np.asarray(triangles)
-        part = MeshPart(elements=elements, material=material, thickness=thickness, pressure=pressure)
+        part = sheet_part(name, triangles, material, thickness, pressure)
         return build_mesh(
             self, name, vertices, [part], sets={}, pose=pose, glue=glue, fixed=fixed, radius=radius, surface=surface,
             touching=None, velocity=velocity, omega=omega, double=double,

@@ -21,6 +21,7 @@ from simwarp.flex import Clamp, Elastic, Hinge, Options, Rectangle, Rod, Round, 
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.verify.check_result import CheckResult, below, near
+from simwarp.verify.mesh_checks import meshes
 
 Array: TypeAlias = npt.NDArray[np.floating]
 
@@ -34,10 +35,12 @@ GRAVITY: Final = 9.81
 
 
 def flexible(device: str = "cpu") -> list[CheckResult]:
-    """Rods: bending, buckling, frequencies, spin, catenary, cables with loads, friction around a drum, loops."""
+    """Rods: bending, buckling, frequencies, spin, catenary, cables with loads, friction around a drum, loops; meshes
+    (mesh_checks.py).
+    """
     parts: tuple[Callable[[str], list[CheckResult]], ...] = (
         cantilever, roll_up, bent_frame, blade, frequencies, decay, buckling, spinning, spin_up, catenary,
-        cable, capstan, leaf_spring, bar_on_wall,
+        cable, capstan, leaf_spring, bar_on_wall, meshes,
     )  # fmt: skip
     return [row for part in parts for row in part(device)]
 

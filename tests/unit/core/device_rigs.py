@@ -514,13 +514,19 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
     "ShapeList.add_body": (
         _built(lambda b, v: b.add_body("second", mass=1.0, inertia=v)), np.diag([1.0, 2.0, 2.5])
     ),
-    "ModelBuilder.add_rod": (
+    "FlexibleParts.add_rod": (
         _built(
             lambda b, v: b.add_rod(
                 "rod", v, section=sw.flex.Round(diameter=0.1), material=sw.flex.Elastic(young=1e6, density=1000.0)
             )
         ),
         np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.5, 0.0]]),
+    ),
+    "FlexibleParts.add_shell": (
+        _built(
+            lambda b, v: b.add_shell("sheet", v, FACES, thickness=0.1, material=sw.flex.Rubber(young=1e6, density=1e3))
+        ),
+        TETRAHEDRON,
     ),
     "ShapeList.add_solid": (_built(lambda b, v: b.add_solid("s", "hull", mass=1.0, points=v)), TETRAHEDRON),
     "ShapeList.add_shape_hull": (_built(lambda b, v: b.add_shape_hull(0, v)), TETRAHEDRON),

@@ -76,6 +76,11 @@ LAW: dict[str, Any] = {
     "limit": (-1.0, 1.0), "stiffness": 1.0,
 }  # fmt: skip
 """Options of every joint of one coordinate; the hinge stands for all."""
+MESH: dict[str, Any] = {
+    "material": sw.flex.Elastic(young=1e6, density=1000.0), "pose": pose(), "surface": Material(),
+    "velocity": (0, 0, 0), "omega": (0, 0, 0), "double": False,
+}  # fmt: skip
+"""Options of both kinds of meshes."""
 VALID: dict[str, dict[str, Any]] = {
     "add_body": {"name": "new", "mass": 1.0, "inertia": (1, 1, 1), "pose": None, "velocity": (0, 0, 0),
                  "omega": (0, 0, 0), "strict": True},
@@ -104,6 +109,14 @@ VALID: dict[str, dict[str, Any]] = {
         "name": "new", "points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], "section": sw.flex.Round(diameter=0.02),
         "material": sw.flex.Elastic(young=1e7, density=1000.0), "up": (0.0, 0.0, 1.0), "twist": 0.1, "elements": 2,
         "start": sw.flex.Clamp(), "end": sw.flex.Hinge(2), "radius": 0.01, "surface": Material(),
+    },
+    "add_solid_mesh": {
+        "name": "new", "mesh": sw.flex.box((0.2, 0.1, 0.1), (2, 1, 1)), **MESH, "fixed": "x_max", "radius": 0.01,
+        "glue": {"b3": "x_min"},
+    },
+    "add_shell": {
+        "name": "new", "vertices": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], "triangles": [(0, 1, 2), (0, 2, 3)],
+        **MESH, "thickness": 0.01, "fixed": [0], "radius": 0.01, "pressure": 10.0, "glue": {3: [1]},
     },
     "add_bushing": {
         **PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6, "dofs": (),
@@ -178,7 +191,7 @@ def finite(builder: ModelBuilder, **options: Any) -> bool:
     return all(np.isfinite(array).all() for array in arrays)
 
 
-LISTS = ("bodies", "joints", "couplings", "shapes", "hulls", "height_fields", "meshes")
+LISTS = ("bodies", "joints", "couplings", "shapes", "hulls", "height_fields", "meshes", "flexible_meshes")
 
 
 def complaint(builder: ModelBuilder, method: str, parameter: str, value: Any) -> str:
