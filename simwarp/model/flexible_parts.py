@@ -68,7 +68,8 @@ class FlexibleParts:
             mesh: such as `sw.flex.box`, `sw.flex.lattice`, `sw.flex.read` make.
             material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
             pose: of the mesh's frame in the world; identity when None.
-            glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name.
+            glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name, whose
+                mass has to include theirs.
             fixed: nodes that do not move, likewise.
             radius: of spheres around the nodes of its surface, which touch other shapes [m]; a fiftieth of the shortest
                 edge when None.
@@ -101,7 +102,7 @@ class FlexibleParts:
             thickness: [m].
             material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
             pose: of the vertices' frame in the world; identity when None.
-            glue: nodes that move with a body, by its index or name.
+            glue: nodes that move with a body, by its index or name, whose mass has to include theirs.
             fixed: nodes that do not move.
             pressure: that pushes triangles along their normals [Pa].
             radius: of spheres around its nodes, which touch other shapes [m]; half the thickness when None.
