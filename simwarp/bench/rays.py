@@ -88,7 +88,7 @@ class RayRun:
 
     def step(self) -> None:
         """Places the ball, casts all rays."""
-        self.sim.shares.run([self._place, self._cast])
+        self.sim.shares.run([*self._place, self._cast])
 
     def restart(self) -> None:
         """Nothing moves."""

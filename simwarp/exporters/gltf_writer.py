@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ CAMERA: Final = "camera"
 FORWARD: Final = np.array((0.5, -0.5, -0.5, 0.5))
 """Turns a camera of glTF, which looks along -z with y up, into one that looks along x with z up."""
 PATHS: Final = {"translation": "places", "rotation": "turns", "scale": "scales"}
+Shapes: TypeAlias = npt.NDArray[np.float32]
 TYPES: Final = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 FLOAT: Final = 5126
 
@@ -31,11 +32,16 @@ def write_gltf(recording: SceneRecording, path: Path) -> list[Path]:
     nodes = recording.nodes()
     meshes: dict[Any, GlbMesh] = {}
     placed = [GlbNode(ROOT, np.array(Y_UP))]
+    shapes: dict[str, tuple[str, Shapes]] = {}
     for node in nodes:
-        key = (id(node.mesh), node.color)
+        key: Any = (id(node.mesh), node.color) if node.shapes is None else id(node)
         if key not in meshes:
-            mesh = node.mesh
-            meshes[key] = GlbMesh(f"mesh {len(meshes)}", mesh.vertices, mesh.faces, mesh.color, node.color, mesh.smooth)
+            mesh, name = node.mesh, f"mesh {len(meshes)}"
+            first = mesh.vertices if node.shapes is None else node.shapes[0]
+            smooth = mesh.smooth or node.shapes is not None  # vertices of what deforms stay one each
+            meshes[key] = GlbMesh(name, first, mesh.faces, mesh.color, node.color, smooth)
+            if node.shapes is not None:
+                shapes[node.name] = (name, node.shapes)
         placed.append(GlbNode(node.name, node.track.matrix(0), ROOT, meshes[key].name))
     camera = _camera_track(recording)
     placed.append(GlbNode(CAMERA, camera.matrix(0), ROOT))
@@ -43,7 +49,7 @@ def write_gltf(recording: SceneRecording, path: Path) -> list[Path]:
 
     def finish(buffers: dict[Any, bytes], tree: dict[str, Any]) -> None:
         _add_camera(recording, tree)
-        _animate(np.array(recording.times), tracks, buffers, tree)
+        _animate(np.array(recording.times), tracks, shapes, buffers, tree)
 
     write_file(path, glb_bytes(list(meshes.values()), placed, finish))
     return [path]
@@ -70,9 +76,12 @@ def _node(tree: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _animate(
-    times: npt.NDArray[np.float64], tracks: dict[str, Track], buffers: dict[Any, bytes], tree: dict[str, Any]
-) -> None:
-    """Gives nodes their translation, rotation and scale of the first frame, and what changes of them a sampler."""
+    times: npt.NDArray[np.float64], tracks: dict[str, Track], shapes: dict[str, tuple[str, Shapes]],
+    buffers: dict[Any, bytes], tree: dict[str, Any],
+) -> None:  # fmt: skip
+    """Gives nodes their translation, rotation and scale of the first frame, and what changes of them a sampler; meshes
+    that deform the shapes of all later frames as targets, of which each frame shows its own.
+    """
     index = {node.get("name"): number for number, node in enumerate(tree["nodes"])}
     samplers: list[dict[str, Any]] = []
     channels: list[dict[str, Any]] = []
@@ -89,11 +98,33 @@ def _animate(
                 clock = _accessor(times[:, None], buffers, tree)
             samplers.append({"input": clock, "output": _accessor(given, buffers, tree), "interpolation": "LINEAR"})
             channels.append({"sampler": len(samplers) - 1, "target": {"node": index[name], "path": path}})
+    for name, (mesh, frames) in shapes.items():
+        if len(frames) < 2:
+            continue
+        _add_targets(mesh, frames, buffers, tree)
+        if clock < 0:
+            clock = _accessor(times[:, None], buffers, tree)
+        weights = np.eye(len(frames))[:, 1:].reshape(-1, 1)
+        samplers.append({"input": clock, "output": _accessor(weights, buffers, tree), "interpolation": "LINEAR"})
+        channels.append({"sampler": len(samplers) - 1, "target": {"node": index[name], "path": "weights"}})
     if channels:
         tree["animations"] = [{"name": "simulation", "samplers": samplers, "channels": channels}]
 
 
-def _accessor(values: npt.NDArray[np.float64], buffers: dict[Any, bytes], tree: dict[str, Any]) -> int:
+def _add_targets(mesh: str, frames: Shapes, buffers: dict[Any, bytes], tree: dict[str, Any]) -> None:
+    """Targets of a mesh: changes of its vertices from the first frame to each later one.
+
+    Normals are left out: readers then give each triangle its own, as it is at every frame.
+    """
+    found = next(each for each in tree["meshes"] if each["name"] == mesh)
+    primitive = found["primitives"][0]
+    primitive["attributes"].pop("NORMAL", None)
+    changes = (frames[1:].astype(np.float64) - frames[0]).astype(np.float32)
+    primitive["targets"] = [{"POSITION": _accessor(change, buffers, tree)} for change in changes]
+    found["weights"] = [0.0] * len(changes)
+
+
+def _accessor(values: npt.NDArray[np.floating], buffers: dict[Any, bytes], tree: dict[str, Any]) -> int:
     """Puts (F, n) numbers into a buffer of their own; returns the index of their accessor."""
     data = values.astype("<f4")
     buffers[("animation", len(buffers))] = data.tobytes()

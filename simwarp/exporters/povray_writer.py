@@ -6,6 +6,7 @@ sky and what no body carries.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -29,7 +30,7 @@ def write_povray(recording: SceneRecording, path: Path) -> list[Path]:
         check_output(file, "save_scene")
     nodes = recording.nodes()
     moving = [node for node in nodes if any(node.track.moves(name) for name in ("places", "turns", "scales"))]
-    write_file(files[1], _frames(recording, moving))
+    write_file(files[1], _frames(recording, moving, [node for node in nodes if node.shapes is not None]))
     write_file(files[2], _settings(recording, path))
     write_file(files[0], _scene(recording, nodes, moving, files[1].name))
     return files
@@ -60,9 +61,11 @@ def _scene(recording: SceneRecording, nodes: list[SceneNode], moving: list[Scene
         # the axes of the image are given one by one: world axes are right-handed, those of POV-Ray's own camera are not
         f"camera {{ location Eye direction Forward right {width:.9g} * Right up {height:.9g} * Up }}",
     ]  # fmt: skip
+    deforming = [node for node in nodes if node.shapes is not None]
+    shapes = {id(node): f"Shape[{number}]" for number, node in enumerate(deforming)}
     meshes: dict[int, str] = {}
     for node in nodes:
-        if id(node.mesh) not in meshes:
+        if id(node.mesh) not in meshes and id(node) not in shapes:
             meshes[id(node.mesh)] = f"Mesh{len(meshes)}"
             parts.append(f"#declare {meshes[id(node.mesh)]} = {_mesh(node.mesh)}")
     places = {id(node): number for number, node in enumerate(moving)}
@@ -70,7 +73,8 @@ def _scene(recording: SceneRecording, nodes: list[SceneNode], moving: list[Scene
         number = places.get(id(node))
         pose = _pose(node.track, 0) if number is None else f"transform {{ Pose[{number}] }}"
         paint = "" if node.mesh.color is not None else f" pigment {{ color rgb {_vector(node.color)} }}"
-        text = f"object {{ {meshes[id(node.mesh)]} {pose}{paint} }} // {node.name}"
+        shape = shapes.get(id(node)) or meshes[id(node.mesh)]
+        text = f"object {{ {shape} {pose}{paint} }} // {node.name}"
         parts.append(f"#if (Fixed)\n{text}\n#end" if node.fixed else text)
     return "\n".join(parts) + "\n"
 
@@ -101,10 +105,13 @@ def _lights(recording: SceneRecording) -> list[str]:
     return lines
 
 
-def _frames(recording: SceneRecording, moving: list[SceneNode]) -> str:
-    """The camera and the poses of what moves, by the number of the frame."""
+def _frames(recording: SceneRecording, moving: list[SceneNode], deforming: list[SceneNode]) -> str:
+    """The camera, the poses of what moves and the triangles of what deforms, by the number of the frame."""
     camera = recording.camera_track()
-    lines = [f"#declare Pose = array[{max(len(moving), 1)}]", "#switch (Frame)"]
+    lines = [f"#declare Pose = array[{max(len(moving), 1)}]"]
+    if deforming:
+        lines.append(f"#declare Shape = array[{len(deforming)}]")
+    lines.append("#switch (Frame)")
     for frame in range(len(recording.times)):
         forward, left, up = matrix_of(camera.turns[frame]).T
         lines += [
@@ -114,6 +121,11 @@ def _frames(recording: SceneRecording, moving: list[SceneNode]) -> str:
             *(
                 f"#declare Pose[{number}] = transform {{ {_pose(node.track, frame)} }}"
                 for number, node in enumerate(moving)
+            ),
+            *(
+                f"#declare Shape[{number}] = {_mesh(dataclasses.replace(node.mesh, vertices=node.shapes[frame]))}"
+                for number, node in enumerate(deforming)
+                if node.shapes is not None
             ),
             "#break",
         ]

@@ -62,6 +62,7 @@ class SceneNode:
         color: linear albedo.
         fixed: no body carries it.
         track: poses in world axes, and the scale of the mesh.
+        shapes: (F, V, 3) vertices at every frame, of what deforms [m]; None: those of the mesh.
     """
 
     name: str
@@ -69,6 +70,7 @@ class SceneNode:
     color: tuple[float, ...]
     fixed: bool
     track: Track
+    shapes: npt.NDArray[np.float32] | None = None
 
 
 class SceneRecording(Readable):
@@ -101,6 +103,8 @@ class SceneRecording(Readable):
         self._bodies = BodyReadback(simulation.state, np.array([world], np.int64))
         self._looks: dict[Any, tuple[Triangles, tuple[float, ...], int]] = {}
         self._tracks: dict[Any, dict[int, Array]] = {}
+        self._shapes: dict[Any, dict[int, npt.NDArray[np.float32]]] = {}
+        self._state = simulation.state
         self._poses: list[Any] = []
 
     def _readable_title(self) -> str:
@@ -114,11 +118,14 @@ class SceneRecording(Readable):
         self._bodies.read()
         self._batches.read_scenery()
         places, turns = self._batches.poses(self._bodies)
+        vertices = self._batches.vertices(self._state)
         for batch in self._batches.batches:
             for row, instance in enumerate(batch.instances):
                 key = self._look(batch, row)
                 pose = np.concatenate([places[0, instance], turns[0, instance], batch.scales[row]])
                 self._tracks.setdefault(key, {})[frame] = pose
+                if batch.surface >= 0:
+                    self._shapes.setdefault(key, {})[frame] = vertices[batch.key].copy()
 
     def nodes(self) -> list[SceneNode]:
         """All that was seen in some frame; grounds are squares."""
@@ -129,7 +136,7 @@ class SceneRecording(Readable):
             names[title] = names.get(title, 0) + 1
             name = title if names[title] == 1 else f"{title} ({names[title]})"
             fixed = bool(self._batches.scene.body[instance] < 0)
-            found.append(SceneNode(name, mesh, color, fixed, self._track(self._tracks[key])))
+            found.append(SceneNode(name, mesh, color, fixed, self._track(self._tracks[key]), self._shapes_of(key)))
         return [*found, *self._grounds(found)]
 
     def camera_track(self) -> Track:
@@ -156,6 +163,16 @@ class SceneRecording(Readable):
             if frame not in seen:
                 rows[frame, 7:] = HIDDEN
         return Track(rows[:, :3], _unwound(rows[:, 3:7]), rows[:, 7:])
+
+    def _shapes_of(self, key: Any) -> npt.NDArray[np.float32] | None:
+        """Of all frames: where something is not seen it keeps its last shape."""
+        seen = self._shapes.get(key)
+        if seen is None:
+            return None
+        shapes = [seen[min(seen)]]
+        for frame in range(len(self.times)):
+            shapes.append(seen.get(frame, shapes[-1]))
+        return np.stack(shapes[1:])
 
     def _grounds(self, nodes: list[SceneNode]) -> list[SceneNode]:
         """Squares in place of endless planes, around all that was seen."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from simwarp.core.object_repr import ReadableFields
 from simwarp.core.types import WORLD
 from simwarp.meshes.mesh_parts import MeshPart
+from simwarp.meshes.mesh_surfaces import MeshSurface
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -28,6 +29,7 @@ class FlexibleMesh(ReadableFields):
         places: (n, 3) nodes as built, world frame [m].
         double: whether its matrix is factored in double precision.
         shapes: spheres of nodes that touch others.
+        surface: what is seen of it.
     """
 
     name: str
@@ -38,6 +40,7 @@ class FlexibleMesh(ReadableFields):
     places: Array
     double: bool
     shapes: tuple[int, ...]
+    surface: MeshSurface
 
     @property
     def nodes(self) -> tuple[int, ...]:

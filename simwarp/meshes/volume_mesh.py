@@ -128,17 +128,12 @@ class VolumeMesh(Readable):
     @property
     def boundary_triangles(self) -> Nodes:
         """Triangles (t, 3) of its cells' outside, counter-clockwise seen from there; faces of four nodes are halved."""
-        faces = self._outer_faces
-        if faces.shape[1] == 3:
-            return faces
-        return np.stack([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+        return _halved(self._outer_faces)
 
     @functools.cached_property
     def _outer_faces(self) -> Nodes:
         """(f, 3) or (f, 4) faces of one cell alone."""
-        faces = self.elements[:, FACES[self.elements.shape[1]]].reshape(-1, len(FACES[self.elements.shape[1]][0]))
-        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-        return np.asarray(_own(faces[np.sort(first[count == 1])], np.int32))
+        return np.asarray(_own(_faces_of(self.elements), np.int32))
 
     def nodes_where(self, where: Where) -> Nodes:
         """Nodes (k,) in a box or of a property, in increasing order.
@@ -252,6 +247,26 @@ class VolumeMesh(Readable):
             "sets": Names(len(self.sets), self.sets),
             "surface": "" if seen is None else f"{len(seen.cells)} vertices, {plural(len(seen.triangles), 'triangle')}",
         }
+
+
+def boundary_of(elements: Nodes) -> Nodes:
+    """Triangles (t, 3) of the outside of cells (m, 4) or (m, 8), counter-clockwise seen from there."""
+    return _halved(_faces_of(elements))
+
+
+def _faces_of(elements: Nodes) -> Nodes:
+    """(f, 3) or (f, 4) faces of one cell alone."""
+    corners = FACES[elements.shape[1]]
+    faces = elements[:, corners].reshape(-1, len(corners[0]))
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(faces[np.sort(first[count == 1])])
+
+
+def _halved(faces: Nodes) -> Nodes:
+    """Triangles of faces, of which those of four nodes are halved."""
+    if faces.shape[1] == 3:
+        return faces
+    return np.stack([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
 
 
 def _own(values: Any, dtype: Any) -> Any:

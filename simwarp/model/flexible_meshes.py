@@ -18,6 +18,8 @@ from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_model import check_cost
 from simwarp.meshes.mesh_parts import MeshPart, as_array, checked_part, checked_points, lumped_masses
 from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_surfaces import surface_of
+from simwarp.meshes.volume_mesh import EmbeddedSurface
 from simwarp.model.checks import checked_flag, checked_name, checked_pose, positive_number
 from simwarp.model.shapes import checked_material
 
@@ -42,6 +44,10 @@ class SolidSource(Protocol):
     @property
     def sets(self) -> Mapping[str, Any]:
         """Nodes by the name of a set."""
+
+    @property
+    def surface(self) -> EmbeddedSurface | None:
+        """What is seen of it; None: the outside of its elements."""
 
     @property
     def boundary_nodes(self) -> npt.NDArray[np.int32]:
@@ -103,8 +109,10 @@ def build_mesh(
     builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
     pose: Pose | None, glue: Mapping[int | str, Any] | None, fixed: Any, radius: float | None,
     surface: Material | None, touching: Sequence[int] | None, velocity: Vec3, omega: Vec3, double: bool,
+    embedded: EmbeddedSurface | None = None,
 ) -> FlexibleMesh:  # fmt: skip
-    """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`.
+    """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`,
+    and the surface that its cells carry.
 
     Raises:
         ModelError: an argument cannot be used.
@@ -164,7 +172,7 @@ def build_mesh(
         builder.excluded_bodies &= apart
         raise
     glued = tuple(node in held and held[node] != WORLD for node in range(len(rest)))
-    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, precise, shapes)
+    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, precise, shapes, surface_of(made, embedded))
     builder.flexible_meshes.append(mesh)
     return mesh
 

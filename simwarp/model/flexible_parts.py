@@ -68,8 +68,8 @@ class FlexibleParts:
             mesh: such as `sw.flex.box`, `sw.flex.lattice`, `sw.flex.read` make.
             material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
             pose: of the mesh's frame in the world; identity when None.
-            glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name, whose
-                mass has to include theirs.
+            glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name. They
+                bring no mass: give it to the body.
             fixed: nodes that do not move, likewise.
             radius: of spheres around the nodes of its surface, which touch other shapes [m]; a fiftieth of the shortest
                 edge when None.
@@ -84,6 +84,7 @@ class FlexibleParts:
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
             surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,
+            embedded=mesh.surface,
         )  # fmt: skip
 
     def add_shell(

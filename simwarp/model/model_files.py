@@ -26,6 +26,7 @@ from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_me
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_parts import MeshPart, checked_part
 from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_surfaces import MeshSurface, checked_surface, surface_of
 from simwarp.model.builder import MAX_COUPLING_TERMS, ModelBuilder
 from simwarp.model.checks import (
     check_floats,
@@ -56,6 +57,7 @@ from simwarp.model.model_format import (
     JointEntry,
     MeshEntry,
     MeshPartEntry,
+    MeshSurfaceEntry,
     ModelEntry,
     PackedArray,
     ShapeEntry,
@@ -243,10 +245,15 @@ def _flexible_mesh_entry(mesh: FlexibleMesh) -> FlexibleMeshEntry:
         )
         for part in mesh.parts
     )  # fmt: skip
+    seen = mesh.surface
+    surface = MeshSurfaceEntry(
+        nodes=PackedArray.of(seen.nodes), weights=PackedArray.of(seen.weights), triangles=PackedArray.of(seen.triangles)
+    )
     return FlexibleMeshEntry(
         name=mesh.name, points=PackedArray.of(mesh.points), places=PackedArray.of(mesh.places), parts=parts,
         bodies=PackedArray.of(np.array(mesh.bodies, np.int32)), double=mesh.double, shapes=mesh.shapes,
         glued=tuple(node for node, is_glued in enumerate(mesh.glued) if is_glued),
+        surface=surface if seen.is_embedded else None,
     )  # fmt: skip
 
 
@@ -489,10 +496,20 @@ def _flexible_mesh(builder: ModelBuilder, entry: FlexibleMeshEntry, taken: NameC
     for index in entry.shapes:
         whole_number(thing, "shapes", index, 0, len(builder.shapes) - 1, "count shapes from 0")
     mesh = FlexibleMesh(
-        entry.name, points, parts, tuple(bodies.tolist()), tuple(glued.tolist()), places, entry.double, entry.shapes
-    )
+        entry.name, points, parts, tuple(bodies.tolist()), tuple(glued.tolist()), places, entry.double, entry.shapes,
+        _mesh_surface(thing, len(points), parts, entry.surface),
+    )  # fmt: skip
     check_nodes(thing, mesh, builder)
     return mesh
+
+
+def _mesh_surface(
+    thing: str, count: int, parts: tuple[MeshPart, ...], entry: MeshSurfaceEntry | None
+) -> MeshSurface:  # fmt: skip
+    if entry is None:
+        return surface_of(parts)
+    nodes, weights = entry.nodes.unpacked("nodes", "int32"), entry.weights.unpacked("weights", "float64")
+    return checked_surface(thing, count, nodes, weights, entry.triangles.unpacked("triangles", "int32", 3))
 
 
 def _mesh_part(thing: str, points: Array, entry: MeshPartEntry) -> MeshPart:

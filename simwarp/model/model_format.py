@@ -267,8 +267,19 @@ class MeshPartEntry:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class MeshSurfaceEntry:
+    """A `MeshSurface` whose vertices several nodes carry."""
+
+    nodes: PackedArray
+    weights: PackedArray
+    triangles: PackedArray
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlexibleMeshEntry:
-    """A `FlexibleMesh`: of each node its body (-1: fixed), and which nodes are glued to theirs."""
+    """A `FlexibleMesh`: of each node its body (-1: fixed), and which nodes are glued to theirs. Without a surface, that
+    of its elements is seen.
+    """
 
     name: str
     points: PackedArray
@@ -278,6 +289,7 @@ class FlexibleMeshEntry:
     glued: tuple[Whole, ...] = ()
     double: bool = False
     shapes: tuple[Whole, ...] = ()
+    surface: MeshSurfaceEntry | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

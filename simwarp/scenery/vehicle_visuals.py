@@ -15,7 +15,8 @@ from simwarp.scenery.visual import Label, Proxy, Visual
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 if TYPE_CHECKING:
-    from simwarp.sensors.scene import PlainAppearanceOptions, Visuals
+    from simwarp.sensors.instances import PlainAppearanceOptions
+    from simwarp.sensors.scene import Visuals
     from simwarp.vehicle.construction import VehicleParts
     from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
     from simwarp.vehicle.vehicle_convoy import Convoy

@@ -18,7 +18,8 @@ from simwarp.scenery.solids import icosphere, moved
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
     from simwarp.model.keyword_argument_types import SurfaceOptions
-    from simwarp.sensors.scene import AppearanceOptions, Visuals
+    from simwarp.sensors.instances import AppearanceOptions
+    from simwarp.sensors.scene import Visuals
 
 Array = npt.NDArray[np.float64]
 

@@ -13,6 +13,7 @@ from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial
 from simwarp.sensors.cameras.lights import Lamp, Lighting, Lights, Sun
 from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.frame_sensor import FrameSensor
+from simwarp.sensors.instances import Appearance
 from simwarp.sensors.interface import Mount, Schedule, Sensor
 from simwarp.sensors.motion.encoders import (
     Encoder,
@@ -31,7 +32,7 @@ from simwarp.sensors.presets import load_config, load_sensor, make_sensor
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise
-from simwarp.sensors.scene import Appearance, Scene, Visuals
+from simwarp.sensors.scene import Scene, Visuals
 from simwarp.sensors.shipped import sensor_names
 
 __all__ = [

@@ -5,32 +5,36 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, Unpack
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.array_devices import refuse_arguments_elsewhere
-from simwarp.core.arrays import writable, writable_from
-from simwarp.core.constraints import As, Ge, Le, Meaning
+from simwarp.core.arrays import writable_from
+from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.object_repr import Names, Readable, Row, plural
-from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted
-from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
-from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, formatted, pose as make_pose
+from simwarp.geometry.assets import TriangleMesh, triangle_mesh
+from simwarp.geometry.triangle_tree import tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_names, checked_pose, index_within
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, held_fields, instance_of
 from simwarp.model.shapes import checked_size, loaded_mesh, primitive_size
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
+from simwarp.sensors.deforming_surfaces import DeformingSurfaces
+from simwarp.sensors.instances import Appearance, AppearanceOptions, Instance
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.ray_hit_kernels import RayTarget
 from simwarp.sensors.ray_instances_kernels import RayScene, place_instances
-from simwarp.sensors.ray_targets_kernels import TARGETS, RayTargets
+from simwarp.sensors.scene_arrays import hull_mesh, instance_values, no_targets, placed_arrays
 from simwarp.sensors.soil_ground import ground_instance, soil_view
+from simwarp.sensors.surface_values import color_by_values, white_look
 from simwarp.simulation.attachments import StepContext
 from simwarp.simulation.state import State
 from simwarp.soil.soil_rays_kernels import SOIL_TARGET
@@ -40,87 +44,34 @@ if TYPE_CHECKING:
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 GroupBits: TypeAlias = Annotated[int, Ge(0), Le(ALL_GROUPS), Meaning("bits of groups below 2^31")]
-GREY: Final = (0.5, 0.5, 0.5)
 PER_WORLD: Final = ("x", "rot", "size", "asset", "enabled", "color", "texture", "reflectance")
 """Arrays of a Scene that may differ by world."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Appearance:
-    """Colour, texture, label and reflectance of an instance.
-
-    Attributes:
-        color: linear albedo, 0 to 1.
-        texture: index that `Visuals.texture` returned; -1: none, or that of the mesh's file.
-        label: semantic class.
-        reflectance: of a lidar's or radar's beam, 0 to 1.
-        group: bits; a sensor sees instances of the groups in its mask.
-    """
-
-    color: Vec3 = GREY
-    texture: int = -1
-    label: int = 0
-    reflectance: float = 0.5
-    group: int = 1
-
-
-Albedo: TypeAlias = Annotated[float, Ge(0.0), Le(1.0), Meaning("0 for none to 1 for all light")]
-Int32: TypeAlias = Annotated[int, Ge(-(2**31)), Le(2**31 - 1), Meaning("an integer of 32 bits")]
-TextureIndex: TypeAlias = Annotated[
-    int,
-    Ge(-1),
-    Le(2**31 - 1),
-    Meaning("one of visuals: write texture=visuals.texture(ImageTexture(image=...))"),
-]
-
-
-class PlainAppearanceOptions(TypedDict, total=False):
-    """Fields of `Appearance` without its colour, with its defaults."""
-
-    texture: TextureIndex
-    label: Int32
-    reflectance: Albedo
-    group: Int32
-
-
-class AppearanceOptions(PlainAppearanceOptions, total=False):
-    """Fields of `Appearance`, with its defaults."""
-
-    color: Annotated[Vec3, As(tuple[Albedo, Albedo, Albedo])]
-
-
-@dataclasses.dataclass(frozen=True)
-class Instance:
-    """One thing that rays can hit. A shape of the model (`shape` >= 0) lends its placement, size and asset."""
-
-    name: str
-    kind: ShapeType
-    body: int
-    shape: int
-    pose: Pose
-    size: npt.NDArray[np.float64]
-    asset: int
-    appearance: Appearance
-
-
 class Visuals(Readable):
-    """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden.
+    """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden; flexible
+    meshes by their surfaces as they deform, and not by the spheres of their nodes.
 
     Args:
         builder: with its shapes; those that are added to it later are seen too, and come after what is there by then.
+        spheres: flexible meshes are seen by the spheres of their nodes, which touch others, and not by their surfaces.
 
     Raises:
         ModelError: `builder` is no ModelBuilder; by its methods: a body, mesh or value is not usable.
     """
 
     @RULES.arguments("visuals")
-    def __init__(self, builder: Annotated[ModelBuilder, instance_of(ModelBuilder, "pass the model's builder")]) -> None:
+    def __init__(
+        self, builder: Annotated[ModelBuilder, instance_of(ModelBuilder, "pass the model's builder")], *,
+        spheres: bool = False,
+    ) -> None:  # fmt: skip
         self.builder = builder
+        self._spheres = spheres
         self.meshes: list[TriangleMesh] = []
         self.mesh_visuals: list[VisualMesh | None] = []
         self.textures = AppearanceList()
         self.instances: list[Instance] = []
-        self._followed = 0
+        self._followed = self._followed_meshes = 0
         self._follow()
 
     def _readable_title(self) -> str:
@@ -133,8 +84,8 @@ class Visuals(Readable):
         """The number of a texture, for `Appearance.texture` and `Scene.texture`."""
         return self.textures.add(texture)
 
-    def show(self, shape: int, **appearance: Unpack[AppearanceOptions]) -> None:
-        """Changes the appearance of a shape: fields of `Appearance`."""
+    def show(self, shape: int | FlexibleMesh, **appearance: Unpack[AppearanceOptions]) -> None:
+        """Changes the appearance of a shape or a flexible mesh: fields of `Appearance`."""
         index = self.index_of(shape)
         instance = self.instances[index]
         self.instances[index] = dataclasses.replace(
@@ -144,8 +95,20 @@ class Visuals(Readable):
             ),
         )
 
-    def hide(self, *shapes: int) -> None:
-        """No ray meets these shapes. Indices of instances that were added before fall: hide first, then add."""
+    def show_values(self, mesh: FlexibleMesh) -> None:
+        """Shows a flexible mesh in colours of values, such as stresses, that `Scene.set_values` gives; white at first.
+
+        Raises:
+            ModelError: it is not in sight.
+        """
+        index = self.index_of(mesh)
+        white = dataclasses.replace(self.instances[index].appearance, color=(1.0, 1.0, 1.0))
+        self.instances[index] = dataclasses.replace(self.instances[index], appearance=white, by_values=True)
+
+    def hide(self, *shapes: int | FlexibleMesh) -> None:
+        """No ray meets these shapes and flexible meshes. Indices of instances that were added before fall: hide first,
+        then add.
+        """
         gone = {self.index_of(shape) for shape in shapes}
         self.instances = [instance for index, instance in enumerate(self.instances) if index not in gone]
 
@@ -286,13 +249,20 @@ class Visuals(Readable):
         self._check_model(model)
         return Scene(self, model, per_world, origin_body)
 
-    def index_of(self, shape: int) -> int:
-        """The instance that shows a shape of the model; those after a hidden one move up.
+    def index_of(self, shape: int | FlexibleMesh) -> int:
+        """The instance that shows a shape or a flexible mesh of the model; those after a hidden one move up.
 
         Raises:
-            ModelError: there is no such shape, or it is hidden.
+            ModelError: there is no such shape or mesh, or it is hidden.
         """
         self._follow()
+        if isinstance(shape, FlexibleMesh):
+            for index, instance in enumerate(self.instances):
+                if instance.flexible >= 0 and self.builder.flexible_meshes[instance.flexible] is shape:
+                    return index
+            raise ModelError(
+                f"visuals: there must be a mesh '{shape.name}' in sight; pass what add_solid_mesh returned"
+            )
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
                 return index
@@ -303,7 +273,12 @@ class Visuals(Readable):
     def _follow(self) -> None:
         """Adds instances for shapes that the builder got since the last call."""
         names = {instance.name for instance in self.instances}
+        given = {shape.name for shape in self.builder.shapes} | names
+        meshes = self.builder.flexible_meshes
+        nodes = set() if self._spheres else {shape for mesh in meshes for shape in mesh.shapes}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
+            if index in nodes:
+                continue
             if shape.name in names:
                 raise ModelError(
                     f"visual '{shape.name}': the name must be unique, got a shape of that name later; rename one"
@@ -312,6 +287,10 @@ class Visuals(Readable):
                 Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Appearance())
             )
         self._followed = len(self.builder.shapes)
+        if not self._spheres:
+            for number in range(self._followed_meshes, len(meshes)):
+                self.instances.append(_surface_instance(number, meshes[number], given))
+        self._followed_meshes = len(meshes)
 
     def _check_model(self, model: Model) -> None:
         remedy = "finalize this builder after its last body and shape, and pass that model"
@@ -350,6 +329,13 @@ class Visuals(Readable):
         return len(self.instances) - 1
 
 
+def _surface_instance(number: int, mesh: FlexibleMesh, names: set[str]) -> Instance:
+    """The instance that shows a flexible mesh; where something else has its name, it is "name (mesh)"."""
+    title = f"{mesh.name} (mesh)" if mesh.name in names else mesh.name
+    body = mesh.bodies[mesh.nodes[0]]
+    return Instance(title, ShapeType.MESH, body, -1, make_pose(), np.ones(3), -1, Appearance(), number)
+
+
 class Scene(Readable):
     """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have poses, sizes and appearance.
 
@@ -365,13 +351,16 @@ class Scene(Readable):
         x: (1 or W, I) vec3d position in the body's axes from its centre of mass [m]; world axes on WORLD.
         rot: (1 or W, I) quat xyzw.
         size: (1 or W, I) vec3, see `ShapeType` [m]; of a mesh its scale.
-        asset: (1 or W, I) int32: which mesh of `Visuals.add_mesh_asset` an instance shows.
+        asset: (1 or W, I) int32: which mesh of `Visuals.add_mesh_asset` an instance shows. A scene with flexible meshes
+            has a row per world, where theirs is the number of the world.
         enabled: (1 or W, I) int32: 0 takes it out of sight.
         color: (1 or W, I) vec3 linear albedo.
         texture: (1 or W, I) int32, -1: none.
         reflectance: (1 or W, I).
         body, shape, label: (I,) NumPy.
+        flexible: (I,) NumPy: number of the flexible mesh that an instance shows, -1: none.
         appearance: textures and visuals of meshes, for kernels.
+        surfaces: those of flexible meshes; None: there are none.
 
     A shape of the model is placed by the model's arrays (`shape_x`, `shape_enabled`, ...): here only its appearance and
     `enabled` count.
@@ -395,19 +384,21 @@ class Scene(Readable):
         self.names = tuple(instance.name for instance in instances)
         self.body = np.array([instance.body for instance in instances], np.int32)
         self.shape = np.array([instance.shape for instance in instances], np.int32)
+        self.flexible = np.array([instance.flexible for instance in instances], np.int32)
         self.label = np.array([instance.appearance.label for instance in instances], np.int32)
         self.instance_count = len(instances)
         self._constants = _constants(visuals, model.device)
-        without = len(visuals.builder.hulls) + len(visuals.builder.meshes)
-        self.appearance = visuals.textures.tables([None] * without + visuals.mesh_visuals, model.device)
+        self.surfaces = self._deforming()
+        self.appearance = visuals.textures.tables(self._looks(), model.device)
         for instance in instances:
-            own = instance.kind == ShapeType.MESH and instance.shape < 0
-            mesh = visuals.mesh_visuals[instance.asset] if own else None
-            visuals.textures.check(f"visual '{instance.name}'", instance.appearance.texture, mesh)
-        for name, (values, dtype) in _instance_values(instances).items():
-            copies = model.world_count if name in wanted else 1
-            setattr(self, name, writable_from(np.repeat(values[None], copies, axis=0), dtype, model.device))
-        self._placed = _placed(len(instances), model.world_count, model.device)
+            _check_texture(visuals, instance)
+        for name, (values, dtype) in instance_values(instances).items():
+            shared = name not in wanted and not (name == "asset" and self.surfaces is not None)
+            rows = np.repeat(values[None], 1 if shared else model.world_count, axis=0)
+            if name == "asset" and self.surfaces is not None:
+                rows[:, self.flexible >= 0] = np.arange(model.world_count)[:, None]
+            setattr(self, name, writable_from(rows, dtype, model.device))
+        self._placed = placed_arrays(len(instances), model.world_count, model.device)
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else body_index("scene", origin_body, model)
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
@@ -430,6 +421,50 @@ class Scene(Readable):
         if name not in self.names:
             raise ModelError(f"scene: there is no instance '{name}'; known: {', '.join(self.names[:20])}")
         return self.names.index(name)
+
+    def _deforming(self) -> DeformingSurfaces | None:
+        """The surfaces of the flexible meshes that are seen, with their trees behind all others, or None."""
+        shown = np.flatnonzero(self.flexible >= 0)
+        if not len(shown):
+            return None
+        surfaces = DeformingSurfaces(self.model, self.flexible[shown].tolist(), self._constants["trees"])
+        self._constants["trees"] = surfaces.trees
+        trees = self._constants["tree"].numpy()
+        trees[shown] = [surfaces.tree(index) for index in range(len(shown))]
+        self._constants["tree"].assign(trees)
+        return surfaces
+
+    def _looks(self) -> list[VisualMesh | None]:
+        """The look of every tree."""
+        visuals = self.visuals
+        plain = len(visuals.builder.hulls) + len(visuals.builder.meshes)
+        flexible: list[VisualMesh | None] = []
+        for instance in visuals.instances:
+            if instance.flexible >= 0:
+                mesh = visuals.builder.flexible_meshes[instance.flexible]
+                flexible += [white_look(mesh) if instance.by_values else None] * self.model.world_count
+        return [*([None] * plain), *visuals.mesh_visuals, *flexible]
+
+    def set_values(self, mesh: FlexibleMesh, values: wp.array, *, most: float, least: float = 0.0) -> None:
+        """Colours a flexible mesh in all worlds, from dark blue over green and yellow to red, until the next call.
+
+        Args:
+            mesh: one of `Visuals.show_values`.
+            values: (W, E) float32 of its elements, as `sw.flex.mesh_stress` returns them, or (W, n) of its nodes.
+            most: value of the last colour [unit of the values].
+            least: value of the first colour [likewise].
+
+        Raises:
+            ModelError: the mesh is shown in one colour, or an argument is not usable.
+        """
+        index = self.visuals.index_of(mesh)
+        if self.surfaces is None or not self.visuals.instances[index].by_values:
+            raise ModelError(
+                f"scene: values must be of a mesh that is shown by them, got '{mesh.name}'; call "
+                "visuals.show_values(mesh) before finalize"
+            )
+        tree = int(self._constants["tree"].numpy()[index])
+        color_by_values(mesh, tree, values, least, most, self.appearance, self.model.device)
 
     def cover_with(self, soil: Soil, ground: int | str | None = None) -> None:
         """Shows the ruts of a soil in the ground, darker where it is pressed down.
@@ -472,24 +507,39 @@ class Scene(Readable):
         return scene
 
     def place(self, state: State, tables: RayScene, due: wp.array | None = None) -> None:
-        """Moves the instances of the worlds that are due, (W,) int32, to their poses in the state. Rays may follow.
+        """Moves the instances of the worlds that are due, (W,) int32, to their poses in the state, and deforms the
+        surfaces of flexible meshes. Rays may follow.
 
         Raises:
             ModelError: an array lies on another device than the scene.
         """
         inputs = [WorldRange(), *self._place_inputs(state, due)]
         refuse_arguments_elsewhere(place_instances, [*inputs, tables], self.model.device)
+        if self.surfaces is not None:
+            self.surfaces.follow(state, self._everyone if due is None else due)
         wp.launch(
             place_instances, dim=self.model.world_count, device=self.model.device, inputs=inputs, outputs=[tables]
         )
 
-    def record_place(self, simulation: StepContext, tables: RayScene, due: wp.array | None = None) -> Any:
-        """Records `place` as a launch of a simulation, for the worlds that are due, (W,) int32."""
+    def record_place(self, simulation: StepContext, tables: RayScene, due: wp.array | None = None) -> list[Any]:
+        """Records `place` as launches of a simulation, for the worlds that are due, (W,) int32."""
         inputs = self._place_inputs(simulation.state, due)
-        return simulation.shares.record(place_instances, inputs=inputs, outputs=[tables])
+        place = simulation.shares.record(place_instances, inputs=inputs, outputs=[tables])
+        if self.surfaces is None:
+            return [place]
+        return [*self.surfaces.record(simulation, self._everyone if due is None else due), place]
 
     def _place_inputs(self, state: State, due: wp.array | None) -> list[Any]:
         return [self._everyone if due is None else due, self.model.parameters, self.model.assets, state.arrays]
+
+
+def _check_texture(visuals: Visuals, instance: Instance) -> None:
+    """An instance's texture has to exist, and to have a mapping onto its surface."""
+    thing, texture = f"visual '{instance.name}'", instance.appearance.texture
+    if instance.flexible >= 0 and texture >= 0:
+        raise ModelError(f"{thing}: a flexible mesh must have no texture, got {texture}; give it a colour alone")
+    own = instance.kind == ShapeType.MESH and instance.shape < 0 and instance.flexible < 0
+    visuals.textures.check(thing, texture, visuals.mesh_visuals[instance.asset] if own else None)
 
 
 def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
@@ -506,7 +556,7 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
             return hulls if instance.shape >= 0 else hulls + meshes
         return 0
 
-    geometry = [*(_hull_mesh(hull) for hull in builder.hulls), *builder.meshes, *visuals.meshes]
+    geometry = [*(hull_mesh(hull) for hull in builder.hulls), *builder.meshes, *visuals.meshes]
     return {
         "kind": ints([int(instance.kind) for instance in instances]),
         "body": ints([instance.body for instance in instances]),
@@ -515,54 +565,5 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
         "group": ints([instance.appearance.group for instance in instances]),
         "label": ints([instance.appearance.label for instance in instances]),
         "trees": tree_tables(((mesh.vertices, mesh.triangles) for mesh in geometry), device),
-        "targets": _no_targets(device),
+        "targets": no_targets(device),
     }
-
-
-def _no_targets(device: Any) -> Any:
-    """The views of a scene without targets of rays beside its shapes."""
-    targets = RayTargets()
-    for each in TARGETS:
-        setattr(targets, each.name, wp.array([each.view()], dtype=each.view, device=device))
-    return targets
-
-
-def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[Any], Any]]:
-    """One world's values and dtypes of the arrays of `PER_WORLD`."""
-    return {
-        "x": (np.array([each.pose.position for each in instances], np.float64).reshape(-1, 3), wp.vec3d),
-        "rot": (np.array([each.pose.rotation for each in instances], np.float32).reshape(-1, 4), wp.quat),
-        "size": (np.array([each.size for each in instances], np.float32).reshape(-1, 3), wp.vec3),
-        "asset": (np.array([each.asset for each in instances], np.int32), wp.int32),
-        "enabled": (np.ones(len(instances), np.int32), wp.int32),
-        "color": (np.array([each.appearance.color for each in instances], np.float32).reshape(-1, 3), wp.vec3),
-        "texture": (np.array([each.appearance.texture for each in instances], np.int32), wp.int32),
-        "reflectance": (np.array([each.appearance.reflectance for each in instances], np.float32), wp.float32),
-    }
-
-
-def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
-    """Output arrays of `place_instances`."""
-    nodes, level = 0, max(count, 1)
-    while True:
-        level = -(-level // WIDTH)
-        nodes += level
-        if level == 1:
-            break
-    shape = (world_count, max(count, 1))
-    arrays: dict[str, wp.array] = {
-        name: writable(shape, dtype, device)
-        for name, dtype in {
-            "place_x": wp.vec3, "place_rot": wp.mat33, "place_size": wp.vec3, "place_asset": wp.int32,
-            "lower": wp.vec3, "upper": wp.vec3, "order": wp.int32, "code": wp.int32,
-        }.items()
-    }  # fmt: skip
-    arrays["origin"] = writable((world_count,), wp.vec3d, device)
-    arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
-    return arrays
-
-
-def _hull_mesh(hull: Hull) -> TriangleMesh:
-    """A hull's faces as fans of triangles."""
-    fans = [(face[0], face[k], face[k + 1]) for face in hull.faces for k in range(1, len(face) - 1)]
-    return triangle_mesh(hull.vertices, np.array(fans))

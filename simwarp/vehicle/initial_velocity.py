@@ -51,7 +51,13 @@ def roll_bodies(
     for side in sides:
         body = builder.bodies[side.spindle]
         axis = rotate(body.pose.rotation, np.array([0.0, 1.0, 0.0]))
-        builder.bodies[side.spindle] = dataclasses.replace(body, omega=wheel_rate(spec, side, speed) * axis)
+        omega = wheel_rate(spec, side, speed) * axis
+        builder.bodies[side.spindle] = dataclasses.replace(body, omega=omega)
+        if side.mesh is not None:
+            for index in (side.mesh.bodies[node] for node in side.mesh.nodes):
+                node = builder.bodies[index]
+                around = np.cross(omega, node.pose.position - body.pose.position)
+                builder.bodies[index] = dataclasses.replace(node, velocity=velocity + around)
 
 
 def wheel_rate(spec: VehicleSpec, side: Side, speed: float) -> float:

@@ -24,6 +24,7 @@ from simwarp.vehicle.inputs_kernels import (
     run_vehicle,
 )
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.flexible_tires import FlexibleTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
@@ -413,12 +414,17 @@ def _motion(shape: tuple[int, int], model: Model) -> Any:
 
 def _tires(
     parts: Sequence[VehicleParts], model: Model, ground: TerrainTables | None, randomised: bool
-) -> Tires | RigidTires | SoilTires:
+) -> Tires | RigidTires | SoilTires | FlexibleTires:
     """Force elements, shapes in contact, or wheels on soil; a vehicle has one kind of them."""
     sides = [side for each in parts for side in each.sides]
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
     if all(on_soil):
         return SoilTires(len(sides), model, terrain=ground)
+    meshes = [side.mesh for side in sides if side.mesh is not None]
+    if len(meshes) == len(sides):
+        return FlexibleTires(meshes, model)
+    if meshes:
+        raise SpecError("axles: tires must be flexible on all wheels or on none, got both; choose one kind")
     if any(on_soil):
         raise SpecError("axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind")
     rigid = [side for side in sides if side.shape >= 0]

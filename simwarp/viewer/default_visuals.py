@@ -11,7 +11,8 @@ import numpy.typing as npt
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import WORLD, JointType, ShapeType, Vec3, pose
 from simwarp.sensors.cameras.appearance import CheckerTexture
-from simwarp.sensors.scene import GREY, Visuals
+from simwarp.sensors.instances import GREY
+from simwarp.sensors.scene import Visuals
 
 Array = npt.NDArray[np.float64]
 

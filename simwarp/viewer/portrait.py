@@ -13,7 +13,8 @@ from simwarp.core.types import pose
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting, Sun
-from simwarp.sensors.scene import GREY, Scene, Visuals
+from simwarp.sensors.instances import GREY
+from simwarp.sensors.scene import Scene, Visuals
 from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.default_visuals import GROUNDS, add_bodies, paint
 from simwarp.viewer.free_camera import FreeCamera

@@ -27,6 +27,7 @@ EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
     "balance_by_lqr.py": [],
     "rods.py": ["--seconds", "0.3", "--plot", "rods.png"],
+    "meshes.py": ["--seconds", "0.02", "--picture", "meshes.png"],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
     "drives.py": ["--seconds", "0.5"],
     "contacts.py": [],

@@ -11,7 +11,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.model.keyword_argument_types import DofOptions
-from simwarp.sensors.scene import AppearanceOptions
+from simwarp.sensors.instances import AppearanceOptions
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = {

@@ -11,7 +11,8 @@ from simwarp.core.types import WORLD, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.scene import PlainAppearanceOptions, Scene, Visuals
+from simwarp.sensors.instances import PlainAppearanceOptions
+from simwarp.sensors.scene import Scene, Visuals
 from simwarp.soil.soil import Soil
 from simwarp.vehicle.results.runs import Setup
 from simwarp.viewer.default_visuals import paint

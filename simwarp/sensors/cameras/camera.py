@@ -180,7 +180,7 @@ class Camera(FrameSensor):
             self.frames.ring,
         )  # fmt: skip
         cast = simulation.shares.record(render, parts, inputs=inputs, outputs=outputs)
-        return [self.scene.record_place(simulation, self._tables, due), aim, cast]
+        return [*self.scene.record_place(simulation, self._tables, due), aim, cast]
 
 
 def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:

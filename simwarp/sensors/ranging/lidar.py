@@ -204,7 +204,7 @@ class Lidar(FrameSensor):
             count_returns,
             inputs=[frames.tick, 4 if first == "points" else 2, flat[first]], outputs=[frames.ring["count"]],
         )  # fmt: skip
-        return [self.scene.record_place(simulation, tables, frames.tick.collecting), scan, count]
+        return [*self.scene.record_place(simulation, tables, frames.tick.collecting), scan, count]
 
     def _output(self, name: str) -> wp.array:
         if name not in self.config.outputs:

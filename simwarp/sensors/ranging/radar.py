@@ -205,7 +205,7 @@ class Radar(FrameSensor):
             ],
             outputs=[returns],
         )  # fmt: skip
-        commands = [self.scene.record_place(simulation, tables, frames.tick.collecting), scan]
+        commands = [*self.scene.record_place(simulation, tables, frames.tick.collecting), scan]
         if self.config.clusters is not None:
             commands.append(self._gather(simulation, self.config.clusters, returns))
         return commands

@@ -14,6 +14,8 @@ import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import pose
+from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     DoubleWishbone,
@@ -38,6 +40,7 @@ from simwarp.vehicle.suspensions.independent_suspensions import (
     trailing_arm,
 )
 from simwarp.vehicle.suspensions.rigid_axles import pinned_axle, solid_axle
+from simwarp.vehicle.tires.flexible_tires import TEMPLATE as FLEXIBLE, TireShell
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE, add_rigid_tire
 
 __all__ = ["Side", "add_antiroll_bar", "add_axle"]
@@ -61,6 +64,8 @@ class Side:
     """Body that the link of an anti-roll bar holds."""
     shape: int = -1
     """Cylinder of a rigid tire, -1 of others."""
+    mesh: FlexibleMesh | None = None
+    """Of a flexible tire."""
 
 
 def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: int) -> tuple[Side, Side]:
@@ -111,6 +116,14 @@ def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Att
     inertia[1, 1] += axle.suspension.axle_inertia
     center = (part.com[0], part.com[1] + axle.wheel.offset, part.com[2])
     mass = part.mass + axle.wheel.mass + axle.tire.mass
+    shell = None
+    if axle.tire.template == FLEXIBLE:
+        try:
+            shell = TireShell(axle.tire)
+        except SpecError as error:
+            raise SpecError(f"axles[{index}].tire.{error}") from None
+        inertia += np.diag(shell.held_inertia()) - np.diag(axle.tire.inertia)
+        mass += shell.held_mass - axle.tire.mass
     spindle = builder.add_body(
         f"{frame.name}.spindle", mass=mass, inertia=inertia, pose=pose(frame.at(center), rotation), strict=False
     )
@@ -120,7 +133,10 @@ def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Att
     shape = -1
     if axle.tire.template == TEMPLATE:
         shape = add_rigid_tire(builder, f"{frame.name}.tire", spindle, axle.tire, f"axles[{index}].tire")
-    return Side(frame.name, index, frame.side, holder.carrier, spindle, spin, turn, holder.bar, shape)
+    mesh = None
+    if shell is not None:
+        mesh = shell.add(builder, f"{frame.name}.tire", spindle, pose(frame.at(center), rotation))
+    return Side(frame.name, index, frame.side, holder.carrier, spindle, spin, turn, holder.bar, shape, mesh)
 
 
 def _wheel_axis(frame: Frame, suspension: Suspension) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from simwarp.core.wording import nearest, shortened
 from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError, refuse
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector, missing
+from simwarp.vehicle.tires.flexible_tires import TEMPLATE as FLEXIBLE, flexible_parameters
 from simwarp.vehicle.tires.parameter_vector_kernels import (
     BRISTLE_STATES,
     FIALA_SIZE,
@@ -339,6 +340,8 @@ def check_tire(tire: Tire) -> None:
     """
     if tire.template == RIGID:
         rigid_parameters(tire)
+    elif tire.template == FLEXIBLE:
+        flexible_parameters(tire)
     elif tire.template == SOIL_RIGID:
         soil_rigid_parameters(tire)
     else:

@@ -27,6 +27,30 @@ class RigidParameters(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class FlexibleParameters(Spec):
+    """All that a tire of flexible triangles takes."""
+
+    pressure: NotNegative = 2.4e5
+    """Of the air inside [Pa]."""
+    friction: NotNegative = 0.9
+    rim_radius: Positive = 0.2286
+    """Where its beads sit on the rim [m]."""
+    thickness: Positive = 0.012
+    """Of the carcass, one layer [m]; its density is what gives the tire its mass."""
+    young: Positive = 4.0e7
+    """[Pa]"""
+    poisson: Annotated[NotNegative, Le(0.49)] = 0.3
+    damping_time: NotNegative = 2.0e-3
+    """Stress per strain rate over stress per strain [s]."""
+    squareness: Annotated[float, Ge(2.0), Le(8.0)] = 3.0
+    """Exponent of the section: 2 is an ellipse, more is a flatter tread."""
+    around: Annotated[int, Ge(8), Le(180)] = 45
+    """Cells around the wheel."""
+    across: Annotated[int, Ge(4), Le(24)] = 8
+    """Cells from bead to bead."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class SoilRigidParameters(Spec):
     """All that a rigid tire on deformable soil takes."""
 

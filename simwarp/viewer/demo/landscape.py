@@ -23,7 +23,8 @@ from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.scenery.vehicle_visuals import add_vehicle_visual, vehicle_visual
 from simwarp.scenery.visual import Label, Visual, add_visual
 from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.scene import PlainAppearanceOptions, Scene, Visuals
+from simwarp.sensors.instances import PlainAppearanceOptions
+from simwarp.sensors.scene import Scene, Visuals
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.path_tracking import PathTracker, PathTrackingSpec, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, smooth

@@ -27,7 +27,7 @@ GROUNDS: Final = (ShapeType.PLANE,)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Batch:
-    """All instances of one geometry.
+    """All instances of one geometry. The surface of a flexible mesh is one in each world.
 
     Attributes:
         key: what they have in common.
@@ -37,6 +37,7 @@ class Batch:
         moving: whether bodies carry them.
         scales: (N, 3).
         colors: (N, 3) uint8 linear: what the page takes of instances.
+        surface: place among the surfaces of the scene, whose vertices change; -1: it is none of them.
     """
 
     key: Key
@@ -46,6 +47,7 @@ class Batch:
     moving: bool
     scales: Array
     colors: npt.NDArray[np.uint8]
+    surface: int = -1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,6 +105,18 @@ class Batches:
         carrier = turns[:, body]
         return places[:, body] + turned(carrier, self._x), multiplied(carrier, self._rot)
 
+    def vertices(self, state: State) -> dict[Key, npt.NDArray[np.float32]]:
+        """(V, 3) vertices of every batch that is a surface, as they are now, from the place of its instance [m]."""
+        surfaces = self.scene.surfaces
+        batches = [batch for batch in self.batches if batch.surface >= 0]
+        if surfaces is None or not batches:
+            return {}
+        every = surfaces.vertices(state, self.worlds)
+        ends = surfaces.vertex_start
+        return {
+            batch.key: every[int(batch.rows[0]), ends[batch.surface] : ends[batch.surface + 1]] for batch in batches
+        }
+
     def extent(self, shown: BodyReadback, *, moving: bool = True) -> Array:
         """(S, 2, 3) corners of what bodies carry, or of all but endless planes [m]; of bodies where nothing is seen."""
         places, _ = self.poses(shown)
@@ -149,6 +163,8 @@ class Batches:
 
     def _key(self, row: int, instance: int) -> Key:
         kind, moving = self._kinds[instance], bool(self.scene.body[instance] >= 0)
+        if self.scene.flexible[instance] >= 0:
+            return (kind, moving, "flexible", int(self.scene.flexible[instance]), row)
         own = bool(self.scene.shape[instance] >= 0)
         if kind == ShapeType.CAPSULE:
             radius, half, _ = self._size[row, instance]
@@ -174,6 +190,8 @@ class Batches:
 
     def _made(self, key: Key) -> Triangles:
         visuals, kind = self.scene.visuals, key[0]
+        if key[2:3] == ("flexible",):
+            return page_meshes.of_surface(visuals.builder.flexible_meshes[key[3]])
         plain = {
             ShapeType.SPHERE: page_meshes.ball, ShapeType.BOX: page_meshes.cube,
             ShapeType.CYLINDER: page_meshes.cylinder, ShapeType.CONE: page_meshes.cone,
@@ -203,6 +221,10 @@ class Batches:
             rows: Sequence[int] = range(len(self.worlds))
             if self._scenery is not None and self.scene.body[instance] < 0:
                 rows = (self._scenery,)
+            if self.scene.flexible[instance] >= 0:
+                for row in range(len(self.worlds)):
+                    groups[self._key(row, instance)] = [(row, instance)]
+                continue
             alike = kind not in (ShapeType.CAPSULE, *_ASSETS) or (
                 np.ptp(self._asset[:, instance]) == 0 and np.ptp(self._size[:, instance], axis=0).max() == 0.0
                 and np.ptp(self._color[:, instance], axis=0).max() == 0.0
@@ -224,9 +246,10 @@ class Batches:
         elif key[0] in (ShapeType.HULL, ShapeType.HEIGHT_FIELD) or (key[0] == ShapeType.MESH and key[3]):
             size = np.where(size == 0.0, 1.0, size)
         size[self._enabled[rows, instances] == 0] = HIDDEN
-        return Batch(
-            key, self._mesh(key), rows, instances, key[1], size, page_meshes.linear_bytes(self._colors(rows, instances))
-        )
+        colors = page_meshes.linear_bytes(self._colors(rows, instances))
+        flexible = self.scene.flexible
+        surface = int((flexible[: instances[0]] >= 0).sum()) if flexible[instances[0]] >= 0 else -1
+        return Batch(key, self._mesh(key), rows, instances, key[1], size, colors, surface)
 
     def _colors(self, rows: Ints, instances: Ints) -> Array:
         """(N, 3) linear albedos."""

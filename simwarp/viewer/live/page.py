@@ -16,7 +16,7 @@ from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, turned
 from simwarp.viewer.live.body_readback import BodyReadback
 from simwarp.viewer.live.page_light import DAY, NIGHT
-from simwarp.viewer.live.page_meshes import linear_bytes
+from simwarp.viewer.live.page_meshes import linear_bytes, srgb_bytes
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import WebServer, run_script
 from simwarp.viewer.live.world_layout import Layout, offsets
@@ -158,15 +158,20 @@ class Page:
             self._move_under_camera()
         places, turns = self._as_seen(places, turns)
         wxyz = turns[..., [3, 0, 1, 2]]
+        shapes = self._shapes(places, turns)
         if self.recorded:
             places, wxyz = np.round(places * GRAIN) / GRAIN, np.round(wxyz * GRAIN) / GRAIN
         with self.server.viser.atomic():
             if self._sent != self.batches.revision:
-                self._send_all(places, wxyz)
+                self._send_all(places, wxyz, shapes)
             else:
                 for batch in self.batches.batches:
                     if batch.moving and batch.key in self._handles:
                         handle = self._handles[batch.key]
+                        if batch.surface >= 0:
+                            if not np.array_equal(handle.vertices, shapes[batch.key]):
+                                handle.vertices = shapes[batch.key]
+                            continue
                         handle.batched_positions = places[batch.rows, batch.instances].astype(np.float32)
                         handle.batched_wxyzs = wxyz[batch.rows, batch.instances].astype(np.float32)
             self._root.wxyz, self._root.position = self._turn[[3, 0, 1, 2]], self._shift
@@ -282,20 +287,38 @@ class Page:
         body = self.body()
         return 0.0 if body == WORLD else float(headings([self.bodies.rotations[self.chosen, body]])[0])
 
-    def _send_all(self, places: Array, wxyz: Array) -> None:
+    def _shapes(self, places: Array, turns: Array) -> dict[Any, Any]:
+        """(V, 3) float32 vertices of every surface of a flexible mesh, as the page has them [m]."""
+        found = {}
+        vertices = self.batches.vertices(self.subject.simulation.state)
+        for batch in self.batches.batches:
+            if batch.surface >= 0:
+                at = batch.rows[0], batch.instances[0]
+                shape = places[at] + turned(turns[at], batch.scales[0] * vertices[batch.key].astype(np.float64))
+                if self.recorded:
+                    shape = np.round(shape * GRAIN) / GRAIN
+                found[batch.key] = shape.astype(np.float32)
+        return found
+
+    def _send_all(self, places: Array, wxyz: Array, shapes: dict[Any, Any]) -> None:
         wanted = {batch.key for batch in self.batches.batches}
         for key in [key for key in self._handles if key not in wanted]:
             self._handles.pop(key).remove()
         for batch in self.batches.batches:
-            handle = self._handles[batch.key] = self._add(batch, places, wxyz)
-            for told in self.on_instances if batch.moving else ():
+            handle = self._handles[batch.key] = self._add(batch, places, wxyz, shapes)
+            for told in self.on_instances if batch.moving and batch.surface < 0 else ():
                 told(batch, handle)
         for handle in self._grounds:
             handle.remove()
         self._grounds = [self._add_ground(index) for index in range(len(self.batches.grounds))]
         self._sent = self.batches.revision
 
-    def _add(self, batch: Batch, places: Array, wxyz: Array) -> Any:
+    def _add(self, batch: Batch, places: Array, wxyz: Array, shapes: dict[Any, Any]) -> Any:
+        if batch.surface >= 0:
+            color = tuple(srgb_bytes(batch.colors[0] / 255.0).tolist())
+            return self.scene.add_mesh_simple(
+                self.node(batch), shapes[batch.key], batch.mesh.faces, color=color, flat_shading=True, side="double"
+            )
         common = {
             "batched_positions": places[batch.rows, batch.instances].astype(np.float32),
             "batched_wxyzs": wxyz[batch.rows, batch.instances].astype(np.float32),

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import HeightField, Hull
 from simwarp.geometry.primitive_meshes import primitive_mesh
+from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.sensors.scene import Visuals
 
 Array = npt.NDArray[np.float64]
@@ -93,6 +94,11 @@ def of_height_field(field: HeightField) -> Triangles:
     up = corner + len(columns)
     faces = np.concatenate([np.stack([corner, corner + 1, up + 1], 1), np.stack([corner, up + 1, up], 1)])
     return _made(grid, faces, smooth=True)
+
+
+def of_surface(mesh: FlexibleMesh) -> Triangles:
+    """The surface of a flexible mesh at rest, from its first node that moves by itself."""
+    return _made(mesh.surface.vertices(mesh.points) - mesh.points[mesh.nodes[0]], mesh.surface.triangles)
 
 
 def of_mesh(visuals: Visuals, asset: int) -> Triangles:

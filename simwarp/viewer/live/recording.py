@@ -38,7 +38,7 @@ BLOCK: Final = 16_384
 TEXT: Final = 16
 """Bytes of a message around its arrays, in the file: they are much alike."""
 NODE: Final = f"{ROOT}/recording"
-POSES: Final = frozenset(("batched_positions", "batched_wxyzs"))
+POSES: Final = frozenset(("batched_positions", "batched_wxyzs", "vertices"))
 TITLE: Final = "<title>Viser</title>"
 
 

@@ -129,5 +129,6 @@ class RayScan:
             position: (W, 3) of the bases, world [m].
             yaw: (W,) headings [rad].
         """
-        self._place.launch()
+        for launch in self._place:
+            launch.launch()
         return self._scan(position, yaw)

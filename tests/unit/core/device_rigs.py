@@ -310,7 +310,7 @@ def _placed_scene(eyes: Eyes, due: Any) -> Any:
 def _recorded_scene(eyes: Eyes, due: Any) -> Any:
     tables: Any = eyes.scene.tables()
     tables.lower.zero_()
-    eyes.sim.shares.run([eyes.scene.record_place(eyes.sim, tables, due)])
+    eyes.sim.shares.run(eyes.scene.record_place(eyes.sim, tables, due))
     return tables.lower.numpy()
 
 

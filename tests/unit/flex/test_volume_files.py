@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import simwarp as sw
-from simwarp.flex import volume_files
+from simwarp.meshes import volume_files
 from tests.unit.flex.test_volume_mesh import FLEX, SPHERE, check_closed, enclosed, refused
 
 GMSH_2 = """$MeshFormat

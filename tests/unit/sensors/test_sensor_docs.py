@@ -19,9 +19,10 @@ from simwarp.sensors.cameras import lenses
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.cameras.camera import OUTPUTS, Camera, CameraConfig
 from simwarp.sensors.cameras.lenses import Pinhole
+from simwarp.sensors.instances import Appearance
 from simwarp.sensors.presets import KINDS, load_sensor
 from simwarp.sensors.ranging.lidar import MODES
-from simwarp.sensors.scene import PER_WORLD, Appearance, Visuals
+from simwarp.sensors.scene import PER_WORLD, Visuals
 from simwarp.sensors.shipped import sensor_names
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "sensors.md").read_text(encoding="utf-8")

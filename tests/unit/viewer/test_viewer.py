@@ -12,8 +12,9 @@ from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting, Lights
+from simwarp.sensors.instances import GREY
 from simwarp.sensors.interface import Mount
-from simwarp.sensors.scene import GREY, Visuals
+from simwarp.sensors.scene import Visuals
 from simwarp.viewer import FollowCamera, FreeCamera, Polyline, Shot, add_skeleton, caption, draw_lines, grid, paint
 from simwarp.viewer.default_visuals import PALETTE, STONE, body_colors
 from simwarp.viewer.sheets import INK, PAPER, label

@@ -99,7 +99,7 @@ class ShowPanel:
 
 def shapes_scene(model: Any) -> Scene:
     """The shapes of a model alone, those of a body in one colour."""
-    visuals = Visuals(cast("ModelBuilder", model.builder))
+    visuals = Visuals(cast("ModelBuilder", model.builder), spheres=True)
     for instance in list(visuals.instances):
         if instance.body >= 0:
             visuals.show(instance.shape, color=SHAPE_COLORS[instance.body % len(SHAPE_COLORS)])

@@ -1,0 +1,135 @@
+"""Vehicles on tires of flexible triangles: what they weigh, carry, roll over; the section's shape; wrong parameters."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp.vehicle import VEHICLE_SOLVER, SpecError, Vehicle, add_vehicle, load_vehicle, with_options
+from simwarp.vehicle.tires.flexible_tires import TireShell, flexible_parameters, tire_section
+
+
+def tire(**parameters):
+    """The front tire of the HMMWV with other parameters."""
+    found = with_options(load_vehicle("hmmwv"), tire="flexible").axles[0].tire
+    return dataclasses.replace(found, parameters={**found.parameters, **parameters})
+
+
+def coarse(**parameters):
+    """The HMMWV on tires of few cells."""
+    spec = with_options(load_vehicle("hmmwv"), tire="flexible")
+    few = {"around": 24, "across": 4, **parameters}
+    axles = tuple(
+        dataclasses.replace(
+            axle, tire=dataclasses.replace(axle.tire, parameters={**axle.tire.parameters, **few})
+        )
+        for axle in spec.axles
+    )  # fmt: skip
+    return dataclasses.replace(spec, axles=axles)
+
+
+def driving(spec, *, speed=0.0, worlds=1, obstacle=0.0, device="cpu"):
+    """A vehicle on a plane, and what it is made of."""
+    builder = sw.ModelBuilder()
+    builder.add_shape_plane(material=sw.Material(friction=0.9))
+    if obstacle > 0.0:
+        across = sw.pose((3.5, 0.0, 0.0), (0.70710678, 0.0, 0.0, 0.70710678))
+        builder.add_shape_cylinder(sw.WORLD, radius=obstacle, half_length=3.0, pose=across)
+    parts = add_vehicle(builder, spec, speed=speed)
+    own = ["joint_friction", "coupling_coefficient"]
+    model = builder.finalize(world_count=worlds, device=device, per_world=own)
+    vehicle = Vehicle(parts, model)
+    sim = sw.Simulation(model, dt=1e-3, solver=VEHICLE_SOLVER, elements=[vehicle])
+    return sim, vehicle, parts, builder
+
+
+def test_a_section_reaches_the_radius_and_the_width_in_equal_steps():
+    one = tire()
+    values = flexible_parameters(one)
+    section = tire_section(one, values)
+    assert len(section) == values.across + 3
+    beads, tread = section[[1, -2]], section[1:-1]
+    assert beads[:, 0] == pytest.approx(values.rim_radius)
+    assert np.abs(beads[:, 1]) == pytest.approx(0.5 * one.width)
+    assert section[len(section) // 2] == pytest.approx([one.radius, 0.0], abs=1e-3)
+    steps = np.linalg.norm(np.diff(tread, axis=0), axis=1)
+    # equal along the curve: chords across its bends are shorter
+    assert steps.max() < 1.25 * steps.min()
+    assert (section[[0, -1], 0] < values.rim_radius).all()
+
+
+def test_the_mesh_has_the_mass_of_the_tire():
+    one = tire()
+    shell = TireShell(one)
+    builder = sw.ModelBuilder()
+    rim = builder.add_body("rim", mass=1.0, inertia=(1.0, 1.0, 1.0))
+    shell.add(builder, "tire", rim, sw.pose())
+    nodes = sum(body.mass for body in builder.bodies[1:])
+    assert nodes + shell.held_mass == pytest.approx(one.mass, rel=1e-9)
+
+
+def test_a_vehicle_weighs_as_much_on_either_kind_of_tires():
+    found = []
+    for spec in (coarse(), with_options(load_vehicle("hmmwv"), tire="rigid")):
+        _, _, _, builder = driving(spec)
+        found.append(sum(body.mass for body in builder.bodies))
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "line"),
+    [
+        ({"rim_radius": 0.5}, "parameters.rim_radius: must be less than the tire's radius of 0.467 m, got 0.5"),
+        ({"pressure": -1.0}, "parameters.pressure"),
+        ({"around": 3}, "parameters.around"),
+        ({"sidewall": 1.0}, "sidewall"),
+    ],
+)
+def test_wrong_parameters_are_one_line(parameters, line):
+    with pytest.raises(SpecError, match=line.replace(".", r"\.")) as error:
+        flexible_parameters(tire(**parameters))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+def test_it_stands_on_loads_that_are_its_weight_and_sinks_less_on_more_air():
+    heights = []
+    for pressure in (1.5e5, 3.0e5):
+        sim, vehicle, parts, builder = driving(coarse(pressure=pressure))
+        loads = []
+        for step in range(2500):
+            sim.step()
+            if step >= 1500:
+                loads.append(vehicle.tires.load.numpy()[0].sum())
+        weight = 9.81 * sum(body.mass for body in builder.bodies)
+        # the suspension still swings a little: the mean over a second
+        assert np.mean(loads) == pytest.approx(weight, rel=0.02)
+        heights.append(sim.state.body_x.numpy()[0, parts.chassis, 2])
+    assert heights[1] > heights[0] + 3e-3
+
+
+@pytest.mark.slow
+def test_it_rolls_over_a_step_of_five_centimetres():
+    sim, vehicle, parts, _ = driving(coarse(), speed=5.0, obstacle=0.05)
+    largest = 0.0
+    for _ in range(1200):
+        sim.step()
+        largest = max(largest, float(vehicle.tires.load.numpy()[0].max()))
+    x, v = sim.state.body_x.numpy()[0], sim.state.body_v.numpy()[0]
+    assert sim.state.world_status.numpy()[0] == 0
+    assert x[parts.chassis, 0] > 5.0
+    assert abs(x[parts.chassis, 1]) < 0.05
+    # rolling takes some of the speed: the drive line, the obstacle, damping of the carcass
+    assert 3.5 < v[parts.chassis, 0] < 5.0
+    assert np.isfinite(largest)
+    assert largest > 8e3
+
+
+def test_worlds_on_flexible_tires_are_alike():
+    sim, _, parts, _ = driving(coarse(), speed=4.0, worlds=2)
+    for _ in range(40):
+        sim.step()
+    x = sim.state.body_x.numpy()
+    assert (x[0] == x[1]).all()
+    assert x[0, parts.chassis, 0] > 0.1
