@@ -99,11 +99,8 @@ def analyse(
     block_of = {(column, column): column for column in range(node_count)}
     for column, each in enumerate(columns):
         block_of.update({(row, column): node_count + column_start[column] + k for k, row in enumerate(each)})
-    targets: list[int] = []
-    target_start = [0]
-    for each in columns:
-        targets.extend(block_of[row, column] for k, column in enumerate(each) for row in each[k:])
-        target_start.append(len(targets))
+    targets = _targets(columns, node_count + column_start)
+    target_start = np.cumsum([0, *(len(each) * (len(each) + 1) // 2 for each in columns)])
     terms, shares = _terms(elements, place, block_of)
     first = sum(len(each) * (len(each) + 1) // 2 for each in elements)
     for index, (row, column) in enumerate(pairs):
@@ -113,6 +110,17 @@ def analyse(
         target_start, targets, *_joined(terms), *_joined(shares),
     )  # fmt: skip
     return BlockStructure(*(np.asarray(each, dtype=np.int32) for each in numbers))
+
+
+def _targets(columns: Sequence[Sequence[int]], first_block: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Blocks that each column updates: of the rows of its own blocks, all pairs, column by column."""
+    rows = [np.asarray(each, dtype=np.int64) for each in columns]
+    found = [np.zeros(0, dtype=np.int64)]
+    for each in rows:
+        for k, column in enumerate(each.tolist()):
+            # rows of a column are among those of the columns that it updates
+            found += [each[k : k + 1], first_block[column] + np.searchsorted(rows[column], each[k + 1 :])]
+    return np.concatenate(found)
 
 
 def _neighbours(node_count: int, elements: Sequence[Sequence[int]]) -> list[set[int]]:

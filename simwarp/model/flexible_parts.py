@@ -103,7 +103,7 @@ class FlexibleParts:
             thickness: [m].
             material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
             pose: of the vertices' frame in the world; identity when None.
-            glue: nodes that move with a body, by its index or name.
+            glue: nodes that move with a body, by its index or name, whose mass has to include theirs.
             fixed: nodes that do not move.
             pressure: that pushes triangles along their normals [Pa].
             radius: of spheres around its nodes, which touch other shapes [m]; half the thickness when None.

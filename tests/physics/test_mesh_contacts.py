@@ -235,10 +235,13 @@ def crushed(kind, young, mass, dt):
 @pytest.mark.parametrize("kind", ["hexahedra", "tetrahedra"])
 @pytest.mark.parametrize(("young", "mass", "dt"), [
     (2e4, 5.0, 1e-3), (2e4, 20.0, 1e-3), (1e5, 20.0, 5e-4),
-    pytest.param(1e5, 20.0, 1e-3, marks=pytest.mark.xfail(reason="the matrix is too soft in compression", strict=True)),
+    pytest.param(1e5, 20.0, 1e-3, marks=pytest.mark.xfail(reason="a step too long for such pressures", strict=True)),
 ])  # fmt: skip
 def test_a_cube_survives_being_crushed(kind, young, mass, dt):
-    """Loads up to the modulus, impacts that turn elements inside out: no energy is made, all stays finite."""
+    """Loads up to the modulus, impacts that turn elements inside out: no energy is made, all stays finite. The matrix of
+    rubber is a quarter as stiff as its forces where it is pressed to half its height, so that stiff rubber under such
+    pressures needs half a millisecond.
+    """
     ratio, sim = crushed(kind, young, mass, dt)
     assert ratio < 1.0 + 1e-3
     assert not [line for line in sim.problems() if "NON_FINITE" in line]

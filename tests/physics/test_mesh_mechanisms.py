@@ -287,3 +287,31 @@ def test_rods_and_meshes_in_one_model():
         assert energy(sim) < start + 1e-4 * abs(start)
         assert energy(sim) > start - 1.01 * lag - 0.01 * abs(start)
     assert np.isfinite(sw.flex.mesh_positions(sim, tip).numpy()).all()
+
+
+def test_joints_carry_what_hangs_on_them():
+    """A block below the second of two welded bodies, and a weight on one of its lowest nodes: forces are weights, the
+    torque about the first weld is that of all of them, to 1e-5 of what is left of the motion.
+    """
+    builder = sw.ModelBuilder()
+    one, two = link(builder, "one", (0.0, 0.0, 1.0)), link(builder, "two", (0.3, 0.0, 1.0))
+    builder.add_joint_fixed("root", WORLD, one, anchor=(0.0, 0.0, 1.0))
+    builder.add_joint_fixed("next", one, two, anchor=(0.3, 0.0, 1.0))
+    damped = sw.flex.Rubber(young=1e5, poisson=0.4, density=1000.0, damping_time=2e-3)
+    box = sw.flex.box(SIZE, (2, 2, 2))
+    mesh = builder.add_solid_mesh("block", box, material=damped, glue={two: "z_max"}, pose=sw.pose((0.3, 0.0, 0.9)))
+    node = int(np.flatnonzero(np.isclose(mesh.points, (0.0, 0.0, -0.04)).all(axis=1))[0])
+    at = mesh.places[node]
+    weight = link(builder, "weight", at - (0.0, 0.0, 0.05), 0.2)
+    builder.add_joint_spherical("hook", mesh.bodies[node], weight, anchor=tuple(at))
+    flex = sw.flex.Options(numerical_damping=1.0)
+    sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3, flex=flex, joint_reactions=True)
+    settle(sim, mesh, still=1e-7)
+    mass, x = node_masses(sim), sim.state.body_x.numpy()[0]
+    hanging = [weight, *own_bodies(mesh)]
+    loads = 9.81 * np.array([mass.sum(), mass[[two, *hanging]].sum(), mass[weight]])
+    force = sim.diagnostics.joint_reaction_force.numpy()[0].astype(float)
+    assert np.abs(force - np.outer(loads, (0.0, 0.0, 1.0))).max() < 1e-5 * loads[0]
+    turning = 9.81 * np.cross(x - (0.0, 0.0, 1.0), np.outer(mass, (0.0, 0.0, 1.0))).sum(axis=0)
+    torque = sim.diagnostics.joint_reaction_torque.numpy()[0].astype(float)
+    assert np.abs(torque[0] - turning).max() < 1e-5 * np.abs(turning).max()
