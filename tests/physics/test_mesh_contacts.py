@@ -238,9 +238,9 @@ def crushed(kind, young, mass, dt):
     pytest.param(1e5, 20.0, 1e-3, marks=pytest.mark.xfail(reason="a step too long for such pressures", strict=True)),
 ])  # fmt: skip
 def test_a_cube_survives_being_crushed(kind, young, mass, dt):
-    """Loads up to the modulus, impacts that turn elements inside out: no energy is made, all stays finite. The matrix of
-    rubber is a quarter as stiff as its forces where it is pressed to half its height, so that stiff rubber under such
-    pressures needs half a millisecond.
+    """Loads up to the modulus, impacts that turn elements inside out: no energy is made, all stays finite. The matrix
+    of rubber is a quarter as stiff as its forces where it is pressed to half its height, so that stiff rubber under
+    such pressures needs half a millisecond.
     """
     ratio, sim = crushed(kind, young, mass, dt)
     assert ratio < 1.0 + 1e-3

@@ -314,6 +314,17 @@ def _recorded_scene(eyes: Eyes, due: Any) -> Any:
     return tables.lower.numpy()
 
 
+def _valued_scene(eyes: Eyes, values: Any) -> Any:
+    builder = sw.ModelBuilder()
+    stuff = sw.flex.Rubber(young=1e6, density=1e3)
+    sheet = builder.add_shell("sheet", np.eye(3), [[0, 1, 2]], thickness=0.1, material=stuff)
+    visuals = sensors.Visuals(builder)
+    visuals.show_values(sheet)
+    scene = visuals.finalize(builder.finalize(1, device=str(eyes.sim.model.device)))
+    scene.set_values(sheet, values, most=1.0)
+    return values.numpy()
+
+
 def _stepped(learning: Learning, action: Any) -> Any:
     return learning.restarted().step(action).rewards.cpu().numpy()
 
@@ -445,6 +456,7 @@ CALLS: Final[dict[str, Call]] = {
         for name in ("camera", "lidar", "radar")
     },
     "Scene.place": Call("eyes", lambda e, g: _placed_scene(e, g([1, 0, 1], wp.int32)), moves=False, kinds=WARP),
+    "Scene.set_values": Call("eyes", lambda e, g: _valued_scene(e, g(np.zeros((1, 1)))), moves=False, kinds=WARP),
     "Scene.record_place": Call(
         "eyes", lambda e, g: _recorded_scene(e, g([1, 0, 1], wp.int32)), moves=False, kinds=WARP
     ),
