@@ -456,7 +456,7 @@ CALLS: Final[dict[str, Call]] = {
         for name in ("camera", "lidar", "radar")
     },
     "Scene.place": Call("eyes", lambda e, g: _placed_scene(e, g([1, 0, 1], wp.int32)), moves=False, kinds=WARP),
-    "Scene.set_values": Call("eyes", lambda e, g: _valued_scene(e, g(np.zeros((1, 1)))), moves=False, kinds=WARP),
+    "Scene.set_values": Call("eyes", lambda e, g: _valued_scene(e, g([[0.5]], wp.float32)), moves=False, kinds=WARP),
     "Scene.record_place": Call(
         "eyes", lambda e, g: _recorded_scene(e, g([1, 0, 1], wp.int32)), moves=False, kinds=WARP
     ),
