@@ -145,7 +145,7 @@ def other_tires(cls: Any) -> list[str]:
     """Return the names of the tires that are shipped for a task's vehicle, but for its own and those without a law."""
     spec = load_vehicle(cls.vehicle_name)
     own = spec if cls.tire is None else with_options(spec, tire=cls.tire)
-    names = [name for name in option_names(cls.vehicle_name, "tire") if "rigid" not in name]
+    names = [name for name in option_names(cls.vehicle_name, "tire") if "rigid" not in name and name != "flexible"]
     return [name for name in names if with_options(spec, tire=name).axles != own.axles]
 
 

@@ -47,6 +47,14 @@ def own() -> sw.Model:
 
 
 @pytest.fixture(scope="module")
+def sheet() -> sw.Model:
+    builder = sw.ModelBuilder()
+    stuff = sw.flex.Rubber(young=1e6, density=1e3)
+    builder.add_shell("sheet", np.eye(3), [[0, 1, 2]], thickness=0.1, material=stuff)
+    return builder.finalize(WORLDS, "cpu", per_world=tuple(PARAMETERS))
+
+
+@pytest.fixture(scope="module")
 def shared() -> sw.Model:
     return build().finalize(WORLDS, "cpu")
 
@@ -80,8 +88,8 @@ BELOW: dict[str, float] = {
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_values_outside_a_parameters_domain_are_refused(own, name):
-    array = getattr(own, name)
+def test_values_outside_a_parameters_domain_are_refused(own, sheet, name):
+    array = getattr(sheet if name.startswith("flexible_") else own, name)
     before = array.numpy().copy()
     wrong = [NAN, INF, -INF, 1e39, "x", None, [None], 1j, 10**400, *([BELOW[name]] if name in BELOW else [])]
     for value in wrong:

@@ -13,6 +13,8 @@ import simwarp as sw
 from simwarp import scenes
 from simwarp.core.types import WORLD, Dof, Material, PositionDrive, PrescribedPosition, VelocityMotor, WorldStatus, pose
 from simwarp.kernels.dynamics.world import Scratch
+from simwarp.meshes.lattices import rectangle_of_triangles
+from simwarp.meshes.materials import Elastic
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.keyword_argument_types import DofOptions
 from simwarp.model.model import PARAMETERS
@@ -402,7 +404,7 @@ def test_every_shape_parameter_acts_in_its_world_only(name):
 @pytest.mark.sweep
 def test_every_parameter_acts_in_its_world_only(name):
     """Changing one parameter of world 1 changes world 1, and nothing else: the array is really read per world."""
-    builder = parameter_probe()
+    builder = sheet_probe() if name.startswith("flexible_") else parameter_probe()
     model = builder.finalize(3, "cpu", per_world=[name])
     assert getattr(model, name).shape[0] == 3
     sims = [sw.Simulation(builder.finalize(3, "cpu"), 2e-3), sw.Simulation(model, 2e-3)]
@@ -420,6 +422,20 @@ def test_every_parameter_acts_in_its_world_only(name):
     a, b = (sim.state.joint_qd.numpy() for sim in sims)
     np.testing.assert_array_equal(a[[0, 2]], b[[0, 2]])
     assert np.any(a[1] != b[1]), f"{name} has no effect"
+
+
+def sheet_probe() -> ModelBuilder:
+    """A hinged body with a sheet glued to it, bent by pressure and its own weight."""
+    builder = ModelBuilder(gravity=(1.0, 0.5, -9.0))
+    arm = builder.add_body("arm", mass=0.1, inertia=(1e-3, 2e-3, 1e-3), pose=pose((0.3, 0, 0)))
+    builder.add_joint_revolute("hinge", WORLD, arm, axis=(0, 1, 0), anchor=(0, 0, 0))
+    points, triangles = rectangle_of_triangles((2, 2), (0.2, 0.2))
+    builder.add_shell(
+        "sheet", points, triangles, thickness=0.01, material=Elastic(young=1e6, density=500.0, damping_time=1e-2),
+        glue={arm: np.flatnonzero(points[:, 0] < 0.15)}, pressure=200.0, pose=pose((0.3, -0.1, 0.0)),
+        omega=(0.0, 3.0, 0.0),
+    )  # fmt: skip
+    return builder
 
 
 def parameter_probe() -> ModelBuilder:
