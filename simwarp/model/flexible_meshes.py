@@ -24,6 +24,8 @@ from simwarp.model.checks import checked_flag, checked_name, checked_pose, posit
 from simwarp.model.shapes import checked_material
 
 Array: TypeAlias = npt.NDArray[np.float64]
+Glue: TypeAlias = Mapping[int, Any] | Mapping[str, Any] | Mapping[int | str, Any]
+"""Nodes, by numbers or the name of a set, for each body, by its index or name."""
 
 
 class SolidSource(Protocol):
@@ -107,7 +109,7 @@ def sheet_part(
 
 def build_mesh(
     builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
-    pose: Pose | None, glue: Mapping[int | str, Any] | None, fixed: Any, radius: float | None,
+    pose: Pose | None, glue: Glue | None, fixed: Any, radius: float | None,
     surface: Material | None, touching: Sequence[int] | None, velocity: Vec3, omega: Vec3, double: bool,
     embedded: EmbeddedSurface | None = None,
 ) -> FlexibleMesh:  # fmt: skip
@@ -223,7 +225,7 @@ def check_nodes(thing: str, mesh: FlexibleMesh, builder: MeshBuilder) -> None:
 
 
 def _held_nodes(
-    builder: MeshBuilder, thing: str, count: int, sets: Mapping[str, Any], glue: Mapping[int | str, Any] | None,
+    builder: MeshBuilder, thing: str, count: int, sets: Mapping[str, Any], glue: Glue | None,
     fixed: Any,
 ) -> dict[int, int]:  # fmt: skip
     """Body of each node that does not move by itself; WORLD: it is fixed."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy.typing as npt
@@ -10,7 +9,7 @@ import numpy.typing as npt
 from simwarp.core.types import Material, Pose, Vec3
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_specification import FlexibleMesh
-from simwarp.model.flexible_meshes import MeshBuilder, SolidSource, build_mesh, sheet_part, solid_part
+from simwarp.model.flexible_meshes import Glue, MeshBuilder, SolidSource, build_mesh, sheet_part, solid_part
 from simwarp.model.rod_sections import AnySection
 from simwarp.model.rods import Rod, RodBuilder, RodEnd, RodMaterial, build_rod
 
@@ -56,7 +55,7 @@ class FlexibleParts:
 
     def add_solid_mesh(
         self: MeshBuilder, name: str, mesh: SolidSource, *, material: Elastic | Rubber, pose: Pose | None = None,
-        glue: Mapping[int | str, Any] | None = None, fixed: Any = (), radius: float | None = None,
+        glue: Glue | None = None, fixed: Any = (), radius: float | None = None,
         surface: Material | None = None, velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0),
         double: bool = False,
     ) -> FlexibleMesh:  # fmt: skip
@@ -89,7 +88,7 @@ class FlexibleParts:
 
     def add_shell(
         self: MeshBuilder, name: str, vertices: npt.ArrayLike, triangles: npt.ArrayLike, *, thickness: float,
-        material: Elastic | Rubber, pose: Pose | None = None, glue: Mapping[int | str, Any] | None = None,
+        material: Elastic | Rubber, pose: Pose | None = None, glue: Glue | None = None,
         fixed: Any = (), pressure: float = 0.0, radius: float | None = None, surface: Material | None = None,
         velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), double: bool = False,
     ) -> FlexibleMesh:  # fmt: skip

@@ -1,6 +1,7 @@
 """Meshes in contact: at rest, on a slope, stacked, draped over a box, pressed by a ball, crushed."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_a_plate_between_two_blocks():
     """Each node carries its part; the blocks' loads add up."""
     builder = sw.ModelBuilder()
     builder.add_shape_plane(material=SURFACE)
-    options = {"material": DAMPED, "radius": 3e-3, "surface": SURFACE}
+    options: dict[str, Any] = {"material": DAMPED, "radius": 3e-3, "surface": SURFACE}
     box = (0.12, 0.12, 0.08)
     lower = builder.add_solid_mesh("lower", sw.flex.box(box, (2, 2, 2)), pose=sw.pose((0.0, 0.0, 0.043)), **options)
     plate = builder.add_body("plate", mass=1.0, inertia=(2e-3, 2e-3, 4e-3), pose=sw.pose((0.0, 0.0, 0.096)))
@@ -73,7 +74,7 @@ def test_a_plate_between_two_blocks():
 @pytest.mark.parametrize("double", [False, True])
 def test_two_free_blocks_collide_and_keep_their_momentum(double):
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
-    options = {"material": DAMPED, "radius": 3e-3, "surface": SURFACE, "double": double}
+    options: dict[str, Any] = {"material": DAMPED, "radius": 3e-3, "surface": SURFACE, "double": double}
     box = sw.flex.box(SIZE, (2, 2, 2))
     one = builder.add_solid_mesh("one", box, velocity=(0.5, 0.0, 0.1), **options)
     two = builder.add_solid_mesh(

@@ -1,5 +1,7 @@
 """Meshes in worlds, beside other meshes, in snapshots and far from the origin."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,7 @@ def scene(origin=(0.0, 0.0, 0.0)):
     builder.add_shape_plane(material=SURFACE)
     plate, arm = link(builder, "plate", at(0.0, 0.0, 0.2)), link(builder, "arm", at(0.2, 0.0, 0.25))
     builder.add_joint_revolute("hinge", plate, arm, axis=(0.0, 1.0, 0.2), anchor=at(0.1, 0.0, 0.22))
-    options = {"radius": 2e-3, "surface": SURFACE}
+    options: dict[str, Any] = {"radius": 2e-3, "surface": SURFACE}
     block = builder.add_solid_mesh(
         "block", BOX, material=RUBBER, glue={plate: "z_max"}, pose=sw.pose(at(0.0, 0.0, 0.06)), **options
     )
