@@ -33,6 +33,8 @@ from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
 
 NODE_DOFS = 3
 """Of a node of a mesh."""
+AT_NODE = 1e-6
+"""Most that the anchor of a joint may be off the node that it holds: no lever turns with a node [m]."""
 POINT_JOINTS = (JointType.SPHERICAL, JointType.DISTANCE, JointType.POINT_ON_PLANE, JointType.POINT_ON_LINE)
 """Joints that a node of a mesh may have."""
 
@@ -362,6 +364,13 @@ def _check_node_joints(builder: Specification) -> None:
                 f"joint '{spec.name}': ties a node of a mesh, which has no rotation, got {spec.type.name}; use "
                 "SPHERICAL or DISTANCE without efforts on rotations, or glue the mesh"
             )
+        for body, frame in ((spec.parent, spec.frame0), (spec.child, spec.frame1)):
+            away = float(np.linalg.norm(frame.position))
+            if body in nodes and away > AT_NODE:
+                raise ModelError(
+                    f"joint '{spec.name}': its anchor must be at the node of a mesh that it holds, got {away:.3g} m "
+                    f"away; put it where body '{builder.bodies[body].name}' is"
+                )
 
 
 def _check_massless(builder: Specification, links: list[Link]) -> None:

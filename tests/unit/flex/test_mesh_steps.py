@@ -321,6 +321,15 @@ def test_a_hinge_at_a_node_is_refused():
         builder.finalize(world_count=1, device="cpu")
 
 
+def test_an_anchor_off_its_node_is_refused():
+    builder = sw.ModelBuilder()
+    mesh = builder.add_solid_mesh("block", solid(), material=RUBBER)
+    body = builder.add_body("weight", mass=0.2, inertia=(1e-4,) * 3)
+    builder.add_joint_spherical("hook", mesh.bodies[0], body, anchor=mesh.points[0] + [0.0, 0.0, 0.01])
+    with pytest.raises(ModelError, match=r"joint 'hook': its anchor must be at the node .*, got 0\.01 m away; put it"):
+        builder.finalize(world_count=1, device="cpu")
+
+
 def test_a_saved_model_steps_with_the_same_bits(tmp_path):
     builder = sw.ModelBuilder()
     builder.add_shape_plane()
