@@ -24,9 +24,8 @@ from simwarp.vehicle.inputs_kernels import (
     run_vehicle,
 )
 from simwarp.vehicle.spec.vehicle_spec import SpecError
-from simwarp.vehicle.tires.flexible_tires import FlexibleTires
+from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
-from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
 from simwarp.vehicle.tires.tires_kernels import apply_tires
@@ -414,7 +413,7 @@ def _motion(shape: tuple[int, int], model: Model) -> Any:
 
 def _tires(
     parts: Sequence[VehicleParts], model: Model, ground: TerrainTables | None, randomised: bool
-) -> Tires | RigidTires | SoilTires | FlexibleTires:
+) -> Tires | ContactTires | SoilTires:
     """Force elements, shapes in contact, or wheels on soil; a vehicle has one kind of them."""
     sides = [side for each in parts for side in each.sides]
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
@@ -422,7 +421,8 @@ def _tires(
         return SoilTires(len(sides), model, terrain=ground)
     meshes = [side.mesh for side in sides if side.mesh is not None]
     if len(meshes) == len(sides):
-        return FlexibleTires(meshes, model)
+        nodes = [[mesh.bodies[node] for node in mesh.nodes] for mesh in meshes]
+        return ContactTires([mesh.shapes for mesh in meshes], nodes, model)
     if meshes:
         raise SpecError("axles: tires must be flexible on all wheels or on none, got both; choose one kind")
     if any(on_soil):
@@ -434,7 +434,7 @@ def _tires(
         return Tires(mounts, worlds, bodies, model.device, terrain=ground, randomised=randomised)
     if len(rigid) < len(sides):
         raise SpecError("axles: tires must be rigid on all wheels or on none, got both; choose one kind")
-    return RigidTires([side.shape for side in rigid], [side.spindle for side in rigid], model)
+    return ContactTires([[side.shape] for side in rigid], [[side.spindle] for side in rigid], model)
 
 
 def _mounts(parts: VehicleParts) -> list[Mount]:

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
-from typing import Any, Self
-
 import numpy as np
 import numpy.typing as npt
-import warp as wp
 
-from simwarp.core.arrays import writable_from
 from simwarp.core.types import Material, Pose
 from simwarp.meshes.lattices import revolved_triangles
 from simwarp.meshes.materials import Elastic
 from simwarp.meshes.mesh_parts import MeshPart, lumped_masses
 from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.model import Model
-from simwarp.simulation.attachments import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
-from simwarp.vehicle.tires.flexible_tires_kernels import measure_flexible_tires
-from simwarp.vehicle.tires.rigid_tires_kernels import limit_friction
 from simwarp.vehicle.tires.tire_parameters import FlexibleParameters
-from simwarp.vehicle.tires.wheel_reports import WheelReports, parameter_text
+from simwarp.vehicle.tires.wheel_reports import parameter_text
 
 TEMPLATE = "flexible"
 FINE = 2000
@@ -106,69 +97,3 @@ class TireShell:
             name, self.points, self.triangles, thickness=values.thickness, material=self.material, pose=place,
             glue={body: self.held}, pressure=values.pressure, surface=Material(friction=values.friction),
         )  # fmt: skip
-
-
-class FlexibleTires(WheelReports):
-    """The wheels of a vehicle on flexible tires: the outputs of `Tires`, as far as contact yields them.
-
-    Args:
-        meshes: of the tires, in the order of the reports.
-        model: of the vehicle.
-
-    Attributes:
-        ground_friction: (1,) or (W,) of the road: a tire grips with the smaller one of this and its own.
-        load: (W, wheels) normal force [N]: the vertical part of the contacts' force.
-        force_w: (W, wheels) vec3 on each wheel, world [N].
-        slip_ratio, slip_angle, camber, deflection, torque_w, state: zeros; contact does not know them.
-    """
-
-    def __init__(self, meshes: Sequence[FlexibleMesh], model: Model) -> None:
-        super().__init__(len(meshes), model)
-        self._meshes, device = tuple(meshes), model.device
-        shapes = [shape for mesh in meshes for shape in mesh.shapes]
-        nodes = [[mesh.bodies[node] for node in mesh.nodes] for mesh in meshes]
-        self._shapes: wp.array = wp.array(shapes, dtype=int, device=device)
-        self._bodies: wp.array = wp.array([body for each in nodes for body in each], dtype=int, device=device)
-        self._starts: wp.array = wp.array(np.cumsum([0, *map(len, nodes)]), dtype=int, device=device)
-        frictions = model.shape_friction.numpy()
-        self._own_friction: wp.array = wp.array(frictions[0, shapes], dtype=float, device=device)
-        self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
-
-    def missing_ground(self, simulation: StepContext, own: Container[int]) -> str:
-        """Return what is missing for the wheels to stand on, in words; empty if nothing is.
-
-        Args:
-            simulation: of the vehicle.
-            own: bodies of the vehicles, on whose shapes they do not stand.
-        """
-        model = simulation.model
-        bodies = model.topology.shape_body.numpy()[model.shapes_that_meet]
-        if any(int(body) not in own for body in bodies):
-            return ""
-        return "the model has no other shape that could meet their wheels; add one, such as builder.add_shape_plane()"
-
-    def of(self, first: int, count: int) -> Self:
-        """`count` wheels of these from number `first` on: views of the same memory."""
-        part = super().of(first, count)
-        part._starts = self._starts[first : first + count + 1]
-        return part
-
-    def record(self, simulation: StepContext) -> list[Any]:
-        """The launch before a sub-step: the road's friction."""
-        friction = simulation.model.shape_friction
-        return [
-            simulation.shares.record(
-                limit_friction, len(self._shapes), inputs=[self._shapes, self._own_friction, self.ground_friction],
-                outputs=[friction],
-            )
-        ]  # fmt: skip
-
-    def record_after(self, simulation: StepContext) -> list[Any]:
-        """The launch after a sub-step: the loads."""
-        return [
-            simulation.shares.record(
-                measure_flexible_tires, self.shape[1],
-                inputs=[self._starts, self._bodies, simulation.contacts.body_contact_force],
-                outputs=[self.load, self.force_w],
-            )
-        ]  # fmt: skip

@@ -12,7 +12,7 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import ShaftsDriveline4WD, SpecError
-from simwarp.vehicle.tires.rigid_tires import RigidTires
+from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
@@ -86,7 +86,7 @@ def rigid(worlds: int = 2, friction: float = 0.9):
 
 def test_rigid_tires_carry_the_vehicle_and_drive_it():
     vehicle, sim = rigid()
-    assert isinstance(vehicle.tires, RigidTires)
+    assert isinstance(vehicle.tires, ContactTires)
     vehicle.input[:, 2] = 1.0
     for _ in range(1500):
         sim.step()
