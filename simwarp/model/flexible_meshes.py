@@ -15,7 +15,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, Material, ModelError, Pose, Vec3, finite_vector, formatted, pose as make_pose
 from simwarp.core.wording import suggestion
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_model import check_cost
+from simwarp.meshes.mesh_costs import check_cost
 from simwarp.meshes.mesh_parts import MeshPart, as_array, checked_part, checked_points, lumped_masses
 from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.meshes.mesh_surfaces import surface_of
@@ -141,7 +141,7 @@ def build_mesh(
     own = [node for node in range(len(rest)) if node not in held]
     if not own:
         raise ModelError(f"{thing}: some node must move by itself, got all {len(rest)} glued or fixed; use a shape")
-    check_cost(thing, len(own), any(part.kind != "triangles" for part in made))
+    check_cost(thing, len(own), made)
     v, w = finite_vector(thing, "velocity", velocity, 3), finite_vector(thing, "omega", omega, 3)
     counts = len(builder.bodies), len(builder.shapes)
     apart = set(builder.excluded_bodies)
