@@ -22,14 +22,20 @@ PARTS: dict[str, Any] = {
     "contact": '<contact selfcollide="none"/>', "attributes": 'count="3 3 3" spacing=".1 .1 .1"',
     "where": 'pos="0.1 0.2 1" quat="1 .2 .1 .3"', "elasticity": 'young="1e6" poisson=".3" damping="1e-3"',
 }  # fmt: skip
-SHEET: dict[str, Any] = {"dim": 2, "elasticity": 'young="1e6" poisson=".3" thickness=".005" elastic2d="both"',
-         "attributes": 'count="5 4 1" spacing=".1 .1 .1"'}  # fmt: skip
-LINE: dict[str, Any] = {"dim": 1, "elasticity": 'young="1e7" poisson=".3"', "attributes": 'count="8 1 1" spacing=".1 .1 .1"',
-        "edge": '<edge equality="true"/>'}  # fmt: skip
+SHEET: dict[str, Any] = {
+    "dim": 2, "elasticity": 'young="1e6" poisson=".3" thickness=".005" elastic2d="both"',
+    "attributes": 'count="5 4 1" spacing=".1 .1 .1"',
+}  # fmt: skip
+LINE: dict[str, Any] = {
+    "dim": 1, "elasticity": 'young="1e7" poisson=".3"', "attributes": 'count="8 1 1" spacing=".1 .1 .1"',
+    "edge": '<edge equality="true"/>',
+}  # fmt: skip
 ROPE = LINE | {"edge": '<edge stiffness="1e4"/>'}
 POINTS = 'point="0 0 0  .1 0 0  0 .1 0  0 0 .1  .1 .1 .1" element="0 1 2 3  1 2 3 4"'
-TURNED: dict[str, Any] = {"before": '<body name="hand" pos="0 0 .1"><joint name="turn" axis="0 1 0"/><geom size=".05" mass="3"/>',
-          "after": "</body>"}  # fmt: skip
+TURNED: dict[str, Any] = {
+    "before": '<body name="hand" pos="0 0 .1"><joint name="turn" axis="0 1 0"/><geom size=".05" mass="3"/>',
+    "after": "</body>",
+}
 HELD: dict[str, dict[str, Any]] = {
     "solid, loose": {},
     "solid, a side pinned": {"pin": '<pin gridrange="0 0 0 0 2 2"/>'},
