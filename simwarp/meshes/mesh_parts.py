@@ -150,11 +150,11 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
         part = _checked_sheet(label, elements, part)
     else:
         _check_faces(label, elements)
-    if kind != "triangles" and (part.thickness is not None or part.pressure != 0.0):
-        raise ModelError(
-            f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
-            f"{part.pressure!r}; they are of triangles"
-        )
+        if part.thickness is not None or part.pressure != 0.0:
+            raise ModelError(
+                f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
+                f"{part.pressure!r}; they are of triangles"
+            )
     fill = None if part.fill is None else checked_fill(label, part.fill, len(elements))
     return dataclasses.replace(part, elements=elements, fill=fill)
 

@@ -7,6 +7,7 @@ there. What MuJoCo compiles away (Young's modulus, thickness) is read of its spe
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -28,8 +29,10 @@ KIND: Final = {1: "rod", 2: "shell", 3: "solid"}
 """What flexes become, by their dimension."""
 SLIDES: Final = 3
 """Of a vertex that moves freely."""
-TWIST: Final = "_twist"
-"""Behind the name of a flex: bodies with a hinge that MuJoCo adds for the twist of its edges."""
+TWIST: Final = "_twist(_[0-9]+)?"
+"""Behind the name of a line: bodies with a hinge that MuJoCo adds for the twist of its edges."""
+TWIST_MASS: Final = 1e-9
+"""Of these [kg]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,8 +63,9 @@ def vertex_bodies(source: Source) -> frozenset[int]:
     found: set[int] = set()
     for flex in _flexes(source):
         found.update(int(flex.owners[vertex]) for vertex in flex.own)
-        start = flex.name + TWIST
-        found.update(body for body in range(source.model.nbody) if source.label("body", body).startswith(start))
+        light = np.flatnonzero(source.model.body_mass <= TWIST_MASS).tolist() if flex.elements.shape[1] == 2 else []
+        twist = re.compile(re.escape(flex.name) + TWIST)
+        found.update(body for body in light if twist.fullmatch(source.label("body", body)))
     return frozenset(found)
 
 

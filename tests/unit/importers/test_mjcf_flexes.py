@@ -132,6 +132,19 @@ def test_a_refused_flex_is_left_out_where_it_is_allowed(tmp_path):
     assert not found.bodies
 
 
+def test_two_flexes_keep_their_own_numbers_and_a_body_that_is_named_alike_stays(tmp_path):
+    other = """<body name="g_twist_wheel" pos="0 0 4"><freejoint/><geom size=".1" mass="1"/></body>
+<flexcomp name="g" type="grid" dim="1" count="4 1 1" spacing=".1 .1 .1" mass="1" radius=".02" pos="0 0 3">
+<elasticity young="3e6" poisson=".2"/><edge equality="true"/></flexcomp>"""
+    found = load(tmp_path, after=other)[0]
+    assert found.builder.flexible_meshes[0].parts[0].material.young == 1e6
+    first = next(joint for joint in found.builder.joints if joint.name == "g:0")
+    area, length = np.pi * 0.02**2, 0.1
+    assert first.dofs[0].stiffness == pytest.approx(3e6 * area / length, rel=1e-12)
+    assert "g_twist_wheel" in found.bodies
+    assert found.mass == pytest.approx(4.0, rel=1e-12)
+
+
 def test_a_flex_has_the_contacts_of_its_masks(tmp_path):
     other = '<contact selfcollide="none" contype="2" conaffinity="4" condim="3" friction=".3"/>'
     found = load(tmp_path, contact=other)[0]
