@@ -19,6 +19,7 @@ from simwarp.core.types import WORLD, Material, ModelError
 from simwarp.importers.mjcf.mjcf_shapes import GROUP_BITS
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 from simwarp.meshes.materials import Elastic
+from simwarp.meshes.mesh_columns import mesh_cost
 from simwarp.meshes.volume_mesh import VolumeMesh
 from simwarp.model.rod_sections import Section
 from simwarp.model.rods import Clamp, Hinge
@@ -264,7 +265,8 @@ def _tell(source: Source, flex: Flex) -> None:
     """What became of a flex, and which of its equations are others."""
     model, report, index, name = source.model, source.report, flex.index, flex.name
     kind = KIND[int(model.flex_dim[index])]
-    report.hold("flex", name, f"a {kind} of {len(flex.own)} nodes that move")
+    told = f"{len(flex.own)} nodes" if kind == "rod" else mesh_cost(source.builder.flexible_meshes[-1]).summary
+    report.hold("flex", name, f"a {kind} of {told}")
     if kind == "rod":
         report.approximate("flex rod", name, "elements bend, shear and stretch between vertices (add_rod)")
         if model.flex_edgeequality[index]:
