@@ -1,6 +1,6 @@
 """Other engines on the same scene in the same run: MuJoCo C on the cart-pole, one thread, no Python in its loop.
 
-Scenes with contacts have theirs in `contact_peers`.
+Scenes with contacts have theirs in `contact_peers`, those with flexible bodies in `flexible_peers`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.bench.contact_peers import CONTACT_SCENES, Measure, contact_peer_notes, contact_peers
+from simwarp.bench.flexible_peers import FLEXIBLE_SCENES, flexible_peer_notes, flexible_peers
 from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, SceneRun, time_and_judge
 from simwarp.bench.mujoco_rollout import Rollout
@@ -50,6 +51,8 @@ def peer_notes(scene: str) -> list[str]:
     notes = []
     if scene in CONTACT_SCENES:
         return contact_peer_notes(scene)
+    if scene in FLEXIBLE_SCENES:
+        return flexible_peer_notes(scene)
     if scene != PEER_SCENE:
         there = ", ".join(f"'{name}'" for name in (PEER_SCENE, *CONTACT_SCENES))
         notes.append(f"peers: no other engine has a model of '{scene}' here; they have {there}")
@@ -67,6 +70,8 @@ def peer_measures(scene: str) -> list[Measure]:
     """Measurements of the engines that can stand beside this scene."""
     if scene in CONTACT_SCENES:
         return contact_peers(scene)
+    if scene in FLEXIBLE_SCENES:
+        return flexible_peers(scene)
     return [measure_mujoco] if scene == PEER_SCENE and importlib.util.find_spec("mujoco") is not None else []
 
 

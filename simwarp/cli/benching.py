@@ -294,6 +294,10 @@ def _print(
         if row.split is not None:
             parts = ", ".join(f"{part} {100.0 * share:.0f} %" for part, share in row.split.items())
             console.print(f"{row.worlds:,} worlds: {parts}", highlight=False, soft_wrap=True)
+    errors = {row.engine: row.error for row in rows + peers if row.error is not None}
+    if errors:
+        told = ", ".join(f"{engine} {100.0 * error:.2g} %" for engine, error in errors.items())
+        console.print(f"error at rest: {told}", highlight=False, soft_wrap=True)
     console.print(_costs(rows[0]), highlight=False, soft_wrap=True)
     for note in notes:
         console.print(note, highlight=False, markup=False, soft_wrap=True)

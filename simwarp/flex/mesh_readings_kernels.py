@@ -78,3 +78,13 @@ def measure_triangle_stress(
         square += wp.float64(3.0) * found[2] * found[2]
         worst = wp.max(worst, float(wp.sqrt(square)))
     stress[world, place + element] = worst
+
+
+@wp.kernel
+def count_inverted(
+    s: SolidTables, nodes: wp.array2d[wp.vec3d], still: wp.array[wp.vec3], first: int, count: wp.array[int]
+):
+    """Of elements from `first` on, those whose determinant is not above zero are added, world by world."""
+    world, element = wp.tid()
+    if not deformation(first + element, s, nodes[world], still).determinant > wp.float64(0.0):
+        wp.atomic_add(count, world, 1)

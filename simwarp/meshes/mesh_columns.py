@@ -13,6 +13,7 @@ import warp as wp
 from simwarp.core.types import WORLD
 from simwarp.kernels.meshes.mesh_loads import GlueTables, MeshTables
 from simwarp.meshes.block_structure import BlockStructure, analyse, element_blocks
+from simwarp.meshes.mesh_costs import MeshCost, cost_of
 from simwarp.meshes.mesh_model import ORDER, element_tables, factor_sizes, material_tables, structure_tables
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.mesh_specification import FlexibleMesh
@@ -230,3 +231,20 @@ def mesh_sizes(meshes: Sequence[FlexibleMesh], columns: MeshColumns | None) -> d
         "mesh_vector_double": vector if double else 0, "mesh_shares": shares,
         "mesh_element_blocks": blocks + len(columns.pairs), "mesh_points": sum(len(mesh.points) for mesh in meshes),
     }  # fmt: skip
+
+
+def mesh_cost(mesh: FlexibleMesh) -> MeshCost:
+    """What a mesh of a builder costs in each world: it is counted, nothing is made.
+
+    Args:
+        mesh: that `add_solid_mesh` or `add_shell` gave.
+    """
+    return costs_of([mesh], mesh_columns([mesh]))
+
+
+def costs_of(meshes: Sequence[FlexibleMesh], columns: MeshColumns | None) -> MeshCost:
+    """What all meshes of a model cost in each world; `columns` are those of their matrix."""
+    parts = [part for mesh in meshes for part in mesh.parts]
+    if columns is None:
+        return MeshCost(nodes=0, elements={}, factor_numbers=0, multiplications=0, scratch_bytes=0)
+    return cost_of(columns.structure, columns.node_count, parts, mesh_sizes(meshes, columns))

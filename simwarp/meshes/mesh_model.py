@@ -18,16 +18,13 @@ from simwarp.kernels.meshes.solid_loads import SolidTables
 from simwarp.kernels.meshes.triangle_loads import TriangleTables
 from simwarp.meshes.block_structure import BlockStructure, analyse
 from simwarp.meshes.materials import Rubber
+from simwarp.meshes.mesh_costs import check_cost
 from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
 from simwarp.meshes.solid_elements import hexahedra_constants, tetrahedra_constants
 from simwarp.meshes.triangle_elements import triangles_constants
 
 ORDER = ("tetrahedra", "hexahedra", "triangles")
 """Kinds of elements in the order of their shares and blocks."""
-MOST_NODES = 1500
-"""That move by themselves: a factor of more takes tens of milliseconds for each step of each world."""
-CORE_SPEED = 1e10
-"""Multiplications, each with an addition, that a core makes of a factor in a second."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +81,7 @@ def make_mesh(
     _check_nodes(label, masses, fixed)
     unknown = np.full(len(points), -1, dtype=np.int64)
     free = np.setdiff1d(np.arange(len(points)), np.asarray(fixed, dtype=np.int64))
-    check_cost(label, len(free), any(part.kind != "triangles" for part in parts))
+    check_cost(label, len(free), parts)
     unknown[free] = np.arange(len(free))
     tables: Any = MeshTables()
     elements: list[list[int]] = []
@@ -126,19 +123,6 @@ def _check_nodes(label: str, masses: npt.NDArray[np.float64], fixed: Sequence[in
             )
     if len(set(fixed)) == len(masses):
         raise ModelError(f"{label}: some node must not be fixed, got all {len(masses)}; use a static shape")
-
-
-def check_cost(label: str, nodes: int, is_solid: bool) -> None:
-    """Refuse what no factor serves; its cost grows as that of boxes of hexahedra and of rolled sheets was counted."""
-    if nodes <= MOST_NODES:
-        return
-    work = 145.0 * nodes**2 if is_solid else 440.0 * nodes**1.5
-    blocks = 2.6 * nodes**1.5 if is_solid else 2.9 * nodes * np.log2(nodes)
-    milliseconds, size = 1e3 * work / CORE_SPEED, 4.0 * BLOCK * blocks / 2**20
-    raise ModelError(
-        f"{label}: nodes that move must be at most {MOST_NODES}, got {nodes}: a step of a world would take some "
-        f"{milliseconds:.0f} ms of a core, its factor {size:.0f} MiB; use a coarser mesh"
-    )
 
 
 def element_tables(

@@ -15,6 +15,11 @@ from simwarp.meshes.solid_elements import CORNERS, hexahedra_volumes, natural_sl
 
 KINDS = {3: "triangles", 4: "tetrahedra", 8: "hexahedra"}
 """Elements by their number of nodes."""
+FACES = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Faces of an element by its number of nodes, counter-clockwise seen from outside."""
 FLAT = 1e-9
 """Area or volume of an element, over that of a regular one of its size, below which it is flat."""
 MOST_POISSON = 0.45
@@ -143,11 +148,13 @@ def checked_part(label: str, points: npt.NDArray[np.float64], part: MeshPart) ->
         )
     if kind == "triangles":
         part = _checked_sheet(label, elements, part)
-    elif part.thickness is not None or part.pressure != 0.0:
-        raise ModelError(
-            f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
-            f"{part.pressure!r}; they are of triangles"
-        )
+    else:
+        _check_faces(label, elements)
+        if part.thickness is not None or part.pressure != 0.0:
+            raise ModelError(
+                f"{label}: thickness and pressure must be left out for {kind}, got {part.thickness!r} and "
+                f"{part.pressure!r}; they are of triangles"
+            )
     fill = None if part.fill is None else checked_fill(label, part.fill, len(elements))
     return dataclasses.replace(part, elements=elements, fill=fill)
 
@@ -186,6 +193,23 @@ def _checked_sheet(label: str, elements: npt.NDArray[Any], part: MeshPart) -> Me
             f"at nodes {side}; orient them alike, or split the mesh there"
         )
     return dataclasses.replace(part, thickness=thickness, pressure=pressure)
+
+
+def _check_faces(label: str, elements: npt.NDArray[Any]) -> None:
+    """A face is one element's, or that of two on either side of it: elements that cross have one from the same side."""
+    corners = FACES[elements.shape[1]]
+    faces = elements[:, corners].reshape(-1, len(corners[0]))
+    # from their lowest node on, round as seen from outside
+    first = np.argmin(faces, axis=1)[:, None]
+    faces = np.take_along_axis(faces, (first + np.arange(faces.shape[1])) % faces.shape[1], axis=1)
+    found, place, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
+    if (count > 1).any():
+        face = int(np.argmax(count))
+        both = np.flatnonzero(place.reshape(-1) == face)[:2] // len(corners)
+        raise ModelError(
+            f"{label}: elements must not cross, got elements {both[0]} and {both[1]} on the same side of their face of "
+            f"nodes {found[face].tolist()}; leave one out, or repair the mesh"
+        )
 
 
 def element_volumes(points: npt.NDArray[np.float64], elements: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

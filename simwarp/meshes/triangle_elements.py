@@ -83,6 +83,18 @@ def with_neighbours(triangles: Ints) -> Ints:
     return nodes
 
 
+def crossed_nodes(triangles: Ints) -> tuple[int, int]:
+    """Nodes inside a sheet where four triangles meet, and all nodes inside it.
+
+    Where diagonals run the same way six meet; where they alternate, or all cells are crossed, half the nodes have four.
+    """
+    sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    sides, uses = np.unique(sides, axis=0, return_counts=True)
+    nodes, meeting = np.unique(triangles, return_counts=True)
+    inside = ~np.isin(nodes, sides[uses == 1])
+    return int((meeting[inside] == 4).sum()), int(inside.sum())
+
+
 def _inner_slopes(xi: float, eta: float) -> Array:
     """(3, 2) slopes of ζ + ξη, ξ + ηζ, η + ζξ over (ξ, η), with ζ = 1 - ξ - η."""
     zeta = 1.0 - xi - eta

@@ -15,18 +15,21 @@ from simwarp.core.object_repr import Names, Readable, ReadableFields, Row, plura
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import FLOAT32_MAX, ModelError, Pose, Vec3, formatted, numbers
 from simwarp.core.wording import shortened, suggestion
-from simwarp.meshes.mesh_parts import KINDS, as_array, checked_elements, checked_fill, checked_points, element_volumes
+from simwarp.meshes.mesh_parts import (
+    FACES,
+    KINDS,
+    as_array,
+    checked_elements,
+    checked_fill,
+    checked_points,
+    element_volumes,
+)
 
 Points: TypeAlias = npt.NDArray[np.float64]
 Nodes: TypeAlias = npt.NDArray[np.int32]
 Where: TypeAlias = Callable[[Points], npt.NDArray[np.bool_]] | tuple[Vec3, Vec3]
 """A function of points (n, 3) [m] whose values (n,) say which are meant, or two opposite corners of a box [m]."""
 
-FACES = {
-    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
-    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-}
-"""Faces of an element by its number of nodes, counter-clockwise seen from outside."""
 NEAR = 1e-9
 """Share of a mesh's size by which a node may lie outside a box and count as inside."""
 

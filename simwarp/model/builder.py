@@ -60,7 +60,7 @@ from simwarp.model.effective_parameters import refuse_idle_writes
 from simwarp.model.flexible_parts import FlexibleParts
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_argument_types import DofOptions
-from simwarp.model.mass_ratios import unsound_ratio
+from simwarp.model.mass_ratios import unsound_ratio, unsound_rod
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, Name, PoseField, Vector3
 from simwarp.model.shapes import ShapeList
@@ -625,7 +625,7 @@ class ModelBuilder(Readable, ShapeList, FlexibleParts):
             contact_capacity: contact slots of every world; enough for most scenes when None.
 
         Warns:
-            UserWarning: a body may have to carry another of more than 1e5 times its mass.
+            UserWarning: a body may have to carry another of more than 1e5 times its mass, a rod's node of 3e5.
 
         Raises:
             ModelError: the worlds, the device or the topology are not usable; says which and why.
@@ -633,9 +633,9 @@ class ModelBuilder(Readable, ShapeList, FlexibleParts):
         model = Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
         refuse_idle_writes(model)
         meets = frozenset(self.shapes[shape].body for shape in np.nonzero(model.shapes_that_meet)[0])
-        ratio = unsound_ratio(self, meets - {WORLD})
-        if ratio is not None:
-            warnings.warn(f"finalize: {ratio}", stacklevel=2)
+        for ratio in (unsound_ratio(self, meets - {WORLD}), unsound_rod(self)):
+            if ratio is not None:
+                warnings.warn(f"finalize: {ratio}", stacklevel=2)
         return model
 
     # ---- checks --------------------------------------------------------------------------------------------------

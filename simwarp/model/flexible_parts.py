@@ -9,7 +9,15 @@ import numpy.typing as npt
 from simwarp.core.types import Material, Pose, Vec3
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_specification import FlexibleMesh
-from simwarp.model.flexible_meshes import Glue, MeshBuilder, SolidSource, build_mesh, sheet_part, solid_part
+from simwarp.model.flexible_meshes import (
+    Glue,
+    MeshBuilder,
+    SolidSource,
+    build_mesh,
+    sheet_part,
+    solid_part,
+    warn_of_crosses,
+)
 from simwarp.model.rod_sections import AnySection
 from simwarp.model.rods import Rod, RodBuilder, RodEnd, RodMaterial, build_rod
 
@@ -110,11 +118,16 @@ class FlexibleParts:
             velocity, omega: of all of it as a rigid body at the start [m/s, rad/s], world.
             double: factor its matrix in double precision.
 
+        Warns:
+            UserWarning: diagonals cross or alternate: a sheet of such triangles bends too little.
+
         Raises:
             ModelError: an argument cannot be used.
         """
         part = sheet_part(name, triangles, material, thickness, pressure)
-        return build_mesh(
+        mesh = build_mesh(
             self, name, vertices, [part], sets={}, pose=pose, glue=glue, fixed=fixed, radius=radius, surface=surface,
             touching=None, velocity=velocity, omega=omega, double=double,
         )  # fmt: skip
+        warn_of_crosses(mesh, stacklevel=3)
+        return mesh

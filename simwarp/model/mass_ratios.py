@@ -7,12 +7,66 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from simwarp.core.types import JointType
+from simwarp.core.types import WORLD, JointType
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import Specification
 
 SOUND_RATIO: Final = 1.0e5
 """What float32 holds beside each other: a velocity of 1 m/s to 1e-7 is one of 1 cm/s of what is 1e5 times lighter."""
+
+
+SOUND_ROD_RATIO: Final = 3.0e5
+"""What a rod's node carries, over its mass: at 2e5 a swinging wire keeps its energy, at 4e5 it gains some.
+"""
+
+
+class RodRatio(NamedTuple):
+    """A rod whose lightest node is far lighter than what hangs on it."""
+
+    node: str
+    mass: float
+    load: str
+    load_mass: float
+
+    def __str__(self) -> str:
+        ratio = self.load_mass / self.mass
+        return (
+            f"rod node '{self.node}' has {self.mass:.3g} kg and has to carry body '{self.load}' of "
+            f"{self.load_mass:.3g} kg, {ratio:.2g} times as much; rods hold up to {SOUND_ROD_RATIO:g}: take fewer "
+            "elements, or a thicker rod"
+        )
+
+
+def unsound_rod(builder: Specification) -> RodRatio | None:
+    """The worst rod that carries more than `SOUND_ROD_RATIO` of its lightest node; None where there is none.
+
+    A rod carries the second heaviest of what it ties, where the world is the heaviest of all: one that hangs on a heavy
+    body with nothing at its other end has nothing to carry.
+    """
+    rods = _Groups(len(builder.bodies))
+    nodes = set()
+    for spec in builder.joints:
+        if spec.type is JointType.ELASTIC:
+            nodes |= {spec.parent, spec.child} - {WORLD}
+            if min(spec.parent, spec.child) >= 0:
+                rods.join(spec.parent, spec.child)
+    masses = [0.0 if body.is_massless else body.mass for body in builder.bodies]
+    tied: dict[int, set[int]] = {}
+    for spec in builder.joints:
+        for one, other in ((spec.parent, spec.child), (spec.child, spec.parent)):
+            if one in nodes and other not in nodes:
+                tied.setdefault(rods.of(one), set()).add(other)
+    worst: tuple[float, int, int] | None = None
+    for rod, bodies in tied.items():
+        heavy = sorted(bodies, key=lambda body: np.inf if body == WORLD else masses[body])
+        light = min((node for node in nodes if rods.of(node) == rod and masses[node] > 0.0), key=masses.__getitem__)
+        if len(heavy) > 1 and masses[heavy[-2]] > SOUND_ROD_RATIO * masses[light]:
+            ratio = masses[heavy[-2]] / masses[light]
+            worst = max(worst or (ratio, light, heavy[-2]), (ratio, light, heavy[-2]))
+    if worst is None:
+        return None
+    _, light, load = worst
+    return RodRatio(builder.bodies[light].name, masses[light], builder.bodies[load].name, masses[load])
 
 
 class MassRatio(NamedTuple):

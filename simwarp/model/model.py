@@ -22,7 +22,7 @@ from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
-from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, device_meshes, mesh_topology, use_parameters
+from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, costs_of, device_meshes, mesh_topology, use_parameters
 from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
@@ -85,6 +85,7 @@ class Model(ParameterFields):
         unit_newton: units that no row ties and whose shapes may touch others: Newton steps can solve their contacts.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         builder: that it was made of.
+        mesh_cost: of its flexible meshes, in each world.
         mass_ratio: of the heaviest body to the lightest, as built, nodes of rods left out: what is elastic carries
             any load.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
@@ -142,6 +143,7 @@ class Model(ParameterFields):
         self.unit_newton = _newton_units(builder, tables, self.row_groups, self.shapes_that_meet)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
+        self.mesh_cost = costs_of(builder.flexible_meshes, tables.meshes)
         self.mesh_tables = device_meshes(builder.flexible_meshes, tables.meshes, device)
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
@@ -180,7 +182,9 @@ class Model(ParameterFields):
             name: ArrayLayout((worlds if name in wanted else 1, *_lengths(array, name)), PARAMETERS[name].dtype)
             for name, array in values.items()
         }
-        check_layouts(f"finalize: {worlds} worlds", layouts | run_layouts(model.sizes()), model.device, FEWER)
+        # of a CPU, worlds of a thread take the same scratch in turn
+        scratch = model.mesh_cost.scratch_bytes * (worlds if model.device.is_cuda else 1)
+        check_layouts(f"finalize: {worlds} worlds", layouts | run_layouts(model.sizes()), model.device, FEWER, scratch)
         for name, layout in layouts.items():
             shared = layout.shape[0] == 1 < worlds
             array = writable_from(
@@ -218,6 +222,7 @@ class Model(ParameterFields):
             **specification_rows(self.builder),
             "coordinates": f"{self.dof_count} in joint_q",
             "contacts": f"up to {contacts} in a world" if self.contact_capacity else "",
+            "meshes": self.mesh_cost.summary,
             "memory": f"{bytes_text(sum(sizes))} of parameters, {bytes_text(run)} of state in a Simulation",
             "per world": Names(len(own), own),
         }

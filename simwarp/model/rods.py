@@ -169,7 +169,10 @@ def rod_points(thing: str, points: Any, elements: int | None) -> Array:
     """
     given = numbers(points)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) < 2 or not np.isfinite(given).all():
-        raise ModelError(f"{thing}: points must be two or more of three finite numbers [m], got {formatted(points)}")
+        raise ModelError(
+            f"{thing}: points must be two or more of three finite numbers [m], got {formatted(points)}; give x, y, "
+            "z of each"
+        )
     if elements is not None:
         count = whole_number(thing, "elements", elements, 1, MOST_ELEMENTS, "None takes the points as they are")
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))])

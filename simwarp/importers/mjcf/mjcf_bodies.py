@@ -25,7 +25,7 @@ def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
     model, data = source.model, source.data
     source.bodies = [WORLD] * model.nbody
     for root in range(1, model.nbody):
-        if model.body_weldid[root] != root:
+        if model.body_weldid[root] != root or root in source.vertices:
             continue
         own = [body for body in range(root, model.nbody) if model.body_weldid[body] == root]
         numbers = (model.body_mass[own], model.body_inertia[own], data.xipos[own])
@@ -50,6 +50,8 @@ def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
             source.bodies[body] = index
     names, frames = {}, {}
     for body in range(1, model.nbody):
+        if body in source.vertices:
+            continue
         name = source.name("body", body)
         if model.body_weldid[body] == body:
             names[name] = source.bodies[body]
@@ -80,6 +82,8 @@ def add_joints(source: Source, drives: Mapping[int, PositionDrive]) -> list[Join
     coordinates: list[JointCoordinates] = []
     for body in range(1, model.nbody):
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        if body in source.vertices:
+            continue
         parent = source.bodies[model.body_parentid[body]]
         for joint in range(first, first + count):
             last = joint == first + count - 1

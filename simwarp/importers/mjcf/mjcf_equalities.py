@@ -15,7 +15,7 @@ RIGID = "rigid, without MuJoCo's softness"
 
 
 def add_equalities(source: Source) -> None:
-    """Adds the equality constraints that are active as built."""
+    """Adds the equality constraints that are active as built; those of rods' edges are told with the rod."""
     model, report = source.model, source.report
     for index in range(0 if is_off(model, "equality") else model.neq):
         label, kind = source.label("equality", index), mujoco.mjtEq(model.eq_type[index])
@@ -26,7 +26,7 @@ def add_equalities(source: Source) -> None:
             _add_loop(source, index, element, kind == mujoco.mjtEq.mjEQ_WELD)
         elif kind in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
             _add_coupling(source, index, element, kind == mujoco.mjtEq.mjEQ_TENDON)
-        else:
+        elif kind != mujoco.mjtEq.mjEQ_FLEX or model.flex_dim[model.eq_obj1id[index]] > 1:
             report.refuse(element, label)
 
 

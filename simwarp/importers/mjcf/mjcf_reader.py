@@ -70,11 +70,12 @@ def load_mjcf(
     tags = list_tags(file, report)
     check_tags(tags, report)
     report.check()
-    model, data = _compiled(mujoco, file, report, visuals=False)
+    model, data, spec = _compiled(mujoco, file, report, visuals=False)
     fresh = builder is None
     target = ModelBuilder() if builder is None else builder
     source = Source(model, data, report, target, prefix, make_pose() if pose is None else pose, decompose)
     source.shortcuts = shortcut_actuators(tags)
+    source.flexes = list(spec.flexes)
     apply_flags(model, report)
     check_model(source)
     report.check()
@@ -86,7 +87,7 @@ def load_mjcf(
         imported = _build(source)
         set_self_collision(target, choice, shapes_by_root(source), report)
         report.finish()
-    imported.show = visuals_of_geoms(source, lambda: _compiled(mujoco, file, report, visuals=True))
+    imported.show = visuals_of_geoms(source, lambda: _compiled(mujoco, file, report, visuals=True)[:2])
     return imported
 
 
@@ -95,14 +96,17 @@ def _build(source: Source) -> Imported:
     from simwarp.importers.mjcf.mjcf_actuators import actuator_specs, add_tendons, joint_drives, servos_of
     from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
     from simwarp.importers.mjcf.mjcf_equalities import add_equalities
+    from simwarp.importers.mjcf.mjcf_flexes import add_flexes, vertex_bodies
     from simwarp.importers.mjcf.mjcf_shapes import add_shapes
     from simwarp.importers.mjcf.mjcf_sites_cameras import cameras_of, keyframes_of, sensors_of, sites_of
     from simwarp.importers.mjcf.mjcf_unsupported import is_off
 
     powered = not is_off(source.model, "actuation")
     servos = servos_of(source) if powered else {}
+    source.vertices = vertex_bodies(source)
     bodies, frames = add_bodies(source)
     joints = add_joints(source, joint_drives(source, servos))
+    bodies |= add_flexes(source)
     tendons = add_tendons(source, servos)
     add_equalities(source)
     shapes = add_shapes(source)
@@ -128,8 +132,8 @@ def _coordinates(source: Source, joints: list[JointCoordinates]) -> CoordinateMa
     return CoordinateMap(tuple(joints), int(model.nq), int(model.nv), source.builder.dof_count, initial)
 
 
-def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -> tuple[Any, Any]:
-    """The compiled model, and its data at `qpos0`.
+def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -> tuple[Any, Any, Any]:
+    """The compiled model, its data at `qpos0`, and the specification that it was compiled of.
 
     Args:
         mujoco: the library.
@@ -156,7 +160,7 @@ def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -
         mujoco.set_mju_user_warning(None)
     for text in warned:
         report.hold("compiler", "", f"MuJoCo warns: {' '.join(text.split())}")
-    return model, data
+    return model, data, spec
 
 
 def _drop_visual_meshes(mujoco: Any, spec: Any) -> None:

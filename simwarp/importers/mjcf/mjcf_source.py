@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -38,6 +38,8 @@ class Source:
         ends: our bodies on either side of each joint of the source: the parent's, the child's.
         shapes: our shape slots of each geom.
         tendons: our column of the coordinate of each tendon that has one.
+        flexes: of the specification that MuJoCo compiled.
+        vertices: source bodies that are vertices of flexes, and no bodies of ours.
         shortcuts: tags of the actuators that are refused by them.
     """
 
@@ -53,6 +55,8 @@ class Source:
     ends: dict[int, tuple[int, int]] = dataclasses.field(default_factory=dict)
     shapes: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
     tendons: dict[int, int] = dataclasses.field(default_factory=dict)
+    flexes: Sequence[Any] = ()
+    vertices: frozenset[int] = frozenset()
     shortcuts: dict[int, str] = dataclasses.field(default_factory=dict)
 
     def name(self, kind: str, index: int) -> str:

@@ -44,13 +44,20 @@ REFUSABLE: Final[dict[str, str]] = {
     "tendon actuatorfrcrange": "forces are bounded by actuator, not by tendon",
     "spatial tendon": "only tendons straight between two sites have a counterpart",
     "equality polycoef": "couplings are linear",
-    "equality flex": "there are no flexible bodies",
-    "equality flexvert": "there are no flexible bodies",
-    "equality flexstrain": "there are no flexible bodies",
+    "equality flex": "edges of a flex are not rigid; give it <elasticity>",
+    "equality flexvert": "vertices of a flex are not tied to each other; give it <elasticity>",
+    "equality flexstrain": "strains of a flex are not held at zero; give it <elasticity>",
     "equality distance": "use a spatial tendon with a range",
     "geom sdf": "there are no distance fields",
-    "flex": "there are no flexible bodies",
-    "composite": "there are no flexible bodies; write the parts out",
+    "flex rigid": "a flex that does not bend is a body; write it as one",
+    "flex dof": "a flex has all vertices free (dof full)",
+    "flex yield": "there is no plastic flow; set yield to 0",
+    "flex elasticity": "a flex is elastic: give <elasticity> young above 0, and elastic2d of a sheet",
+    "flex edge": "edges of a sheet or solid are not rigid, and those of a line stiff or rigid: see <edge>",
+    "flex section": "which way round a box lies is not told; use section circle, or add_rod",
+    "flex line": "a line goes from vertex to vertex; use add_rod for rings and nets",
+    "flex pin": "a line is held at its ends, a sheet or solid by one moving body",
+    "composite": "write the parts out, or use flexcomp",
     "skin": "there are no skins",
 }
 """Kinds that `allow` takes, and why each is refused."""
@@ -93,8 +100,6 @@ def check_model(source: Source) -> None:
         report.refuse("gravcomp", source.label("body", int(body)))
     for skin in range(model.nskin):
         report.refuse("skin", source.label("skin", skin))
-    for flex in range(model.nflex):
-        report.refuse("flex", source.label("flex", flex))
     _check_options(source)
     _check_contacts(source)
 
