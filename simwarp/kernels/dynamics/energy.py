@@ -7,6 +7,7 @@ from simwarp.kernels.core.tables import Topology, world_row
 from simwarp.kernels.core.vector_math import matrix_to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.dynamics.efforts import rotation_start, spring_stretch, table_work
+from simwarp.kernels.meshes.mesh_links import NODE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -51,7 +52,9 @@ def measure_energy(
             v = state.body_v[world, body]
             spin = state.body_omega[world, body] * matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
             x = state.body_x[world, body]
-            kinetic = 0.5 * (mass * wp.dot(v, v) + wp.dot(spin, inertia * spin))
+            kinetic = 0.5 * mass * wp.dot(v, v)
+            if topology.link_type[link] != NODE:  # a node has no orientation, whatever was written there
+                kinetic += 0.5 * wp.dot(spin, inertia * spin)
             weight = (
                 wp.float64(gravity[0]) * x[0] + wp.float64(gravity[1]) * x[1] + wp.float64(gravity[2]) * x[2]
             ) * wp.float64(mass)
