@@ -66,6 +66,7 @@ class MeshBuilder(Protocol):
     """What a mesh needs of a `ModelBuilder`."""
 
     bodies: list[Any]
+    joints: list[Any]
     shapes: list[Any]
     excluded_bodies: set[tuple[int, int]]
     flexible_meshes: list[FlexibleMesh]
@@ -76,6 +77,9 @@ class MeshBuilder(Protocol):
 
     @property
     def add_shape_sphere(self) -> Callable[..., int]: ...  # noqa: D102
+
+    @property
+    def add_joint_spherical(self) -> Callable[..., int]: ...  # noqa: D102
 
     @property
     def exclude_collision(self) -> Callable[[int, int], None]: ...  # noqa: D102
@@ -158,13 +162,13 @@ def build_mesh(
     place = make_pose() if pose is None else checked_pose(thing, pose)
     turn = matrix_of(place.rotation)
     at = np.asarray(place.position) + rest @ turn.T
-    held = _held_nodes(builder, thing, len(rest), sets, glue, fixed)
+    held, joined = _held_nodes(builder, thing, len(rest), sets, glue, fixed)
     own = [node for node in range(len(rest)) if node not in held]
     if not own:
         raise ModelError(f"{thing}: some node must move by itself, got all {len(rest)} glued or fixed; use a shape")
     check_cost(thing, len(own), made)
     v, w = finite_vector(thing, "velocity", velocity, 3), finite_vector(thing, "omega", omega, 3)
-    counts = len(builder.bodies), len(builder.shapes)
+    counts = len(builder.bodies), len(builder.shapes), len(builder.joints)
     apart = set(builder.excluded_bodies)
     centre = masses @ at / masses.sum()
     try:
@@ -181,17 +185,19 @@ def build_mesh(
             if body != WORLD:
                 owner = builder.bodies[body].pose
                 places[node] = matrix_of(owner.rotation).T @ (at[node] - np.asarray(owner.position))
+        for node, body in joined.items():
+            builder.add_joint_spherical(f"{name}_{node}_glue", body, bodies[node], anchor=tuple(at[node]))
         shapes: tuple[int, ...] = ()
         if radius is not None or surface is not None:
             together = [bodies[node] for node in (own if touching is None else touching) if node not in held]
             shapes = tuple(builder.add_shape_sphere(body, radius=thick, material=stuff) for body in together)
-            owners = sorted({body for body in held.values() if body != WORLD})
+            owners = sorted({body for body in [*held.values(), *joined.values()] if body != WORLD})
             near = sorted(together)
             builder.excluded_bodies.update(itertools.combinations(near, 2))
             for one, owner in itertools.product(near, owners):
                 builder.exclude_collision(one, owner)
     except ModelError:
-        del builder.bodies[counts[0] :], builder.shapes[counts[1] :]
+        del builder.bodies[counts[0] :], builder.shapes[counts[1] :], builder.joints[counts[2] :]
         builder.excluded_bodies &= apart
         raise
     glued = tuple(node in held and held[node] != WORLD for node in range(len(rest)))
@@ -248,10 +254,13 @@ def check_nodes(thing: str, mesh: FlexibleMesh, builder: MeshBuilder) -> None:
 def _held_nodes(
     builder: MeshBuilder, thing: str, count: int, sets: Mapping[str, Any], glue: Glue | None,
     fixed: Any,
-) -> dict[int, int]:  # fmt: skip
-    """Body of each node that does not move by itself; WORLD: it is fixed."""
+) -> tuple[dict[int, int], dict[int, int]]:  # fmt: skip
+    """Body of each node that does not move by itself (WORLD: it is fixed), and of those that balls hold at a further
+    body: the factor of a mesh folds into one.
+    """
     held: dict[int, int] = dict.fromkeys(_chosen(thing, "fixed", count, sets, fixed), WORLD)
-    owners = []
+    joined: dict[int, int] = {}
+    owner: int | None = None
     if glue is not None and not isinstance(glue, Mapping):
         raise ModelError(f"{thing}: glue must be {{body: nodes}}, got {formatted(glue)}; leave it out for none")
     of_meshes = {mesh.bodies[node]: mesh for mesh in builder.flexible_meshes for node in mesh.nodes}
@@ -275,17 +284,13 @@ def _held_nodes(
                 f"{thing}: glue must name a body that turns, got '{builder.bodies[body].name}', a node of "
                 f"'{of_meshes[int(body)].name}'; join nodes by add_joint_spherical"
             )
-        owners.append(int(body))
+        owner = int(body) if owner is None else owner
+        place = held if body == owner else joined
         for node in _chosen(thing, "glue", count, sets, nodes):
-            if node in held:
+            if node in held or node in joined:
                 raise ModelError(f"{thing}: a node must be held once, got node {node} twice; leave it out of one set")
-            held[node] = int(body)
-    if len(set(owners)) > 1:
-        raise ModelError(
-            f"{thing}: glue must name one body, got {len(set(owners))}; hold further nodes by joints "
-            "(add_loop_joint, SPHERICAL)"
-        )
-    return held
+            place[node] = int(body)
+    return held, joined
 
 
 def _chosen(thing: str, label: str, count: int, sets: Mapping[str, Any], nodes: Any) -> list[int]:

@@ -76,7 +76,8 @@ class FlexibleParts:
             material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
             pose: of the mesh's frame in the world; identity when None.
             glue: nodes (numbers, or the name of one of the mesh's sets) that move with a body, by its index or name.
-                They bring no mass: give it to the body.
+                Those of the first body bring no mass: give it to the body. Those of further ones keep theirs and are
+                held by a ball joint each (three rows of the solver).
             fixed: nodes that do not move, likewise.
             radius: of spheres around the nodes of its surface, which touch other shapes [m]; a fiftieth of the shortest
                 edge when None.
@@ -110,7 +111,8 @@ class FlexibleParts:
             thickness: [m].
             material: a `sw.flex.Elastic` or `sw.flex.Rubber`.
             pose: of the vertices' frame in the world; identity when None.
-            glue: nodes that move with a body, by its index or name, whose mass has to include theirs.
+            glue: nodes that move with a body, by its index or name. The first body's mass has to include theirs; those
+                of further bodies keep their mass and are held by a ball joint each (three rows of the solver).
             fixed: nodes that do not move.
             pressure: that pushes triangles along their normals [Pa].
             radius: of spheres around its nodes, which touch other shapes [m]; half the thickness when None.

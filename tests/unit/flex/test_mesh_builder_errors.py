@@ -60,7 +60,7 @@ SOLIDS = [
     ({"glue": {77: "x_min"}}, "glue must name bodies that were added, got 77; `fixed` holds nodes in the"),
     ({"glue": {sw.WORLD: "x_min"}}, "glue must name bodies that were added, got -1; `fixed` holds nodes in"),
     ({"glue": {"first_0": "x_min"}}, "glue must name a body that turns, got 'first_0', a node of 'first'; join"),
-    ({"glue": {0: "x_min", 1: "x_max"}}, "glue must name one body, got 2; hold further nodes by joints"),
+    ({"glue": {0: "x_min", 1: [0, 1]}}, "a node must be held once, got node 0 twice; leave it out of one set"),
     ({"glue": {0: "x_mni"}}, "glue must be nodes or a set of the mesh, got 'x_mni'; did you mean 'x_min'"),
     ({"glue": {0: [0, 12]}}, "glue must be nodes from 0 to 11, got 12; count from 0"),
     ({"glue": {0: [0.5]}}, "glue must be numbers of nodes or the name of a set, got [0.5]; "),

@@ -193,16 +193,6 @@ def test_worlds_do_not_touch_each_other():
     assert np.abs(x[3] - x[0]).max() > 1e-3
 
 
-def test_a_mesh_between_two_bodies_is_refused_by_name():
-    builder = sw.ModelBuilder()
-    one = builder.add_body("one", mass=1.0, inertia=(1.0, 1.0, 1.0))
-    two = builder.add_body("two", mass=1.0, inertia=(1.0, 1.0, 1.0))
-    with pytest.raises(ModelError, match="glue must name one body, got 2"):
-        builder.add_solid_mesh("block", solid(), material=RUBBER, glue={one: "z_max", two: "z_min"})
-    assert len(builder.bodies) == 2
-    assert not builder.flexible_meshes
-
-
 def test_stiffness_of_a_held_beam_is_that_of_theory():
     """A cantilever of hexahedra under a load at its end, against Timoshenko's beam."""
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
