@@ -19,15 +19,15 @@ from simwarp.verify.check_result import CheckResult, near
 NAME: Final = "flexible"
 DEFLECTIONS: Final = (0.02, 0.03, 0.035)
 """Around that under a quarter of a HMMWV, 0.027 [m]."""
-CONVERGED: Final = (0.0, 0.0, 0.0)
+CONVERGED: Final = (4900.0, 8011.0, 9565.0)
 """Loads of the same tire of 90 x 16 cells at them [N]."""
 CLEARANCE: Final = 0.002
 """Between tire and road at the start [m]."""
 
 
 def pressed_tire(device: str = "cpu") -> list[CheckResult]:
-    """The HMMWV's tire of 45 x 8 cells at 2.4 bar. Nodes alone touch, 65 mm apart, so that the load swings by 3 % with
-    the turn of the wheel; the mesh itself leaves 4 %.
+    """The HMMWV's tire of 45 x 8 cells at 2.4 bar. Nodes alone touch, 65 mm apart, so that the load swings by 2 % with
+    the turn of the wheel; the mesh itself leaves 7 %, less of the stiffness.
     """
     tire = with_options(load_vehicle("hmmwv"), tire="flexible").axles[0].tire
     shell = TireShell(tire)
@@ -52,6 +52,6 @@ def pressed_tire(device: str = "cpu") -> list[CheckResult]:
     stiffness, fine = ((each[2] - each[0]) / (DEFLECTIONS[2] - DEFLECTIONS[0]) for each in (loads, CONVERGED))
     title = "tire of 45 x 8 cells"
     return [
-        near(NAME, f"{title}: load at 30 mm [N]", CONVERGED[1], loads[1], 0.1 * CONVERGED[1]),
-        near(NAME, f"{title}: stiffness from 20 to 35 mm [N/m]", fine, stiffness, 0.15 * fine),
+        near(NAME, f"{title}: load at 30 mm [N]", CONVERGED[1], loads[1], 0.12 * CONVERGED[1]),
+        near(NAME, f"{title}: stiffness from 20 to 35 mm [N/m]", fine, stiffness, 0.1 * fine),
     ]
