@@ -212,6 +212,27 @@ def inverse_half_width_below(
     return (length + width) / (length * width)
 
 
+@wp.func
+def clear_nodes(world: int, sheet: int, sheets: SoilSheets):
+    """Nothing acts on the nodes of a sheet yet."""
+    for node in range(sheets.node_start[sheet], sheets.node_start[sheet + 1]):
+        sheets.force[world, node] = wp.vec3()
+        sheets.mass[world, node] = 0.0
+
+
+@wp.func
+def write_nodes(world: int, sheet: int, sheets: SoilSheets, control: ControlArrays):
+    """All that acts on the nodes of a sheet."""
+    for node in range(sheets.node_start[sheet], sheets.node_start[sheet + 1]):
+        body = sheets.body[node]
+        d = sheets.mass[world, node]
+        control.element_force[world, body] = sheets.force[world, node]
+        control.element_torque[world, body] = wp.vec3()
+        control.element_mass[world, body] = wp.mat33(d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, d)
+        control.element_coupling[world, body] = wp.mat33()
+        control.element_inertia[world, body] = wp.mat33()
+
+
 @wp.kernel
 def press_sheets(
     # inputs
@@ -231,11 +252,8 @@ def press_sheets(
     index, sheet = wp.tid()
     world = worlds.first + index
     shape = nodes.foot.shape[1] - sheets.lift.shape[0] + sheet
-    first = sheets.node_start[sheet]
-    for node in range(first, sheets.node_start[sheet + 1]):
-        sheets.force[world, node] = wp.vec3()
-        sheets.mass[world, node] = 0.0
-    origin = state.body_x[world, sheets.body[first]]
+    clear_nodes(world, sheet, sheets)
+    origin = state.body_x[world, sheets.body[sheets.node_start[sheet]]]
     foot = kept_footprint(world, shape, nodes)
     touched = int(0)
     sunk = float(0.0)
@@ -287,14 +305,7 @@ def press_sheets(
     nodes.deepest[world, shape] = deepest
     reports.touched[world, shape] = touched
     reports.sinkage[world, shape] = sunk
-    for node in range(first, sheets.node_start[sheet + 1]):
-        body = sheets.body[node]
-        d = sheets.mass[world, node]
-        control.element_force[world, body] = sheets.force[world, node]
-        control.element_torque[world, body] = wp.vec3()
-        control.element_mass[world, body] = wp.mat33(d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, d)
-        control.element_coupling[world, body] = wp.mat33()
-        control.element_inertia[world, body] = wp.mat33()
+    write_nodes(world, sheet, sheets, control)
 
 
 @wp.kernel

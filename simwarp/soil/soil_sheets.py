@@ -54,7 +54,7 @@ def loose_triangles(mesh: FlexibleMesh) -> Any:
 
 
 def _part_lift(part: MeshPart) -> float:
-    return 0.5 * part.thickness if part.kind == "triangles" else 0.0
+    return 0.0 if part.thickness is None else 0.5 * part.thickness
 
 
 def pages_below(sheets: Sequence[SoilMesh], spacing: float) -> int:

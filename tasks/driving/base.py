@@ -346,7 +346,7 @@ class DrivingTask(Task[DrivingT]):
 
     @property
     def own_parameters(self) -> frozenset[str]:
-        """Those of `per_world`, and what tires in contact write."""
+        """Return the names of `per_world`, and of what tires in contact write."""
         contact = CONTACT_ARRAYS if stands_on_shapes(self.make_spec()) else ()
         return super().own_parameters.union(contact)
 

@@ -168,7 +168,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
 
     @property
     def own_parameters(self) -> frozenset[str]:
-        """Model parameters that have a copy per world for the task itself; those of `per_world` by default."""
+        """Return the model parameters that the task writes world by world; those of `per_world` by default."""
         return frozenset(self.per_world)
 
     def solver_options(self) -> sw.SolverOptions | None:
