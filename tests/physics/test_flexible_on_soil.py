@@ -81,6 +81,7 @@ def test_what_soil_gives_is_what_the_mesh_gets():
     assert largest > 300.0
 
 
+@pytest.mark.slow
 def test_it_comes_to_rest_and_stays():
     builder, mesh = sheet(height=0.01)
     sim, element = simulated(builder, mesh)
@@ -109,6 +110,7 @@ def test_energy_never_grows():
     assert energies[-1] < energies[0] - 0.9 * kinetic
 
 
+@pytest.mark.slow
 def test_worlds_do_not_know_of_each_other():
     def after(worlds, world):
         builder, mesh = sheet(height=0.02, lean=0.1)

@@ -8,8 +8,12 @@ import pytest
 
 import simwarp as sw
 from simwarp.scenes import add_toroidal_tire
+from simwarp.soil import soil_under
 from simwarp.vehicle import VEHICLE_SOLVER, SpecError, Vehicle, add_vehicle, load_vehicle, with_options
+from simwarp.vehicle.driving.maneuvers import maneuver
+from simwarp.vehicle.results.runs import set_up
 from simwarp.vehicle.tires.flexible_tires import TireShell, flexible_parameters, tire_section
+from simwarp.vehicle.vehicle_convoy import set_up_convoy
 
 
 def tire(**parameters):
@@ -137,6 +141,21 @@ def test_worlds_on_flexible_tires_are_alike():
     x = sim.state.body_x.numpy()
     assert (x[0] == x[1]).all()
     assert x[0, parts.chassis, 0] > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("on_soil", [False, True])
+def test_a_manoeuvre_has_a_plane_below_it_unless_there_is_soil(on_soil):
+    spec = coarse()
+    setup = set_up(
+        spec, maneuver("step-steer", spec), device="cpu", on_soil=on_soil,
+        elements=lambda vehicle: [soil_under(vehicle)] if on_soil else [],
+    )  # fmt: skip
+    assert ("ground" in setup.simulation.model.shape_names) is not on_soil
+    setup.simulation.step(200)
+    assert setup.vehicle.tires.load.numpy()[0].sum() > 1e4
+    convoy = set_up_convoy(spec, maneuver("step-steer", spec), vehicles=1, device="cpu")
+    assert "ground" in convoy.simulation.model.shape_names
 
 
 RECORDED = Path(__file__).parents[3] / "shared" / "reference" / "chrono" / "flexible" / "fea_e_toroidal_tire_40x8.csv"

@@ -168,8 +168,12 @@ def test_a_vehicle_without_such_a_tire_is_refused_in_a_line():
     with pytest.raises(SpecError, match="unknown tire 'flexible'") as caught:
         driving("hallway", 1, tires="flexible")
     assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match=r"there is no 'axle0\.left'"):
+
+
+@pytest.mark.slow
+def test_a_mesh_that_is_not_there_is_named_in_a_line(coarse):
+    with pytest.raises(InputError, match=r"there is no 'axle0\.left'") as caught:
         driving(
-            "obstacle-avoidance", 1, tires="flexible",
-            randomise={"flexible_pressure": Range(0.5, 1.5, only="axle0.left")},
-        )  # fmt: skip
+            "obstacle-avoidance", 1, tires=coarse, randomise={"flexible_pressure": Range(0.5, 1.5, only="axle0.left")}
+        )
+    assert "\n" not in str(caught.value)
