@@ -119,7 +119,8 @@ def test_it_stands_on_loads_that_are_its_weight_and_sinks_less_on_more_air():
 
 @pytest.mark.slow
 def test_it_rolls_over_a_step_of_five_centimetres():
-    sim, vehicle, parts, _ = driving(coarse(), speed=5.0, obstacle=0.05)
+    # few cells are a polygon, whose corners brake it
+    sim, vehicle, parts, _ = driving(coarse(around=45, across=6), speed=5.0, obstacle=0.05)
     largest = 0.0
     for _ in range(1200):
         sim.step()
