@@ -85,7 +85,7 @@ class DriveOptions(CommonOptions):
     driveline: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Another driveline, likewise."""
     soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard|clay|snow", help_behavior_hint=SOIL_HINT)] = None
-    """Deformable ground below `--tire soil-rigid`."""
+    """Deformable ground below `--tire soil-rigid` or `flexible`."""
     spacing: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=SPACING_HINT)] = None
     """Of the soil's nodes."""
     friction: float = REFERENCE_FRICTION
@@ -241,7 +241,7 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     device = None if options.device == "auto" else options.device
     setup = set_up(
         spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
-        elements=lambda vehicle: _soil(vehicle, options),
+        elements=lambda vehicle: _soil(vehicle, options), on_soil=options.soil is not None,
     )  # fmt: skip
     drive = Drive(setup)
     outcome = Outcome(Run({}), what, 0, 0.0)

@@ -11,7 +11,7 @@ from simwarp.kernels.core.fields import ControlArrays, StateArrays
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.soil.bekker_janosi_kernels import Law, law_of, press
+from simwarp.soil.bekker_janosi_kernels import Law, law_of
 from simwarp.soil.deformed_surface_kernels import greatest_raise, node_drop
 from simwarp.soil.footprint_kernels import (
     Below,
@@ -31,17 +31,14 @@ from simwarp.soil.footprint_kernels import (
     soil_at,
     surface_above,
 )
+from simwarp.soil.node_stress_kernels import node_stress
 from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
 from simwarp.soil.soil_tables_kernels import (
     BALL,
     CAPSULE,
     K_C,
-    LEAN_X,
-    LEAN_Y,
-    SHEAR,
     SINKAGE,
     WHEEL,
-    YIELD,
     SoilNodes,
     SoilReports,
     SoilShapes,
@@ -50,9 +47,6 @@ from simwarp.soil.soil_tables_kernels import (
 from simwarp.soil.wheel_surface_kernels import NOTHING
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
-
-STILL = wp.constant(1.0e-9)
-"""Way within a step below which shear has no direction [m]."""
 
 
 @wp.struct
@@ -101,28 +95,6 @@ def add_elastic_block(total: ShapeSum, weight: float, arm: wp.vec3, direction: w
 
 
 @wp.func
-def lean_of(slot: int, world: int, n: wp.vec3, nodes: SoilNodes) -> wp.vec3:
-    """Direction of a node's shear, in the plane of the ground."""
-    lean = wp.vec3(nodes.node[world, slot, LEAN_X], nodes.node[world, slot, LEAN_Y], 0.0)
-    lean[2] = -(n[0] * lean[0] + n[1] * lean[1]) / n[2]
-    return lean
-
-
-@wp.func
-def remember_shear(
-    slot: int, world: int, dt: float, slide: wp.vec3, n: wp.vec3, soil: SoilTables, nodes: SoilNodes
-):  # fmt: skip
-    """Moves the way that a node was sheared on, and its direction towards that of the slip."""
-    speed = wp.length(slide)
-    nodes.node[world, slot, SHEAR] = nodes.node[world, slot, SHEAR] + speed * dt
-    if soil.scalar_shear == 0 and speed > 0.0:
-        ahead = slide / speed
-        lean = ahead + wp.exp(-speed * dt / soil.length) * (lean_of(slot, world, n, nodes) - ahead)
-        nodes.node[world, slot, LEAN_X] = lean[0]
-        nodes.node[world, slot, LEAN_Y] = lean[1]
-
-
-@wp.func
 def press_node(
     total: ShapeSum, slot: int, world: int, area: float, dt: float, b: Below, p: Pose, law: Law, soil: SoilTables,
     nodes: SoilNodes,
@@ -130,58 +102,25 @@ def press_node(
     """Moves the memory of a node on, and adds what it does to the shape."""
     s = total
     n = b.normal
-    plastic = nodes.node[world, slot, SINKAGE]
-    before = press(b.sinkage, plastic, nodes.node[world, slot, YIELD], law)
-    s.sunk += (before.plastic - plastic) / n[2]
-    nodes.node[world, slot, SINKAGE] = before.plastic
-    nodes.node[world, slot, YIELD] = before.limit
-    touched = before.pressure > 0.0
     arm = p.centre + wp.vec3(b.x, b.y, wp.where(b.low == NOTHING, b.height, b.low))
     v = p.v + wp.cross(p.omega, arm)
-    rising = wp.dot(v, n)
-    slide = v - rising * n
-    if touched:
-        remember_shear(slot, world, dt, slide, n, soil, nodes)
     cell = soil.spacing * float(soil.weighted)
     moved = surface_above(b.x - p.moved[0], b.y - p.moved[1], p, p.moved_axis, p.moved_side, cell)
     after = n[2] * (b.height - p.moved[2] - moved.height)
-    pressed = press(after, before.plastic, before.limit, law)
-    if pressed.pressure <= 0.0 or moved.height == NOTHING or b.low == NOTHING:
+    if moved.height == NOTHING or b.low == NOTHING:
+        after = -NOTHING
+    stress = node_stress(slot, world, dt, b.sinkage, after, v, n, law, soil, nodes)
+    s.sunk += stress.sunk
+    if stress.bears == 0:
         return s
-    damping = wp.where(touched, law.damping, 0.0)  # of a node reached within the step it comes with the next one
-    pressure = pressed.pressure - damping * rising
-    if pressure < 0.0:  # soil does not pull
-        pressure = 0.0
-        damping = 0.0
-    way = after - b.sinkage
-    stiffness = law.elastic
-    if wp.abs(way) >= 1.0e-7:
-        stiffness = wp.clamp((pressed.pressure - before.pressure) / way, 0.0, law.elastic)
-    speed = wp.length(slide)
-    sheared = nodes.node[world, slot, SHEAR]
-    most = (law.cohesion + pressure * law.tan_phi) * (1.0 - wp.exp(-sheared / law.shear_length))
-    against = wp.vec3()
-    drag = float(0.0)
-    if soil.scalar_shear == 1:
-        drag = dt * most / wp.max(speed, STILL / dt)
-        against = slide * (drag / dt)
-    else:
-        turned = speed * dt / soil.length
-        taken = dt / soil.length  # (1 - e^-q) / (q l) h, its limit at rest
-        if turned > 1.0e-4:
-            taken = (1.0 - wp.exp(-turned)) / speed
-        held = soil.rest_time * wp.exp(-speed / soil.rest_speed) / soil.length
-        against = lean_of(slot, world, n, nodes) + held * slide
-        against = most * against / wp.max(1.0, wp.length(against))
-        drag = dt * most * (taken + held)
-    force = area * (pressure * n - against)
+    force = area * (stress.pressure * n - stress.against)
     s.force += force
     s.moment += wp.cross(arm - 0.5 * p.moved, force)  # all through the step the wheel moves on over the node
-    s = add_elastic_block(s, area * dt * dt * stiffness, arm, n, p)
-    s = add_block(s, area * dt * damping, arm, n)
+    s = add_elastic_block(s, area * dt * dt * stress.stiffness, arm, n, p)
+    s = add_block(s, area * dt * stress.damping, arm, n)
     side = wp.normalize(wp.cross(n, wp.vec3(1.0, 0.0, 0.0)))
-    s = add_block(s, area * drag, arm, side)
-    s = add_block(s, area * drag, arm, wp.cross(side, n))
+    s = add_block(s, area * stress.drag, arm, side)
+    s = add_block(s, area * stress.drag, arm, wp.cross(side, n))
     s.touched += 1
     return s
 
@@ -192,13 +131,16 @@ def claim_pages_below(
     nodes: SoilNodes,
 ):  # fmt: skip
     """Marks the pages below all shapes of a world as used in a step, then takes those that are missing: none that
-    something stands on is given away, whatever the order of the shapes.
+    something stands on is given away, whatever the order of the shapes. Those of sheets, which come after the shapes,
+    are known already (`survey_sheets`).
     """
     missing = int(0)
     lift = greatest_raise(world, nodes)
-    for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
-        keep_footprint(world, shape, foot, nodes)
+    for shape in range(nodes.foot.shape[1]):
+        if shape < shapes.body.shape[0]:
+            found = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+            keep_footprint(world, shape, found, nodes)
+        foot = kept_footprint(world, shape, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -209,7 +151,7 @@ def claim_pages_below(
                         nodes.used_at[world, page] = step
     if missing == 0:
         return
-    for shape in range(shapes.body.shape[0]):
+    for shape in range(nodes.foot.shape[1]):
         foot = kept_footprint(world, shape, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):

@@ -17,7 +17,7 @@ from simwarp.core.constraints import Parsed, RuleError
 from simwarp.core.object_repr import Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, formatted, number, numbers
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
-from simwarp.model.checks import whole_number
+from simwarp.model.checks import checked_instances, whole_number
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, Flag, instance_of, word_of
 from simwarp.simulation.attachments import ForceElement, StepContext
@@ -26,6 +26,7 @@ from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.deformed_surface_kernels import SoilCover, find_heights
 from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
+from simwarp.soil.sheet_pressing_kernels import press_sheets, report_sheets, survey_sheets
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
     SoilShape,
@@ -37,6 +38,7 @@ from simwarp.soil.soil_shapes import (
     shape_tables,
     share_bodies,
 )
+from simwarp.soil.soil_sheets import SoilMesh, pages_below, sheet_tables
 from simwarp.soil.soil_tables_kernels import (
     NODE_VALUES,
     PAGE_NODES,
@@ -197,6 +199,7 @@ class Soil(ForceElement):
         soil_map: (rows along y, columns along x) indices of soils, or (W, rows, columns); None: the first everywhere.
         map_origin, map_cell: corner of its first cell, and its cells' size [m].
         wheels: further shapes, after `shapes`.
+        meshes: flexible ones whose surfaces sink in; in the outputs they come after all shapes.
 
     Attributes:
         parameter: (1 or W, soils, 8) of `SoilSpec.values`; write it where worlds differ (`per_world`).
@@ -223,13 +226,15 @@ class Soil(ForceElement):
         weighted: Flag = True, per_world: Flag = False,
         bulldozing: Annotated[Bulldozing, instance_of(Bulldozing, "Bulldozing() is usual")] | None = None,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
-        wheels: Sequence[SoilShape] = (),
+        wheels: Sequence[SoilShape] = (), meshes: Sequence[SoilMesh] = (),
     ) -> None:  # fmt: skip
         self.model = model
         self.shapes = (*checked_shapes(shapes), *checked_shapes(wheels))
+        self.meshes = checked_meshes(meshes, bulldozing)
         self.soils = soils_of(soil)
-        self.spacing = _checked_spacing(spacing, self.shapes)
-        self.pages = checked_pages(pages, self.spacing, pages_at_a_time(self.shapes, self.spacing))
+        self.spacing = _checked_spacing(spacing, self.shapes, self.meshes)
+        least = pages_at_a_time(self.shapes, self.spacing) + pages_below(self.meshes, self.spacing)
+        self.pages = checked_pages(pages, self.spacing, least)
         worlds, device = model.world_count, model.device
         rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
@@ -250,12 +255,14 @@ class Soil(ForceElement):
         check_map(places.shape, map_origin, map_cell, tables.terrain, model)
         tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._shapes = shape_tables(model, self.shapes)
+        self._sheets = sheet_tables(model, self.meshes)
         self._carriers = carriers_of(model, self.shapes)
+        self._sheet_nodes = tuple(int(body) for body in self._sheets.body.numpy())
         self.bulldozing = bulldozing
         self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
         tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
-        self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
-        each = (worlds, len(self.shapes))
+        each = (worlds, len(self.shapes) + len(self.meshes))
+        self._nodes = _nodes(worlds, self.pages, each[1], bulldozing is not None, device)
         self._reports = with_zeros(SoilReports(), each, device)
         self.load: wp.array = self._reports.load
         self.sinkage: wp.array = self._reports.sinkage
@@ -271,8 +278,8 @@ class Soil(ForceElement):
         self._imprinting: tuple[WorldLaunch, ...] = ()
 
     def _readable_title(self) -> str:
-        kinds = plural(len(self.soils), "soil")
-        return f": {kinds}, {plural(len(self.shapes), 'shape')} in each of {plural(self.model.world_count, 'world')}"
+        kinds, shapes = plural(len(self.soils), "soil"), plural(len(self.shapes) + len(self.meshes), "shape")
+        return f": {kinds}, {shapes} in each of {plural(self.model.world_count, 'world')}"
 
     def _readable_rows(self) -> Mapping[str, Row]:
         each = PAGE_NODES * (NODE_VALUES + (self.bulldozing is not None)) * 4
@@ -382,6 +389,10 @@ class Soil(ForceElement):
         return self._shift
 
     def _launch_in(self, name: str, index: int, world_mask: Any) -> None:
+        if self.meshes:
+            raise ModelError(
+                f"soil: {name} must be of a soil without meshes, got {len(self.meshes)}; let them settle instead"
+            )
         if not self._imprinting:
             raise ModelError(f"soil: {name} must follow sw.Simulation(..., elements=[soil]), got none; make it first")
         mask = self._all_worlds if world_mask is None else mask_of_worlds(f"soil: {name}", world_mask, self.model)
@@ -421,7 +432,7 @@ class Soil(ForceElement):
     @property
     def assigned_bodies(self) -> tuple[int, ...]:
         """Bodies whose forces and blocks it writes."""
-        return self._carriers
+        return (*self._carriers, *self._sheet_nodes)
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches before a sub-step: pages below the shapes, then the forces on all bodies.
@@ -430,41 +441,78 @@ class Soil(ForceElement):
             ModelError: an element that comes later writes the forces of one of these bodies.
         """
         shared = share_bodies(self._shapes, self.model, self.shapes, _adds(self, simulation))
-        self._imprinting = self._record_imprinting(simulation)
-        inputs = [dt, self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
-        control = simulation.control.arrays
-        launches = [
-            simulation.shares.record(claim_pages, inputs=inputs, outputs=[self._nodes]),
-            simulation.shares.record(
-                press_shapes, len(self.shapes), inputs=inputs, outputs=[self._nodes, self._reports, control]
-            ),
-        ]
+        self._imprinting = () if self.meshes else self._record_imprinting(simulation)
+        below = [simulation.model.assets, simulation.state.arrays]
+        inputs = [dt, self._tables, self._shapes, *below]
+        control, record = simulation.control.arrays, simulation.shares.record
+        launches = []
+        if self.meshes:
+            launches.append(
+                record(
+                    survey_sheets, len(self.meshes), inputs=[dt, self._tables, *below],
+                    outputs=[self._sheets, self._nodes],
+                )
+            )  # fmt: skip
+        launches.append(record(claim_pages, inputs=inputs, outputs=[self._nodes]))
+        if self.shapes:
+            out = [self._nodes, self._reports, control]
+            launches.append(record(press_shapes, len(self.shapes), inputs=inputs, outputs=out))
+        if self.meshes:
+            launches.append(
+                record(
+                    press_sheets, len(self.meshes), inputs=[dt, self._tables, *below],
+                    outputs=[self._sheets, self._nodes, self._reports, control],
+                )
+            )  # fmt: skip
         if shared:
             summed = [self._shapes, self._reports]
-            launches.append(simulation.shares.record(carry_bodies, shared, inputs=summed, outputs=[control]))
+            launches.append(record(carry_bodies, shared, inputs=summed, outputs=[control]))
         if self._flow is not None:
             launches.append(self._flow.record(simulation, dt, self._placed(simulation), self._nodes))
         return launches
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch after a sub-step: reports of the forces that acted in it."""
-        return [
-            simulation.shares.record(
-                report_shapes, len(self.shapes),
-                inputs=[dt, self._shapes, simulation.state.arrays], outputs=[self._reports],
-            )
-        ]  # fmt: skip
+        record, state, count = simulation.shares.record, simulation.state.arrays, len(self.shapes)
+        launches = []
+        if self.shapes:
+            launches.append(record(report_shapes, count, inputs=[dt, self._shapes, state], outputs=[self._reports]))
+        if self.meshes:
+            inputs = [dt, count, self._sheets, state]
+            launches.append(record(report_sheets, len(self.meshes), inputs=inputs, outputs=[self._reports]))
+        return launches
 
     def record_reset(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that makes the soil fresh in worlds of a mask."""
         return [simulation.shares.record(clear_soil, inputs=[mask], outputs=[self._nodes])]
 
 
-def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
-    if not shapes:
+def checked_meshes(meshes: Any, bulldozing: Bulldozing | None) -> tuple[SoilMesh, ...]:
+    """Meshes as they were given.
+
+    Raises:
+        ModelError: it is no list of them, one is there twice, or soil is pushed aside besides.
+    """
+    remedy = "wrap what add_shell returned in one"
+    listed: tuple[SoilMesh, ...] = checked_instances("soil", "meshes", meshes, (SoilMesh,), "of SoilMesh", remedy)
+    names = [each.mesh.name for each in listed]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ModelError(f"soil: meshes must be different, got '{twice}' twice; name it once")
+    if listed and bulldozing is not None:
+        raise ModelError("soil: bulldozing must be None below meshes, got one; leave it away")
+    return listed
+
+
+def _checked_spacing(spacing: float, shapes: Sequence[SoilShape], meshes: Sequence[SoilMesh]) -> float:
+    if not shapes and not meshes:
         raise ModelError("soil: shapes must be at least one, got none; name those that sink in")
-    narrowest = narrowest_width(shapes)
+    narrowest = narrowest_width(shapes) if shapes else math.inf
     given = number(spacing)
+    if not shapes:
+        if not FLOAT32_LEAST <= given < math.inf:
+            raise ModelError(f"soil: spacing must be positive, got {formatted(spacing)} m; 0.05 suits cars")
+        return given
     if not FLOAT32_LEAST <= given <= 0.5 * narrowest:
         rule = f"positive and at most half the narrowest shape's width, {0.5 * narrowest:.4g} m"
         raise ModelError(f"soil: spacing must be {rule}, got {formatted(spacing)}; 0.05 suits cars")
@@ -474,9 +522,15 @@ def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
 def _adds(soil: Soil, simulation: StepContext) -> list[int]:
     """For each body with shapes: the soil writes its forces (0), adds to them (1), or adds to its blocks too (2)."""
     place = next(k for k, part in enumerate(simulation.elements) if part is soil)
-    bodies = soil.assigned_bodies
+    bodies = soil._carriers
     found = [0] * len(bodies)
     for k, part in enumerate(simulation.elements):
+        held = set(soil._sheet_nodes).intersection(part.assigned_bodies)
+        if held and part is not soil:
+            raise ModelError(
+                f"soil: node '{soil.model.body_names[min(held)]}' of a mesh must be the soil's alone, got "
+                f"{type(part).__name__} on it too; push by control.body_force"
+            )
         shared = [at for at, body in enumerate(bodies) if body in part.assigned_bodies]
         if k < place:
             for at in shared:

@@ -238,7 +238,8 @@ def shape_tables(model: Model, shapes: Sequence[SoilShape]) -> Any:
         ("side_b", [row.side for row in rows]),
         ("half", [row.half for row in rows]),
     ):
-        setattr(table, name, wp.array(np.array(values, np.float32), dtype=wp.vec3, device=device))
+        rows_of = np.array(values, np.float32).reshape(-1, 3)
+        setattr(table, name, wp.array(rows_of, dtype=wp.vec3, device=device))
     return table
 
 

@@ -8,7 +8,9 @@ from typing import Any
 from simwarp.core.types import ModelError, formatted
 from simwarp.soil.soil import USUAL_SPACING, Soil
 from simwarp.soil.soil_parameters import SoilSpec
-from simwarp.soil.soil_shapes import SoilShape, SoilWheel, narrowest_width
+from simwarp.soil.soil_shapes import SoilShape, SoilWheel
+from simwarp.soil.soil_sheets import SoilMesh
+from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
@@ -17,7 +19,7 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
     """Wheels of a vehicle on `soil-rigid` tires, in the order of its reports.
 
     Raises:
-        ModelError: its tires make forces of their own.
+        ModelError: its tires make forces of their own, or bend.
     """
     spec = vehicle.parts.spec
     if not isinstance(vehicle.tires, SoilTires):
@@ -33,6 +35,11 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
         )
         for side, tire in zip(vehicle.parts.sides, tires, strict=True)
     ]  # fmt: skip
+
+
+def meshes_of(vehicle: Vehicle) -> list[SoilMesh]:
+    """Flexible tires of a vehicle, in the order of its reports; none where it has others."""
+    return [SoilMesh(mesh=side.mesh) for side in vehicle.parts.sides if side.mesh is not None]
 
 
 def _checked_vehicles(vehicles: Any) -> list[Vehicle | Vehicles]:
@@ -55,9 +62,10 @@ def soil_under(
     """Soil under the wheels of vehicles of one model; their `tires` report its loads, slips and sinkages.
 
     Args:
-        vehicles: on `soil-rigid` tires.
+        vehicles: on `soil-rigid` tires, or on flexible ones.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
-        shapes: what sinks in beside the wheels, after which they come: bellies, rocks.
+        shapes: what sinks in beside the wheels: bellies, rocks. In the outputs they come after rigid wheels, before
+            flexible tires.
         options: further arguments of `Soil`. Without them the ground is that of the first vehicle, and `spacing` 0.05 m
             or half the width of narrower wheels.
 
@@ -66,18 +74,24 @@ def soil_under(
     """
     given = _checked_vehicles([vehicles] if isinstance(vehicles, Vehicle | Vehicles) else vehicles)
     below = [[each] if isinstance(each, Vehicle) else list(each) for each in given]
-    wheels = [wheels_of(vehicle) for each in below for vehicle in each]
+    meshes = [[mesh for vehicle in each for mesh in meshes_of(vehicle)] for each in below]
+    wheels = [
+        [] if bent else [wheel for vehicle in each for wheel in wheels_of(vehicle)]
+        for each, bent in zip(below, meshes, strict=True)
+    ]
     first_tires = given[0].tires
-    assert isinstance(first_tires, SoilTires)
-    options.setdefault("ground", first_tires.terrain)
-    all_wheels = [wheel for each in wheels for wheel in each]
-    options.setdefault("spacing", min(USUAL_SPACING, 0.5 * narrowest_width(all_wheels)))
-    made = Soil(given[0].model, [*all_wheels, *shapes], soil, **options)
-    first = 0
+    options.setdefault("ground", first_tires.terrain if isinstance(first_tires, SoilTires) else None)
+    narrowest = min(axle.tire.width for each in below for axle in each[0].parts.spec.axles)
+    options.setdefault("spacing", min(USUAL_SPACING, 0.5 * narrowest))
+    rigid = [wheel for each in wheels for wheel in each]
+    bent = [mesh for each in meshes for mesh in each]
+    made = Soil(given[0].model, [*rigid, *shapes], soil, meshes=bent, **options)
+    first = {True: 0, False: len(rigid) + len(shapes)}
     for whole, each in zip(given, below, strict=True):
+        is_rigid = isinstance(whole.tires, SoilTires)
         count = len(each[0].parts.sides)
         for number, vehicle in enumerate((whole, *each)):
-            assert isinstance(vehicle.tires, SoilTires)
-            vehicle.tires.show(made, first + count * max(number - 1, 0))
-        first += count * len(each)
+            assert isinstance(vehicle.tires, SoilTires | ContactTires)
+            vehicle.tires.show(made, first[is_rigid] + count * max(number - 1, 0))
+        first[is_rigid] += count * len(each)
     return made

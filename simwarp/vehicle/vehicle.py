@@ -218,7 +218,8 @@ class Vehicle(ForceElement):
             `tires.ground_friction`; otherwise all share one.
 
     Attributes:
-        bodies: (N,) int32, indices of its bodies in the model, the chassis first; with the loads that joints hold.
+        bodies: (N,) int32, indices of its bodies in the model, the chassis first; with the loads that joints hold, and
+            the nodes of flexible tires.
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
             driver do so.
         lock: (W, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
@@ -371,12 +372,16 @@ def per_world(others: Iterable[str] = ()) -> list[str]:
 
 
 def _bodies(parts: VehicleParts, model: Model) -> list[int]:
-    """All bodies that joints connect with the chassis, which comes first."""
+    """All bodies that joints connect with the chassis, which comes first, then nodes of meshes glued to them."""
     pairs = [(joint.parent, joint.child) for joint in model.builder.joints if min(joint.parent, joint.child) >= 0]
     found = [parts.chassis]
     for body in found:
         reached = {a + b - body for a, b in pairs if body in (a, b)}
         found += sorted(reached.difference(found))
+    held = set(found)
+    for mesh in model.builder.flexible_meshes:
+        if any(glued and body in held for body, glued in zip(mesh.bodies, mesh.glued, strict=True)):
+            found += [mesh.bodies[node] for node in mesh.nodes]
     return found
 
 

@@ -83,7 +83,7 @@ def set_up_convoy(
     places = [np.array([-gap * number, 0.0, spec.start_height]) for number in range(count)]
     parts = [add_vehicle(builder, spec, at=pose(place), prefix=f"v{number}_") for number, place in enumerate(places)]
     boxes = tuple(add_chassis_box(builder, each, half=box[0], position=box[1]) for each in parts)
-    if any(side.shape >= 0 for side in parts[0].sides):
+    if any(side.meets_shapes for side in parts[0].sides):
         builder.add_shape_plane(name="ground", material=Material(friction=friction))
     model = builder.finalize(world_count=worlds, device=device, per_world=per_world())
     acting = Vehicles(parts, model, ground=ground(model.device))

@@ -22,6 +22,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.mesh_checks import meshes
+from simwarp.verify.tire_checks import pressed_tire
 
 Array: TypeAlias = npt.NDArray[np.floating]
 
@@ -36,11 +37,11 @@ GRAVITY: Final = 9.81
 
 def flexible(device: str = "cpu") -> list[CheckResult]:
     """Rods: bending, buckling, frequencies, spin, catenary, cables with loads, friction around a drum, loops; meshes
-    (mesh_checks.py).
+    (mesh_checks.py); a vehicle's tire (tire_checks.py).
     """
     parts: tuple[Callable[[str], list[CheckResult]], ...] = (
         cantilever, roll_up, bent_frame, blade, frequencies, decay, buckling, spinning, spin_up, catenary,
-        cable, capstan, leaf_spring, bar_on_wall, meshes,
+        cable, capstan, leaf_spring, bar_on_wall, meshes, pressed_tire,
     )  # fmt: skip
     return [row for part in parts for row in part(device)]
 

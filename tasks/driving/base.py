@@ -42,10 +42,13 @@ from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
+from .tire_ground import CONTACT_ARRAYS, add_flat_ground, stands_on_shapes
 from .training_defaults import PEDALS_BY_CAMERA, PEDALS_BY_LIDAR
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
+SETTLING_ON_AIR = 1.6
+"""The same on flexible tires, whose air damps little [s]."""
 VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
 """Model parameters that a vehicle writes, world by world."""
 _LIDAR_ELEVATION = math.radians(15.0)
@@ -249,7 +252,8 @@ class DrivingTask(Task[DrivingT]):
     def build_world(self, builder: sw.ModelBuilder) -> None:
         """Add the shapes of one world to the builder: obstacles, walls. Optional; needs no ``super()``.
 
-        The vehicle is there already, at the origin. Tires roll on `ground`, not on these shapes.
+        The vehicle is there already, at the origin. Tires roll on `ground`, not on these shapes; rigid and flexible
+        ones on what `add_ground` adds, and on those of these shapes that meet group 1.
         """
 
     def visuals(self, visuals: sw.sensors.Visuals) -> None:
@@ -307,6 +311,13 @@ class DrivingTask(Task[DrivingT]):
         """Return the tires' terrain (`simwarp.vehicle.ground`); None is the plane z = 0."""
         return None
 
+    def add_ground(self, builder: sw.ModelBuilder) -> int:
+        """Add the shape that rigid and flexible tires stand on, and return its index; by default the plane z = 0.
+
+        Called after `build_world`, with such tires alone. A class with a `ground` of its own adds that.
+        """
+        return add_flat_ground(builder)
+
     def more_elements(self, model: sw.Model) -> list[Any]:
         """Return force elements that come before the vehicle, such as a speed controller that writes its input. Called
         by `attach`, once ``self.vehicle`` is there. Optional; needs no ``super()``.
@@ -323,9 +334,21 @@ class DrivingTask(Task[DrivingT]):
         self.chassis_shape = sw.vehicle.add_chassis_box(
             builder, self.parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP
         )
+        self._build_ground(builder)
+
+    def _build_ground(self, builder: sw.ModelBuilder) -> None:
+        """Add the world's shapes, and what tires in contact stand on."""
         self.build_world(builder)
+        on_soil = self.config.soil is not SoilKind.NONE
+        self._tire_ground = None if on_soil or not stands_on_shapes(self.spec) else self.add_ground(builder)
         self._builder = builder
         self._scene: sw.sensors.Scene | None = None
+
+    @property
+    def own_parameters(self) -> frozenset[str]:
+        """Return the names of `per_world`, and of what tires in contact write."""
+        contact = CONTACT_ARRAYS if stands_on_shapes(self.make_spec()) else ()
+        return super().own_parameters.union(contact)
 
     def _check_vehicle(self) -> None:
         """Refuse a vehicle of a subclass's own with measures of its parent's.
@@ -448,6 +471,8 @@ class DrivingTask(Task[DrivingT]):
     def _scene_of(self, model: sw.Model) -> sw.sensors.Scene:
         if self._scene is None:
             visuals = sw.sensors.Visuals(self._builder)
+            if self._tire_ground is not None:
+                visuals.hide(self._tire_ground)
             self.visuals(visuals)
             sw.viewer.paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
@@ -535,7 +560,8 @@ class DrivingTask(Task[DrivingT]):
         self._load()
         self.input.zero_()
         self.input[..., 2] = 1.0
-        for _ in range(round(SETTLING / self.config.dt)):
+        on_air = any(side.mesh is not None for side in self.parts.sides)
+        for _ in range(round((SETTLING_ON_AIR if on_air else SETTLING) / self.config.dt)):
             self.simulation.step()
         if self.soil is not None:
             self.soil.keep(sw.to_torch(self.simulation.state.body_x))

@@ -12,6 +12,7 @@ import simwarp as sw
 
 from ..framework.recorded_launches import TensorFunction, filled
 from .hills_kernels import FLATTEST, HillTables, measure_heights, measure_normals, show_hills
+from .tire_ground import GRIPPING
 
 __all__ = ["FLATTEST", "Hills"]
 
@@ -44,12 +45,18 @@ class Hills:
     def __repr__(self) -> str:
         return f"Hills: {len(self.fields)} fields of {self.side:g} m"
 
-    def build(self, builder: sw.ModelBuilder) -> None:
-        """Add the ground as a shape that is seen, and that nothing but tires meets."""
+    def build(self, builder: sw.ModelBuilder, *, mask: int = 0) -> None:
+        """Add the ground as a shape that is seen, and that tires stand on; it meets the groups of the mask besides."""
         size = (self.side, self.side)
         self._assets = [builder.add_height_field_asset(field, size=size) for field in self.fields]
         self.shape = builder.add_shape_height_field(
-            sw.WORLD, self.fields[0], size=size, scale=(1.0, 1.0, FLATTEST), name="hills", mask=0
+            sw.WORLD,
+            self.fields[0],
+            size=size,
+            scale=(1.0, 1.0, FLATTEST),
+            name="hills",
+            mask=mask,
+            material=GRIPPING if mask else None,
         )
 
     def terrain(self, model: sw.Model) -> Any:

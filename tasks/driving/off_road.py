@@ -40,6 +40,7 @@ from .off_road_kernels import (
 )
 from .outlines import outline
 from .ranging import RangeFan
+from .tire_ground import TIRE_GROUP, stands_on_shapes
 from .training_defaults import PEDALS_BY_CAMERA
 
 _FIELDS = 8
@@ -187,7 +188,11 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self.obstacles.build(builder)
         self.hills = Hills(_FIELDS, _SIDE) if self.config.hills > 0.0 else None
         if self.hills is not None:
-            self.hills.build(builder)
+            self.hills.build(builder, mask=TIRE_GROUP if stands_on_shapes(self.spec) else 0)
+
+    def add_ground(self, builder: sw.ModelBuilder) -> int:
+        """Flat, or the hills, which are there."""
+        return super().add_ground(builder) if self.hills is None else self.hills.shape
 
     def visuals(self, visuals: sw.sensors.Visuals) -> None:
         """Pictures of the obstacles, and textured ground."""

@@ -91,9 +91,7 @@ class PlatoonTask(ConvoyTask):
             for parts in self._parts
         ]
         self.parts, self.chassis_shape = self._parts[-1], self._boxes[-1]
-        self.build_world(builder)
-        self._builder = builder
-        self._scene: sw.sensors.Scene | None = None
+        self._build_ground(builder)
 
     def seeing_parts(self) -> Sequence[sw.vehicle.VehicleParts]:
         """Return the followers."""

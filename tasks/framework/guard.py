@@ -281,7 +281,7 @@ class Guard:
         # A leading dimension of 1 is shared by all worlds
         arrays |= {f"start/{name}": part[world % len(part)] for name, part in packed}
         arrays |= {f"extra/{name}": value[world].cpu().numpy() for name, value in keep.extra.items()}
-        for name in sorted({*task.per_world, *drawn_parameters(task.config.uncertainty.randomise)}):
+        for name in sorted({*task.own_parameters, *drawn_parameters(task.config.uncertainty.randomise)}):
             arrays[f"model/{name}"] = getattr(task.simulation.model, name).numpy()[world]
         return arrays
 

@@ -166,6 +166,11 @@ class Task(Readable, ABC, Generic[ConfigT]):
         """Add the bodies and joints of one world to ``builder``, or return a builder of your own."""
         raise NotImplementedError(f"{type(self).__name__} has no build(builder); set physics = False if it needs none")
 
+    @property
+    def own_parameters(self) -> frozenset[str]:
+        """Return the model parameters that the task writes world by world; those of `per_world` by default."""
+        return frozenset(self.per_world)
+
     def solver_options(self) -> sw.SolverOptions | None:
         """Return the numbers of the solver; None takes its defaults."""
         return None

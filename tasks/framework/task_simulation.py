@@ -132,13 +132,13 @@ def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, sw.Mod
             raise InputError(f"randomise: task '{task.name}' has no physics whose parameters could differ")
         return None, None, None
     drawn = drawn_parameters(ranges)
-    own = sorted({*task.per_world} & drawn)
+    own = sorted(task.own_parameters & drawn)
     if own:
         follows = "give body_mass inertia=False" if own[0] == "body_inertia_b" else "it follows body_com_x, y and z"
         hint = "leave it away" if own[0] in ranges else follows
         raise InputError(f"randomise '{own[0]}': task '{task.name}' writes it itself; {hint}")
     return build_physics(
-        task.build, config, task.num_worlds, device, per_world=drawn | {*task.per_world},
+        task.build, config, task.num_worlds, device, per_world=drawn | task.own_parameters,
         solver=task.solver_options(), attach=task.attach, elements=task.further_elements,
     )  # fmt: skip
 

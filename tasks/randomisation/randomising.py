@@ -84,12 +84,16 @@ def _parts_of(name: str, model: Any) -> tuple[str, ...] | None:
     """Return the names of the parts that a parameter has an entry for; None where they have none."""
     names: dict[str, tuple[str, ...]] = {
         "body": model.body_names, "joint": model.joint_names, "drive": model.joint_names, "shape": model.shape_names,
+        "flexible": tuple(mesh.name for mesh in model.builder.flexible_meshes for _ in mesh.parts),
     }  # fmt: skip
     return names.get(name.partition("_")[0])
 
 
 def _entries(name: str, part: str, model: Any) -> slice:
     """Return the entries of a parameter that belong to a part."""
+    if name.startswith("flexible"):
+        owners = [mesh.name for mesh in model.builder.flexible_meshes for _ in mesh.parts]
+        return slice(owners.index(part), owners.index(part) + owners.count(part))
     index = model.shape_names.index(part) if name.startswith("shape") else -1
     if name.startswith("body"):
         index = model.body(part)

@@ -56,6 +56,7 @@ def set_up(
     friction: float = REFERENCE_FRICTION,
     randomised: Iterable[str] = (),
     elements: Callable[[Vehicle], Sequence[ForceElement]] = lambda vehicle: (),
+    on_soil: bool = False,
 ) -> Setup:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -68,6 +69,7 @@ def set_up(
         friction: of the ground.
         randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
         elements: returns further force elements for the vehicle, such as the soil below it.
+        on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -83,7 +85,7 @@ def set_up(
     place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
     start = pose(rotate(rotation, np.array(place)), rotation)
     parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
-    if any(side.shape >= 0 for side in parts.sides):
+    if not on_soil and any(side.meets_shapes for side in parts.sides):
         builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=Material(friction=friction))
     model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
     vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))

@@ -67,6 +67,11 @@ class Side:
     mesh: FlexibleMesh | None = None
     """Of a flexible tire."""
 
+    @property
+    def meets_shapes(self) -> bool:
+        """Whether its tire stands on shapes of the builder, in contact: rigid and flexible ones do."""
+        return self.shape >= 0 or self.mesh is not None
+
 
 def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: int) -> tuple[Side, Side]:
     """Both sides of an axle, left and right.

@@ -40,6 +40,12 @@ class ContactTires(WheelReports):
         frictions = model.shape_friction.numpy()
         self._own_friction: wp.array = wp.array(frictions[0, own], dtype=float, device=device)
         self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
+        self._on_soil = False
+
+    def show(self, soil: Any, first: int) -> None:
+        """From now on tell what a soil reports of its meshes from number `first` on, and no other contact."""
+        self._on_soil = True
+        self.show_soil(soil, first)
 
     def missing_ground(self, simulation: StepContext, own: Container[int]) -> str:
         """Return what is missing for the wheels to stand on, in words; empty if nothing is.
@@ -48,6 +54,8 @@ class ContactTires(WheelReports):
             simulation: of the vehicle.
             own: bodies of the vehicles, on whose shapes they do not stand.
         """
+        if self._on_soil:
+            return ""
         model = simulation.model
         bodies = model.topology.shape_body.numpy()[model.shapes_that_meet]
         if any(int(body) not in own for body in bodies):
@@ -65,7 +73,9 @@ class ContactTires(WheelReports):
         ]  # fmt: skip
 
     def record_after(self, simulation: StepContext) -> list[Any]:
-        """The launch after a sub-step: the loads."""
+        """The launch after a sub-step: the loads; none on soil, which tells them."""
+        if self._on_soil:
+            return []
         return [
             simulation.shares.record(
                 measure_contact_tires, self.shape[1],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,6 +21,8 @@ from simwarp.vehicle.tires.wheel_reports import parameter_text
 TEMPLATE = "flexible"
 FINE = 2000
 """Points of a section by which its length is measured."""
+DENSER: Final = 1.0
+"""How much denser nodes stand on a tread along the axis than on a sidewall: it meets the ground, and bends there."""
 
 Array = npt.NDArray[np.float64]
 
@@ -39,17 +43,20 @@ def flexible_parameters(tire: Tire) -> FlexibleParameters:
 
 
 def tire_section(tire: Tire, values: FlexibleParameters) -> Array:
-    """(across + 3, 2) distance from the axis and place along it of the nodes of a section [m], equally far apart from
-    bead to bead; the first and the last lie inside the rim: with the beads, which are glued too, they clamp the edges.
+    """(across + 3, 2) distance from the axis and place along it of the nodes of a section [m], from bead to bead, twice
+    as dense on the tread as on the sidewalls; the first and the last lie inside the rim: with the beads, which are
+    glued too, they clamp the edges.
     """
     angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, FINE)
     power = 2.0 / values.squareness
     along = 0.5 * tire.width * np.sign(angle) * np.abs(np.sin(angle)) ** power
     radius = values.rim_radius + (tire.radius - values.rim_radius) * np.abs(np.cos(angle)) ** power
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(along), np.diff(radius)))])
+    steps = np.hypot(np.diff(along), np.diff(radius)) + DENSER * np.abs(np.diff(along))
+    length = np.concatenate([[0.0], np.cumsum(steps)])
     places = np.linspace(0.0, length[-1], values.across + 1)
     section = np.column_stack([np.interp(places, length, radius), np.interp(places, length, along)])
-    inside = max(values.rim_radius - places[1], 0.5 * values.rim_radius)
+    first = float(np.hypot(*(section[1] - section[0])))
+    inside = max(values.rim_radius - first, 0.5 * values.rim_radius)
     ends = [[inside, -0.5 * tire.width], [inside, 0.5 * tire.width]]
     return np.vstack([ends[:1], section, ends[1:]])
 

@@ -53,10 +53,7 @@ class SoilTires(WheelReports):
 
     def show(self, soil: Any, first: int) -> None:
         """From now on tell what a soil reports of its wheels from number `first` on."""
-        wheels = slice(first, first + self.shape[1])
-        for name, told in (("load", "load"), ("slip_ratio", "slip_ratio"), ("deflection", "sinkage")):
-            setattr(self, name, getattr(soil, told)[:, wheels])
-        self.force_w, self.torque_w = soil.force_w[:, wheels], soil.torque_w[:, wheels]
+        self.show_soil(soil, first)
 
     def missing_ground(self, simulation: StepContext, own: Container[int]) -> str:
         """Return what is missing for the wheels to stand on, in words; empty if nothing is.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import warp as wp
 
@@ -50,6 +50,13 @@ class WheelReports(Readable):
         self.force_w = writable(self.shape, wp.vec3, model.device)
         self.torque_w = writable(self.shape, wp.vec3, model.device)
         self.state = writable((*self.shape, 1), wp.float32, model.device)
+
+    def show_soil(self, soil: Any, first: int) -> None:
+        """From now on tell what a soil reports of its shapes from number `first` on."""
+        wheels = slice(first, first + self.shape[1])
+        for name, told in (("load", "load"), ("slip_ratio", "slip_ratio"), ("deflection", "sinkage")):
+            setattr(self, name, getattr(soil, told)[:, wheels])
+        self.force_w, self.torque_w = soil.force_w[:, wheels], soil.torque_w[:, wheels]
 
     def of(self, first: int, count: int) -> Self:
         """`count` wheels of these from number `first` on: views of the same memory."""
