@@ -14,9 +14,9 @@ from simwarp.core.types import WORLD
 from simwarp.kernels.meshes.mesh_loads import GlueTables, MeshTables
 from simwarp.meshes.block_structure import BlockStructure, analyse, element_blocks
 from simwarp.meshes.mesh_costs import MeshCost, cost_of
-from simwarp.meshes.mesh_model import ORDER, element_tables, factor_sizes, material_tables, structure_tables
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_tables import ORDER, element_tables, factor_sizes, material_tables, structure_tables
 
 MATERIAL_PARAMETERS = ("flexible_young", "flexible_damping_time", "flexible_thickness", "flexible_pressure")
 """Parameters of a model that belong to parts of its meshes."""

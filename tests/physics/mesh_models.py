@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 import simwarp as sw
 from simwarp.core.types import WORLD
-from simwarp.meshes.mesh_model import make_mesh
+from tests.unit.flex.free_meshes import make_mesh
 from tests.unit.flex.loaded_meshes import loads
 
 SIZE = (0.12, 0.1, 0.08)

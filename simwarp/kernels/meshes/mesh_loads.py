@@ -1,4 +1,4 @@
-"""A step of meshes: elements' loads, the matrix and its factor, the change of velocity, the positions; one world.
+"""Meshes in a step of a world: elements' loads, their matrix and its factor.
 
 Lanes of a GPU share a world. Each function ends where all lanes have written.
 """
@@ -6,8 +6,8 @@ Lanes of a GPU share a world. Each function ends where all lanes have written.
 import warp as wp
 
 from simwarp.kernels.core.lanes import lane_of, meet, stride_of, sum_over_lanes
-from simwarp.kernels.core.scratch import ScratchGroup, memory_struct, scratch_array, slot_function
-from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
+from simwarp.kernels.core.tables import StepConfig, Topology, Work
 from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.meshes.block_factor import (
     BlockTables,
@@ -15,10 +15,6 @@ from simwarp.kernels.meshes.block_factor import (
     assemble_double,
     factor,
     factor_double,
-    substitute_backward,
-    substitute_backward_double,
-    substitute_forward,
-    substitute_forward_double,
 )
 from simwarp.kernels.meshes.flexible_laws import FlexibleMaterials, FlexibleStep
 from simwarp.kernels.meshes.mesh_links import has_mesh_code
@@ -32,18 +28,6 @@ LEAST_PIVOT = wp.constant(1.0e-6)
 LEAST_PIVOT_DOUBLE = wp.constant(1.0e-13)
 
 
-class MeshScratch(ScratchGroup, packed=False):
-    """Arrays of a world's meshes in a step; lengths are those of `MeshSizes`."""
-
-    shares = scratch_array(wp.vec3, "shares")  # impulses of elements on their nodes [N·s]
-    element_blocks = scratch_array(wp.mat33, "element_blocks")  # [kg]
-    masses = scratch_array(wp.float32, "columns")  # in the order of elimination [kg]
-    factor = scratch_array(wp.float32, "factor")
-    vector = scratch_array(wp.float32, "vector")  # impulses, then changes of velocity, in the order of elimination
-    factor_double = scratch_array(wp.float64, "factor_double")
-    vector_double = scratch_array(wp.float64, "vector_double")
-
-
 class MeshLoadScratch(ScratchGroup, packed=False, prefix="mesh_"):
     """Arrays of a world's meshes in a step of a model; their factor is in `Work`."""
 
@@ -55,10 +39,6 @@ class MeshLoadScratch(ScratchGroup, packed=False, prefix="mesh_"):
 
 
 MeshLoads = MeshLoadScratch.struct("MeshLoads", __name__)
-
-MeshWork = MeshScratch.struct("MeshWork", __name__)
-MeshMemory = memory_struct("MeshMemory", __name__, [MeshScratch])
-mesh_work = slot_function("mesh_work", __name__, MeshScratch, MeshWork, MeshMemory)
 
 
 @wp.struct
@@ -98,80 +78,20 @@ class MeshTables:
 
 @wp.func
 def load_meshes(
-    world: int, m: MeshTables, step: FlexibleStep, x: wp.array[wp.vec3d], v: wp.array[wp.vec3], work: MeshWork,
-    lanes: int,
+    world: int, m: MeshTables, step: FlexibleStep, x: wp.array[wp.vec3d], v: wp.array[wp.vec3],
+    shares: wp.array[wp.vec3], blocks: wp.array[wp.mat33], lanes: int,
 ) -> int:  # fmt: skip
-    """Finds all elements' impulses and blocks; returns how many solid ones are turned inside out."""
+    """Finds all elements' impulses [N·s] and blocks [kg]; returns how many solid ones are turned inside out."""
     inverted = int(0)
     stride = stride_of(lanes)
     for element in range(lane_of(lanes), m.tetrahedra.node.shape[0], stride):
-        inverted += load_solid(
-            element, world, m.tetrahedra, m.materials, step, x, v, work.shares, work.element_blocks
-        )  # fmt: skip
+        inverted += load_solid(element, world, m.tetrahedra, m.materials, step, x, v, shares, blocks)
     for element in range(lane_of(lanes), m.hexahedra.node.shape[0], stride):
-        inverted += load_solid(
-            element, world, m.hexahedra, m.materials, step, x, v, work.shares, work.element_blocks
-        )  # fmt: skip
+        inverted += load_solid(element, world, m.hexahedra, m.materials, step, x, v, shares, blocks)
     for element in range(lane_of(lanes), m.triangles.node.shape[0], stride):
-        load_triangle(element, world, m.triangles, m.materials, step, x, v, work.shares, work.element_blocks)
+        load_triangle(element, world, m.triangles, m.materials, step, x, v, shares, blocks)
     meet(lanes)
     return int(sum_over_lanes(lanes, float(inverted)))
-
-
-@wp.func
-def gather_impulses(
-    world: int, m: MeshTables, step: FlexibleStep, force: wp.array[wp.vec3], work: MeshWork, lanes: int
-):  # fmt: skip
-    """Impulses of elements, gravity and forces on each node, and its mass, in the order of elimination."""
-    masses = world_row(world, m.node_mass.shape[0])
-    t = m.structure
-    for column in range(lane_of(lanes), m.column_count, stride_of(lanes)):
-        node = t.order[column]
-        mass = m.node_mass[masses, node]
-        total = step.h * (mass * step.gravity + force[node])
-        for k in range(t.share_start[column], t.share_start[column + 1]):
-            total += work.shares[t.share[k]]
-        work.masses[column] = mass
-        for axis in range(3):
-            if m.is_double == 1:
-                work.vector_double[4 * column + axis] = wp.float64(total[axis])
-            else:
-                work.vector[4 * column + axis] = total[axis]
-        # The fourth number is only there for the width
-        if m.is_double == 1:
-            work.vector_double[4 * column + 3] = wp.float64(0.0)
-        else:
-            work.vector[4 * column + 3] = 0.0
-    meet(lanes)
-
-
-@wp.func
-def factor_meshes(m: MeshTables, work: MeshWork, lanes: int) -> int:
-    """The factor of M + h d + h² (β + ζ) K; returns how many pivots were raised."""
-    t = m.structure
-    n = m.column_count
-    if m.is_double == 1:
-        assemble_double(
-            n, m.block_count, t.term_start, t.term, work.element_blocks, work.masses, work.factor_double, lanes
-        )  # fmt: skip
-        return factor_double(
-            n, n, t.column_start, t.target_start, t.target, LEAST_PIVOT_DOUBLE, work.factor_double, lanes
-        )  # fmt: skip
-    assemble(n, m.block_count, t.term_start, t.term, work.element_blocks, work.masses, work.factor, lanes)
-    return factor(n, n, t.column_start, t.target_start, t.target, LEAST_PIVOT, work.factor, lanes)
-
-
-@wp.func
-def solve_meshes(m: MeshTables, work: MeshWork, lanes: int):
-    """Changes of velocity from impulses, in place."""
-    t = m.structure
-    n = m.column_count
-    if m.is_double == 1:
-        substitute_forward_double(n, n, t.column_start, t.block_row, work.factor_double, work.vector_double, lanes)
-        substitute_backward_double(n, n, t.column_start, t.block_row, work.factor_double, work.vector_double, lanes)
-    else:
-        substitute_forward(n, n, t.column_start, t.block_row, work.factor, work.vector, lanes)
-        substitute_backward(n, n, t.column_start, t.block_row, work.factor, work.vector, lanes)
 
 
 LANES = wp.constant(32)
@@ -269,10 +189,7 @@ def load_flexible_meshes(
     step.h = config.dt
     step.numerical_damping = config.flexible_damping
     place_nodes(flexible.glue, topology, work, loads)
-    elements = MeshWork()
-    elements.shares = loads.shares
-    elements.element_blocks = loads.element_blocks
-    load_meshes(world, flexible, step, loads.node_x, loads.node_v, elements, LANES)
+    load_meshes(world, flexible, step, loads.node_x, loads.node_v, loads.shares, loads.element_blocks, LANES)
     load_glue(flexible.glue, work, loads)
     push_nodes(flexible, topology, work, loads)
     t = flexible.structure

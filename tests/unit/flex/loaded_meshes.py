@@ -6,9 +6,10 @@ import warp as wp
 
 from simwarp.kernels.core.scratch import make_memory, memory_layouts
 from simwarp.kernels.meshes.flexible_laws import FlexibleStep
-from simwarp.kernels.meshes.mesh_loads import MeshMemory, MeshScratch, MeshTables, load_meshes, mesh_work
+from simwarp.kernels.meshes.mesh_loads import MeshTables, load_meshes
 from simwarp.meshes.block_structure import element_blocks
-from simwarp.meshes.mesh_model import ORDER
+from simwarp.meshes.mesh_tables import ORDER
+from tests.unit.flex.free_meshes_kernels import MeshMemory, MeshScratch, mesh_work
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -18,7 +19,8 @@ def load(
     m: MeshTables, step: FlexibleStep, memory: MeshMemory, x: wp.array[wp.vec3d], v: wp.array[wp.vec3],
     inverted: wp.array(dtype=int),  # type: ignore[valid-type]
 ):  # fmt: skip
-    inverted[0] = load_meshes(0, m, step, x, v, mesh_work(memory, 0), 1)
+    work = mesh_work(memory, 0)
+    inverted[0] = load_meshes(0, m, step, x, v, work.shares, work.element_blocks, 1)
 
 
 def element_nodes(mesh):

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 from simwarp.kernels.meshes.solid_loads import tensile_part
 from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_model import make_mesh
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.solid_elements import hexahedra_constants, incompatible_stiffness
 from simwarp.meshes.triangle_elements import with_neighbours
 from tests.reference import flexible_elements as reference
+from tests.unit.flex.free_meshes import make_mesh
 from tests.unit.flex.loaded_meshes import loads
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

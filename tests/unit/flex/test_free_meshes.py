@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.flex.free_meshes import FreeMeshes
 from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_model import make_mesh
 from simwarp.meshes.mesh_parts import MeshPart
+from tests.unit.flex.free_meshes import FreeMeshes, make_mesh
 from tests.unit.flex.loaded_meshes import loads
 
 KINDS = ("tetrahedra", "hexahedra", "triangles")

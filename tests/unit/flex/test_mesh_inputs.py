@@ -8,9 +8,9 @@ import pytest
 
 import simwarp as sw
 from simwarp.meshes.lattices import box_of_hexahedra, box_of_tetrahedra, rectangle_of_triangles
-from simwarp.meshes.mesh_model import make_mesh
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.solid_elements import hexahedra_constants
+from tests.unit.flex.free_meshes import make_mesh
 
 RUBBER = sw.flex.Rubber(young=1e6, density=1000.0)
 
@@ -93,14 +93,6 @@ def test_solids_have_neither_thickness_nor_pressure():
     points, part = solid()
     assert "thickness" in refused(points, changed(part, thickness=0.1))
     assert "pressure" in refused(points, changed(part, pressure=1.0))
-
-
-def test_nodes_are_used_and_some_of_them_move():
-    points, part = solid()
-    assert "12" in refused(np.vstack([points, [[1.0, 1.0, 1.0]]]), part)
-    assert "fixed nodes" in refused(points, part, fixed=[12])
-    assert "fixed nodes" in refused(points, part, fixed=[-1])
-    assert "some node" in refused(points, part, fixed=range(12))
 
 
 def test_tetrahedra_keep_from_what_keeps_its_volume():

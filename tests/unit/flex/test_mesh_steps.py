@@ -5,10 +5,9 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.types import ModelError
-from simwarp.flex.free_meshes import FreeMeshes
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_model import make_mesh
 from simwarp.meshes.mesh_parts import MeshPart
+from tests.unit.flex.free_meshes import FreeMeshes, make_mesh
 from tests.unit.flex.loaded_meshes import loads
 
 H = 1e-3

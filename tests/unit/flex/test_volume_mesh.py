@@ -11,10 +11,9 @@ import pytest
 import trimesh
 
 import simwarp as sw
-from simwarp.flex.free_meshes import FreeMeshes
-from simwarp.meshes.mesh_model import make_mesh
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.volume_lattices import LIGHTEST, grid_shares
+from tests.unit.flex.free_meshes import FreeMeshes, make_mesh
 from tests.unit.flex.loaded_meshes import loads, small_displacements
 
 RUBBER = sw.flex.Rubber(young=1e6, density=1000.0)
