@@ -5,7 +5,7 @@
 """
 
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.meshes.volume_files import read, tetrahedra
 from simwarp.meshes.volume_lattices import box, lattice
 from simwarp.meshes.volume_mesh import EmbeddedSurface, VolumeMesh
@@ -17,7 +17,7 @@ from .mesh_readings import mesh_positions, mesh_stress
 from .rod_readings import rod_forces, rod_strains, rod_stress
 
 __all__ = [
-    "Clamp", "Elastic", "EmbeddedSurface", "FlexibleMesh", "Hinge", "Options", "Rectangle", "Rod", "Round", "Rubber",
-    "Section", "Tube", "VolumeMesh", "box", "lattice", "mesh_positions", "mesh_stress", "read", "rod_forces",
-    "rod_strains", "rod_stress", "tetrahedra",
+    "Clamp", "Elastic", "EmbeddedSurface", "FlexibleMesh", "Hinge", "MeshContact", "Options", "Rectangle", "Rod",
+    "Round", "Rubber", "Section", "Tube", "VolumeMesh", "box", "lattice", "mesh_positions", "mesh_stress", "read",
+    "rod_forces", "rod_strains", "rod_stress", "tetrahedra",
 ]  # fmt: skip

@@ -23,6 +23,7 @@ from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
 from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, device_meshes, mesh_topology, use_parameters
+from simwarp.meshes.mesh_faces import face_count, face_topology, mesh_faces
 from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
@@ -240,6 +241,7 @@ class Model(ParameterFields):
             Size.BOX_CONSTRAINTS: self.box_count,
             Size.SHAPES: self.shape_count,
             Size.CONTACTS: self.contact_capacity,
+            Size.FACE_CONTACTS: self.contact_capacity if self.topology.face_count else 0,
         }
 
     def body(self, name: str) -> int:
@@ -417,11 +419,14 @@ def never_meet(builder: Specification) -> set[tuple[int, int]]:
 
 
 def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
-    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
+    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least; of
+    meshes one for each node, and for two faces.
+    """
     shapes = builder.shapes
     total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
     nodes = sum(len(mesh.nodes) for mesh in builder.flexible_meshes)
-    return min(total, max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes))
+    between = face_count(builder.flexible_meshes) // 2
+    return min(total, max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes)) + between
 
 
 def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:
@@ -592,4 +597,7 @@ def _device_topology(
     t.box_dof = ints([dof for dof, _ in tables.boxes])
     t.box_kind = ints([kind for _, kind in tables.boxes])
     _pair_topology(t, builder, pairs, ints, device)
+    numbers = {link.body: index for index, link in enumerate(links)}
+    faces = mesh_faces(builder.flexible_meshes, numbers, [shape.body for shape in builder.shapes])
+    face_topology(t, faces, ints, device)
     return t
