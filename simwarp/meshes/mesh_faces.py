@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,11 @@ class MeshFaces:
     point: npt.NDArray[np.int32]
     place: npt.NDArray[np.float64]
 
+    @property
+    def bodies(self) -> npt.NDArray[np.int32]:
+        """(f, 3) bodies of the corners."""
+        return np.asarray(self.point[self.face[:, :3], 0])
+
 
 def face_count(meshes: Sequence[FlexibleMesh]) -> int:
     """How many there are."""
@@ -48,7 +53,9 @@ def mesh_faces(
         links: number of each body's link.
         shape_bodies: body of each shape.
     """
-    faces, bodies, shapes, places = [np.zeros((0, COLUMNS), np.int32)], [], [], [np.zeros((0, 3))]
+    faces, places = [np.zeros((0, COLUMNS), np.int32)], [np.zeros((0, 3))]
+    bodies: list[int] = []
+    shapes: list[int] = []
     edges = points = 0
     for mesh in meshes:
         if mesh.contact is not MeshContact.FACES:
@@ -78,12 +85,13 @@ def mesh_faces(
     )  # fmt: skip
 
 
-def face_topology(topology: Any, faces: MeshFaces, ints: Callable[[Any], Any], device: Any) -> None:
+def face_topology(topology: Any, faces: MeshFaces, device: Any) -> None:
     """The faces as kernels read them (`Topology`, whose shapes are there)."""
     t = topology
     t.face_count = len(faces.face)
     owners = faces.face[:, int(OWNER)]
-    t.face_start = ints(np.searchsorted(owners, np.arange(t.shape_count + 1)) if t.face_count else [])
+    starts = np.searchsorted(owners, np.arange(t.shape_count + 1))
+    t.face_start = wp.array(starts.astype(np.int32), dtype=int, device=device)
     # one row at least, so that there is something to point at
     t.face = wp.array2d(faces.face if t.face_count else np.full((1, COLUMNS), -1), dtype=int, device=device)
     t.face_point = wp.array2d(faces.point if t.face_count else np.full((1, 2), -1), dtype=int, device=device)

@@ -17,12 +17,12 @@ from simwarp.meshes.mesh_surfaces import MeshSurface
 Array: TypeAlias = npt.NDArray[np.float64]
 
 
-class MeshContact(enum.Enum):
+class MeshContact(enum.IntEnum):
     """Where a mesh touches other shapes."""
 
-    NODES = "nodes"
+    NODES = 0
     """At the nodes of its surface, by a sphere on each."""
-    FACES = "faces"
+    FACES = 1
     """There, and between them on the edges and insides of its surface's triangles, which are as thick."""
 
 

@@ -185,7 +185,7 @@ def _asset_line(asset: Hull | HeightField | TriangleMesh) -> str:
 def _mesh_line(mesh: FlexibleMesh) -> str:
     arrays = [part.elements for part in mesh.parts]
     content = _array_digest(mesh.points, mesh.places, np.array([mesh.bodies, mesh.glued]), *arrays)
-    touching = "" if mesh.contact is MeshContact.NODES else f", touching at {mesh.contact.value}"
+    touching = "" if mesh.contact is MeshContact.NODES else f", touching at {mesh.contact.name.lower()}"
     return f"'{mesh.name}' of {len(mesh.points)} nodes {content}{touching}"
 
 

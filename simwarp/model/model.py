@@ -85,6 +85,7 @@ class Model(ParameterFields):
         entry_count: most entries of a row of the cone problem.
         unit_newton: units that no row ties and whose shapes may touch others: Newton steps can solve their contacts.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
+        face_bodies: (faces, 3) bodies of the corners of meshes' triangles that touch others; -1: a corner is fixed.
         builder: that it was made of.
         mass_ratio: of the heaviest body to the lightest, as built, nodes of rods left out: what is elastic carries
             any load.
@@ -147,6 +148,10 @@ class Model(ParameterFields):
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
         _unit_topology(self.topology, self, device)
+        numbers = {link.body: index for index, link in enumerate(tables.links)}
+        faces = mesh_faces(builder.flexible_meshes, numbers, [shape.body for shape in builder.shapes])
+        face_topology(self.topology, faces, device)
+        self.face_bodies: npt.NDArray[np.int32] = faces.bodies
         self.parameters = Parameters()
         self.as_built: dict[str, npt.NDArray[Any]] = {}
         self.assets = hull_assets(builder.hulls, device)
@@ -597,7 +602,4 @@ def _device_topology(
     t.box_dof = ints([dof for dof, _ in tables.boxes])
     t.box_kind = ints([kind for _, kind in tables.boxes])
     _pair_topology(t, builder, pairs, ints, device)
-    numbers = {link.body: index for index, link in enumerate(links)}
-    faces = mesh_faces(builder.flexible_meshes, numbers, [shape.body for shape in builder.shapes])
-    face_topology(t, faces, ints, device)
     return t

@@ -254,7 +254,8 @@ def _flexible_mesh_entry(mesh: FlexibleMesh) -> FlexibleMeshEntry:
         name=mesh.name, points=PackedArray.of(mesh.points), places=PackedArray.of(mesh.places), parts=parts,
         bodies=PackedArray.of(np.array(mesh.bodies, np.int32)), double=mesh.double, shapes=mesh.shapes,
         glued=tuple(node for node, is_glued in enumerate(mesh.glued) if is_glued),
-        surface=surface if seen.is_embedded else None, contact=mesh.contact.value,
+        surface=surface if seen.is_embedded else None,
+        contact="faces" if mesh.contact is MeshContact.FACES else "nodes",
     )  # fmt: skip
 
 
@@ -498,7 +499,7 @@ def _flexible_mesh(builder: ModelBuilder, entry: FlexibleMeshEntry, taken: NameC
         whole_number(thing, "shapes", index, 0, len(builder.shapes) - 1, "count shapes from 0")
     mesh = FlexibleMesh(
         entry.name, points, parts, tuple(bodies.tolist()), tuple(glued.tolist()), places, entry.double, entry.shapes,
-        _mesh_surface(thing, len(points), parts, entry.surface), MeshContact(entry.contact),
+        _mesh_surface(thing, len(points), parts, entry.surface), MeshContact[entry.contact.upper()],
     )  # fmt: skip
     check_nodes(thing, mesh, builder)
     check_faces(thing, mesh, [shape.body for shape in builder.shapes])

@@ -7,14 +7,23 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.types import WORLD, ModelError
-from tests.physics.mesh_models import DenseStep, energy, momenta, node_masses, own_bodies, set_motion, simulation
+from tests.physics.mesh_models import (
+    DenseStep,
+    energy,
+    momenta,
+    node_masses,
+    own_bodies,
+    set_motion,
+    settle,
+    simulation,
+)
 from tests.physics.test_mesh_contacts import forces, tarp
 from tests.physics.test_mesh_mechanisms import NYLON, TURN, link, sheet
 from tests.reference.mesh_faces import ball_on_face, change_with_contact, nearest_shares
 
 SOFT = sw.flex.Elastic(young=1e6, poisson=0.3, density=1000.0, damping_time=2e-2)
 FOAM = sw.flex.Rubber(young=2e5, poisson=0.3, density=500.0, damping_time=5e-3)
-SURFACE = sw.Material(friction=0.5)
+SURFACE = sw.Material(friction=0.5, rolling_friction=2e-3)
 BALL, THICK = 0.02, 2e-3
 
 
@@ -39,7 +48,7 @@ def ball(builder, at, mass=0.05, **options):
     """A small one."""
     size = 0.4 * mass * BALL**2
     body = builder.add_body("ball", mass=mass, inertia=(size,) * 3, pose=sw.pose(at), **options)
-    builder.add_shape_sphere(body, radius=BALL, material=sw.Material(friction=0.5, rolling_friction=1e-3))
+    builder.add_shape_sphere(body, radius=BALL, material=SURFACE)
     return body
 
 
@@ -61,26 +70,36 @@ def dropped(ground, contact):
     builder = sw.ModelBuilder()
     mesh = GROUNDS[ground](builder, contact)
     body = ball(builder, (0.034, 0.061, BALL + 0.02))
-    return simulation(builder), mesh, body
+    return simulation(builder, damping=1.0), mesh, body
 
 
 @pytest.mark.parametrize("ground", list(GROUNDS))
 def test_a_ball_smaller_than_a_cell_rests_on_a_face(ground):
-    """Its weight is on the face's nodes, to what swings after three seconds, with no moment about the contact."""
+    """Its weight is on the face's nodes, to what swings after two seconds, without a moment about the contact. Mean of
+    a tenth of a second: distances in float32 are right to 10 nm across a cell, a thousandth of the weight in a step.
+    """
     sim, mesh, body = dropped(ground, "faces")
-    sim.step(3000)
+    settle(sim, mesh, most=1000, still=0.0)
+    sim.step(2000)
     weight = 9.81 * node_masses(sim)[body]
     assert np.abs(sim.state.body_v.numpy()[0]).max() < 2e-3
+    pushed = []
+    for _ in range(100):
+        sim.step()
+        pushed.append(forces(sim)[body, 2])
+    assert np.mean(pushed) == pytest.approx(weight, rel=1e-3)
     force = forces(sim)
-    assert force[body, 2] == pytest.approx(weight, rel=1e-3)
     assert len(on_faces(sim)) >= 1
     nodes = own_bodies(mesh)
     assert np.abs(force[nodes].sum(axis=0) + force[body]).max() < 1e-5 * weight
     x = sim.state.body_x.numpy()[0]
-    moment = np.cross(x[nodes] - x[body], force[nodes]).sum(axis=0)
-    # only friction has a lever: the radius and the thickness
-    across = np.linalg.norm(force[body, :2])
-    assert np.linalg.norm(moment) < 1e-4 * weight * BALL + 1.1 * across * (BALL + THICK)
+    slot = int(np.argmax(np.abs(sim.contacts.contact_force_w.numpy()[0, :, 2])))
+    normal = sim.contacts.contact_normal_w.numpy()[0, slot].astype(float)
+    thick = float(sim.model.builder.shapes[mesh.shapes[0]].size[0])
+    at = x[body] - np.sign(normal[2]) * normal * (BALL + thick)
+    moment = np.cross(x[nodes] - at, force[nodes]).sum(axis=0)
+    # levers of 10 µm: what moves within a step
+    assert np.linalg.norm(moment) < 1e-5 * weight
 
 
 @pytest.mark.parametrize("ground", list(GROUNDS))
@@ -96,10 +115,11 @@ def test_contacts_give_their_face_and_shares():
     sim.step(1000)
     sim.step()
     contacts, x = sim.contacts, sim.state.body_x.numpy()[0]
-    places = sw.flex.mesh_positions(sim, mesh).numpy()[0]
-    table = sim.model.topology.face.numpy()
     for slot in on_faces(sim):
-        corners = places[table[contacts.contact_face.numpy()[0, slot], :3]]
+        bodies = sim.model.face_bodies[contacts.contact_face.numpy()[0, slot]]
+        assert set(bodies) <= {-1, *own_bodies(mesh)}
+        assert -1 not in bodies
+        corners = x[bodies]
         shares = contacts.contact_weights.numpy()[0, slot].astype(float)
         found = ball_on_face(x[body], BALL, corners, 0.5 * THICK)
         assert shares.sum() == pytest.approx(1.0, abs=1e-6)
@@ -181,45 +201,50 @@ def test_a_step_with_a_contact_on_a_face_is_that_of_dense_algebra(make, held, do
     # float32 elements of a matrix whose entries differ by a hundred
     v, omega = sim.state.body_v.numpy()[0], sim.state.body_omega.numpy()[0]
     assert np.abs(v - before - lin).max() < 2e-5 * np.abs(lin).max()
-    assert np.abs(omega - ang).max() < 2e-5 * np.abs(ang).max() + 1e-6
+    # and levers to 1e-9 m, of 0.1 N·s on 2e-5 kg·m²
+    assert np.abs(omega - ang).max() < 2e-5 * np.abs(ang).max() + 5e-6
     found = sim.contacts.contact_impulse.numpy()[0, 0]
     assert found[0] == pytest.approx(impulse[0], rel=1e-4)
     assert np.linalg.norm(found[1:]) == pytest.approx(np.linalg.norm(impulse[1:]), rel=1e-3, abs=1e-6 * impulse[0])
 
 
-@pytest.mark.parametrize("post", ["capsule", "cylinder", "box", "hull", "cone", "ellipsoid"])
-def test_a_loose_tarp_is_held_by_a_post_in_the_middle_of_a_face(post):
-    """Thinner than a cell by ten: the face that fell on it stays above, and friction holds it for half a second."""
-    top = 0.3
+TOP = 0.3
+
+
+def draped(post, contact, steps=500):
+    """How far a loose tarp is from the top of a post that it was let fall on, in the middle of a face [m]."""
     builder = sw.ModelBuilder()
     at = (0.034, 0.061)
-    options: dict[str, Any] = {"material": sw.Material(friction=1.0)}
-    place = sw.pose((*at, 0.5 * top))
+    options: dict[str, Any] = {"material": sw.Material(friction=1.0), "pose": sw.pose((*at, 0.5 * TOP))}
     if post == "capsule":
-        builder.add_shape_capsule(WORLD, radius=0.01, half_length=0.5 * top - 0.01, pose=place, **options)
+        builder.add_shape_capsule(WORLD, radius=0.01, half_length=0.5 * TOP - 0.01, **options)
     elif post == "cylinder":
-        builder.add_shape_cylinder(WORLD, radius=0.01, half_length=0.5 * top, pose=place, **options)
+        builder.add_shape_cylinder(WORLD, radius=0.01, half_length=0.5 * TOP, **options)
     elif post == "cone":
-        builder.add_shape_cone(WORLD, radius=0.05, half_length=0.5 * top, pose=place, **options)
+        builder.add_shape_cone(WORLD, radius=0.05, half_length=0.5 * TOP, **options)
     elif post == "ellipsoid":
-        builder.add_shape_ellipsoid(WORLD, half=(0.03, 0.03, 0.5 * top), pose=place, **options)
+        builder.add_shape_ellipsoid(WORLD, half=(0.03, 0.03, 0.5 * TOP), **options)
     elif post == "hull":
-        corners = [(x, y, z) for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (-0.5 * top, 0.5 * top)]
-        builder.add_shape_hull(WORLD, corners, pose=place, **options)
+        corners = [(x, y, z) for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (-0.5 * TOP, 0.5 * TOP)]
+        builder.add_shape_hull(WORLD, corners, **options)
     else:
-        builder.add_shape_box(WORLD, half=(0.01, 0.01, 0.5 * top), pose=place, **options)
-    mesh = hung(builder, "faces", fixed=(), surface=sw.Material(friction=1.0), pose=sw.pose((0.0, 0.0, top + 5e-3)))
+        builder.add_shape_box(WORLD, half=(0.01, 0.01, 0.5 * TOP), **options)
+    mesh = hung(builder, contact, fixed=(), surface=sw.Material(friction=1.0), pose=sw.pose((0.0, 0.0, TOP + 5e-3)))
     sim = simulation(builder)
-    sim.step(500)
-    places = sw.flex.mesh_positions(sim, mesh).numpy()[0]
-    above = places[:, 2].max()
-    assert top - 0.01 < above
-    # the triangle over the post: none other covers it
-    tip = np.array([*at, top])
+    sim.step(steps)
+    places, tip = sw.flex.mesh_positions(sim, mesh).numpy()[0], np.array([*at, TOP])
     faces = places[mesh.surface.nodes[:, 0][mesh.surface.triangles]]
-    over = [nearest_shares(tip + np.array([0.0, 0.0, 1.0]), corners) @ corners for corners in faces]
-    assert min(np.linalg.norm(place - tip) for place in over) < 0.02
-    assert len(on_faces(sim)) >= 1
+    return min(float(np.linalg.norm(nearest_shares(tip, corners) @ corners - tip)) for corners in faces)
+
+
+@pytest.mark.parametrize("post", ["capsule", "cylinder", "box", "hull", "cone", "ellipsoid"])
+def test_a_loose_tarp_is_held_by_a_post_in_the_middle_of_a_face(post):
+    """Thinner than a cell by ten: the sheet stays on its top, though it swings; free fall would be 1.2 m."""
+    assert draped(post, "faces") < 0.015
+
+
+def test_a_post_passes_between_spheres_of_nodes():
+    assert draped("capsule", "nodes") > 0.1
 
 
 def test_a_box_rests_with_its_edge_across_a_sheet():
@@ -230,13 +255,14 @@ def test_a_box_rests_with_its_edge_across_a_sheet():
     body = builder.add_body("beam", mass=0.5, inertia=(3e-3,) * 3, pose=sw.pose((0.03, 0.0, 0.12), turned))
     builder.add_shape_box(body, half=(0.05, 0.15, 0.05), material=SURFACE)
     builder.add_joint_prismatic("guide", WORLD, body, axis=(0.0, 0.0, 1.0))
-    sim = simulation(builder)
-    sim.step(3000)
+    sim = simulation(builder, damping=1.0)
+    settle(sim, mesh, most=1500, still=0.0)
+    sim.step(1000)
     weight = 9.81 * node_masses(sim)[body]
     force = forces(sim)
     assert force[body, 2] == pytest.approx(weight, rel=1e-3)
     slots = on_faces(sim)
-    assert len(slots) >= 4
+    assert len(slots) >= 3
     contacts = sim.contacts
     pushed = contacts.contact_force_w.numpy()[0, slots, 2]
     assert np.abs(pushed).sum() == pytest.approx(weight, rel=0.2)
@@ -274,8 +300,8 @@ def test_a_ball_and_a_free_mesh_keep_their_momentum_in_an_impact(make):
     after = momenta(sim)
     scale = float(mass[body] * np.linalg.norm(v))
     assert np.abs(after[0] - start[0]).max() < 1e-6 * scale
-    # levers change within a step by what things move in it, friction acts half a thickness off the nodes' plane
-    assert np.abs(after[1] - start[1]).max() < 2e-2 * scale * 0.1
+    # twice that impulse at most; levers change within a step by 1 mm, friction acts 1 mm off the nodes' plane
+    assert np.abs(after[1] - start[1]).max() < 2.0 * scale * 2e-3
     assert sim.state.body_v.numpy()[0, body, 2] > v[2] + 0.1
 
 
