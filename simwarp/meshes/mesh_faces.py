@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -85,8 +85,26 @@ def mesh_faces(
     )  # fmt: skip
 
 
-def face_topology(topology: Any, faces: MeshFaces, device: Any) -> None:
-    """The faces as kernels read them (`Topology`, whose shapes are there)."""
+class ModelParts(Protocol):
+    """What faces need of a builder."""
+
+    flexible_meshes: list[FlexibleMesh]
+    shapes: list[Any]
+
+
+def face_topology(
+    topology: Any, builder: ModelParts, link_bodies: Sequence[int], device: Any
+) -> npt.NDArray[np.int32]:  # fmt: skip
+    """The faces as kernels read them; returns the bodies of their corners.
+
+    Args:
+        topology: whose shapes are there; is filled in.
+        builder: of the model.
+        link_bodies: body of each link.
+        device: where they lie.
+    """
+    links = {body: index for index, body in enumerate(link_bodies)}
+    faces = mesh_faces(builder.flexible_meshes, links, [shape.body for shape in builder.shapes])
     t = topology
     t.face_count = len(faces.face)
     owners = faces.face[:, int(OWNER)]
@@ -96,6 +114,7 @@ def face_topology(topology: Any, faces: MeshFaces, device: Any) -> None:
     t.face = wp.array2d(faces.face if t.face_count else np.full((1, COLUMNS), -1), dtype=int, device=device)
     t.face_point = wp.array2d(faces.point if t.face_count else np.full((1, 2), -1), dtype=int, device=device)
     t.face_place = wp.array(faces.place if t.face_count else np.zeros((1, 3)), dtype=wp.vec3d, device=device)
+    return faces.bodies
 
 
 def _moving(mesh: FlexibleMesh) -> npt.NDArray[np.int32]:

@@ -23,7 +23,7 @@ from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
 from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, device_meshes, mesh_topology, use_parameters
-from simwarp.meshes.mesh_faces import face_count, face_topology, mesh_faces
+from simwarp.meshes.mesh_faces import face_count, face_topology
 from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
@@ -148,10 +148,7 @@ class Model(ParameterFields):
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
         _unit_topology(self.topology, self, device)
-        numbers = {link.body: index for index, link in enumerate(tables.links)}
-        faces = mesh_faces(builder.flexible_meshes, numbers, [shape.body for shape in builder.shapes])
-        face_topology(self.topology, faces, device)
-        self.face_bodies: npt.NDArray[np.int32] = faces.bodies
+        self.face_bodies = face_topology(self.topology, builder, [link.body for link in tables.links], device)
         self.parameters = Parameters()
         self.as_built: dict[str, npt.NDArray[Any]] = {}
         self.assets = hull_assets(builder.hulls, device)
@@ -424,14 +421,12 @@ def never_meet(builder: Specification) -> set[tuple[int, int]]:
 
 
 def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
-    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least; of
-    meshes one for each node, and for two faces.
-    """
+    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
     shapes = builder.shapes
     total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
     nodes = sum(len(mesh.nodes) for mesh in builder.flexible_meshes)
-    between = face_count(builder.flexible_meshes) // 2
-    return min(total, max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes)) + between
+    most = max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes)
+    return min(total, most) + face_count(builder.flexible_meshes) // 2  # a face's, half of which its neighbours have
 
 
 def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:
