@@ -23,9 +23,12 @@ CPU_BLOCK = 1
 def compile_together() -> None:
     """Compile what Warp's cache does not hold: each unit in one worker, while the others take the next ones."""
     wp.init()
-    variants = ((True, False, False), (False, True, False), (False, False, True), (False, False, False))
+    variants = [
+        (True, False, False, False), (False, True, False, False), (False, False, True, False),
+        (False, False, True, True), (False, False, False, False),
+    ]  # fmt: skip
     units = [fused_step(*which).kernel.module for which in variants]
-    units.append(fused_collision().kernel.module)
+    units += [fused_collision(faces).kernel.module for faces in (False, True)]
     units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
     # First what nobody is at, then what the others have made
     for lock in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):

@@ -38,6 +38,7 @@ class Size(enum.Enum):
     TERMS = ("terms", "")
     SHAPES = ("S", "")
     CONTACTS = ("C", "")
+    FACE_CONTACTS = ("C or 0", "0 unless faces of meshes touch")
     MESH_PARTS = ("parts", "0 without flexible meshes")
 
     def noun(self, length: int) -> str:

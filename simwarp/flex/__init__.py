@@ -7,7 +7,7 @@
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_columns import mesh_cost
 from simwarp.meshes.mesh_costs import MeshCost
-from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.meshes.volume_files import read, tetrahedra
 from simwarp.meshes.volume_lattices import box, lattice
 from simwarp.meshes.volume_mesh import EmbeddedSurface, VolumeMesh
@@ -19,7 +19,7 @@ from .mesh_readings import mesh_inverted, mesh_positions, mesh_stress
 from .rod_readings import rod_forces, rod_strains, rod_stress
 
 __all__ = [
-    "Clamp", "Elastic", "EmbeddedSurface", "FlexibleMesh", "Hinge", "MeshCost", "Options", "Rectangle", "Rod", "Round",
-    "Rubber", "Section", "Tube", "VolumeMesh", "box", "lattice", "mesh_cost", "mesh_inverted", "mesh_positions",
-    "mesh_stress", "read", "rod_forces", "rod_strains", "rod_stress", "tetrahedra",
+    "Clamp", "Elastic", "EmbeddedSurface", "FlexibleMesh", "Hinge", "MeshContact", "MeshCost", "Options", "Rectangle",
+    "Rod", "Round", "Rubber", "Section", "Tube", "VolumeMesh", "box", "lattice", "mesh_cost", "mesh_inverted",
+    "mesh_positions", "mesh_stress", "read", "rod_forces", "rod_strains", "rod_stress", "tetrahedra",
 ]  # fmt: skip

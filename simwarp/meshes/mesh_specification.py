@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +15,15 @@ from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.mesh_surfaces import MeshSurface
 
 Array: TypeAlias = npt.NDArray[np.float64]
+
+
+class MeshContact(enum.IntEnum):
+    """Where a mesh touches other shapes."""
+
+    NODES = 0
+    """At the nodes of its surface, by a sphere on each."""
+    FACES = 1
+    """There, and between them on the edges and insides of its surface's triangles, which are as thick."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -30,6 +40,7 @@ class FlexibleMesh(ReadableFields):
         double: whether its matrix is factored in double precision.
         shapes: spheres of nodes that touch others.
         surface: what is seen of it.
+        contact: where it touches other shapes.
     """
 
     name: str
@@ -41,6 +52,7 @@ class FlexibleMesh(ReadableFields):
     double: bool
     shapes: tuple[int, ...]
     surface: MeshSurface
+    contact: MeshContact = MeshContact.NODES
 
     @property
     def nodes(self) -> tuple[int, ...]:

@@ -52,15 +52,20 @@ def surface_of(parts: Sequence[MeshPart], embedded: EmbeddedSurface | None = Non
     """
     if embedded is not None:
         return MeshSurface(parts[0].elements[embedded.cells], embedded.weights, embedded.triangles)
+    nodes, triangles = np.unique(outer_triangles(parts), return_inverse=True)
+    return MeshSurface(
+        nodes[:, None].astype(np.int32), np.ones((len(nodes), 1)), triangles.reshape(-1, 3).astype(np.int32)
+    )
+
+
+def outer_triangles(parts: Sequence[MeshPart]) -> Ints:
+    """(t, 3) nodes of a mesh's triangles: of sheets all, of solids the faces that one element alone has."""
     faces = [part.elements for part in parts if part.kind == "triangles"]
     for kind in ("tetrahedra", "hexahedra"):
         solids = [part.elements for part in parts if part.kind == kind]
         if solids:
             faces.append(boundary_of(np.concatenate(solids)))
-    nodes, triangles = np.unique(np.concatenate(faces), return_inverse=True)
-    return MeshSurface(
-        nodes[:, None].astype(np.int32), np.ones((len(nodes), 1)), triangles.reshape(-1, 3).astype(np.int32)
-    )
+    return np.concatenate(faces)
 
 
 def checked_surface(label: str, count: int, nodes: Any, weights: Any, triangles: Any) -> MeshSurface:

@@ -18,11 +18,11 @@ from simwarp.core.wording import suggestion
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_costs import check_cost
 from simwarp.meshes.mesh_parts import MeshPart, as_array, checked_part, checked_points, lumped_masses
-from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.meshes.mesh_surfaces import surface_of
 from simwarp.meshes.triangle_elements import crossed_nodes
 from simwarp.meshes.volume_mesh import EmbeddedSurface
-from simwarp.model.checks import checked_flag, checked_name, checked_pose, positive_number
+from simwarp.model.checks import checked_flag, checked_member, checked_name, checked_pose, positive_number
 from simwarp.model.shapes import checked_material
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -136,7 +136,7 @@ def build_mesh(
     builder: MeshBuilder, name: str, points: Any, parts: Sequence[MeshPart], *, sets: Mapping[str, Any],
     pose: Pose | None, glue: Glue | None, fixed: Any, radius: float | None,
     surface: Material | None, touching: Sequence[int] | None, velocity: Vec3, omega: Vec3, double: bool,
-    embedded: EmbeddedSurface | None = None,
+    embedded: EmbeddedSurface | None = None, contact: MeshContact | str = MeshContact.NODES,
 ) -> FlexibleMesh:  # fmt: skip
     """Add a mesh to a builder, or nothing where something is wrong; arguments as for `ModelBuilder.add_solid_mesh`,
     and the surface that its cells carry.
@@ -154,6 +154,7 @@ def build_mesh(
             f"{thing}: every node must be one of an element, got {len(unused)} that are not, the first {unused[0]}; "
             "leave them out"
         )
+    where = checked_member(thing, "contact", contact, MeshContact)
     precise = checked_flag(thing, "double", double)
     thick = _usual_radius(rest, made)
     if radius is not None:
@@ -188,7 +189,7 @@ def build_mesh(
         for node, body in joined.items():
             builder.add_joint_spherical(f"{name}_{node}_glue", body, bodies[node], anchor=tuple(at[node]))
         shapes: tuple[int, ...] = ()
-        if radius is not None or surface is not None:
+        if radius is not None or surface is not None or where is MeshContact.FACES:
             together = [bodies[node] for node in (own if touching is None else touching) if node not in held]
             shapes = tuple(builder.add_shape_sphere(body, radius=thick, material=stuff) for body in together)
             owners = sorted({body for body in [*held.values(), *joined.values()] if body != WORLD})
@@ -201,7 +202,8 @@ def build_mesh(
         builder.excluded_bodies &= apart
         raise
     glued = tuple(node in held and held[node] != WORLD for node in range(len(rest)))
-    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, precise, shapes, surface_of(made, embedded))
+    seen = surface_of(made, embedded)
+    mesh = FlexibleMesh(name, rest, made, tuple(bodies), glued, places, precise, shapes, seen, where)
     builder.flexible_meshes.append(mesh)
     return mesh
 

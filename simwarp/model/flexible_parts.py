@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import Material, Pose, Vec3
 from simwarp.meshes.materials import Elastic, Rubber
-from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.model.flexible_meshes import (
     Glue,
     MeshBuilder,
@@ -65,7 +65,7 @@ class FlexibleParts:
         self: MeshBuilder, name: str, mesh: SolidSource, *, material: Elastic | Rubber, pose: Pose | None = None,
         glue: Glue | None = None, fixed: Any = (), radius: float | None = None,
         surface: Material | None = None, velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0),
-        double: bool = False,
+        double: bool = False, contact: MeshContact | str = MeshContact.NODES,
     ) -> FlexibleMesh:  # fmt: skip
         """A flexible solid of tetrahedra or hexahedra, at rest in the shape of the mesh: its nodes are bodies of three
         coordinates, `name_0`, `name_1` and on, which elements tie together (docs/flexible.md).
@@ -84,6 +84,7 @@ class FlexibleParts:
             surface: of these spheres; None: without a radius it touches nothing.
             velocity, omega: of all of it as a rigid body at the start [m/s, rad/s], world.
             double: factor its matrix in double precision: for stiff meshes that are glued to light bodies.
+            contact: "nodes", or "faces": convex shapes touch its surface between nodes too, which is as thick.
 
         Raises:
             ModelError: an argument cannot be used.
@@ -92,7 +93,7 @@ class FlexibleParts:
         return build_mesh(
             self, name, mesh.points, [part], sets=mesh.sets, pose=pose, glue=glue, fixed=fixed, radius=radius,
             surface=surface, touching=mesh.boundary_nodes.tolist(), velocity=velocity, omega=omega, double=double,
-            embedded=mesh.surface,
+            embedded=mesh.surface, contact=contact,
         )  # fmt: skip
 
     def add_shell(
@@ -100,6 +101,7 @@ class FlexibleParts:
         material: Elastic | Rubber, pose: Pose | None = None, glue: Glue | None = None,
         fixed: Any = (), pressure: float = 0.0, radius: float | None = None, surface: Material | None = None,
         velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), double: bool = False,
+        contact: MeshContact | str = MeshContact.NODES,
     ) -> FlexibleMesh:  # fmt: skip
         """A flexible sheet of triangles, at rest in the shape of its vertices: cloth, tarps, membranes, tires. Its
         nodes are bodies of three coordinates, `name_0`, `name_1` and on (docs/flexible.md).
@@ -119,6 +121,7 @@ class FlexibleParts:
             surface: of these spheres; None: without a radius it touches nothing.
             velocity, omega: of all of it as a rigid body at the start [m/s, rad/s], world.
             double: factor its matrix in double precision.
+            contact: "nodes", or "faces": convex shapes touch its triangles between nodes too, on both sides.
 
         Warns:
             UserWarning: diagonals cross or alternate: a sheet of such triangles bends too little.
@@ -129,7 +132,7 @@ class FlexibleParts:
         part = sheet_part(name, triangles, material, thickness, pressure)
         mesh = build_mesh(
             self, name, vertices, [part], sets={}, pose=pose, glue=glue, fixed=fixed, radius=radius, surface=surface,
-            touching=None, velocity=velocity, omega=omega, double=double,
+            touching=None, velocity=velocity, omega=omega, double=double, contact=contact,
         )  # fmt: skip
         warn_of_crosses(mesh, stacklevel=3)
         return mesh

@@ -13,7 +13,7 @@ from simwarp.core import file_keys
 from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import Dof, FrictionRule, Material, PairRule, formatted
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
-from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, ShapeSpec, Specification
@@ -185,7 +185,8 @@ def _asset_line(asset: Hull | HeightField | TriangleMesh) -> str:
 def _mesh_line(mesh: FlexibleMesh) -> str:
     arrays = [part.elements for part in mesh.parts]
     content = _array_digest(mesh.points, mesh.places, np.array([mesh.bodies, mesh.glued]), *arrays)
-    return f"'{mesh.name}' of {len(mesh.points)} nodes {content}"
+    touching = "" if mesh.contact is MeshContact.NODES else f", touching at {mesh.contact.name.lower()}"
+    return f"'{mesh.name}' of {len(mesh.points)} nodes {content}{touching}"
 
 
 def _array_digest(*arrays: Any) -> str:

@@ -23,6 +23,7 @@ from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
 from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, costs_of, device_meshes, mesh_topology, use_parameters
+from simwarp.meshes.mesh_faces import face_topology
 from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
@@ -31,7 +32,7 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
-from simwarp.model.shapes import contact_limit, pair_ways, shape_pairs
+from simwarp.model.shapes import default_capacity, pair_ways, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,
@@ -43,9 +44,6 @@ from simwarp.model.topology import (
     path_lengths,
     row_paths,
 )
-
-CONTACTS_PER_BODY = 12
-"""Default contact slots per body: a brick in a wall has eight to twelve; a node of a mesh has one."""
 
 LISTED_PAIRS = 2000
 """Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
@@ -84,6 +82,7 @@ class Model(ParameterFields):
         entry_count: most entries of a row of the cone problem.
         unit_newton: units that no row ties and whose shapes may touch others: Newton steps can solve their contacts.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
+        face_bodies: (faces, 3) bodies of the corners of meshes' triangles that touch others; -1: a corner is fixed.
         builder: that it was made of.
         mesh_cost: of its flexible meshes, in each world.
         mass_ratio: of the heaviest body to the lightest, as built, nodes of rods left out: what is elastic carries
@@ -148,6 +147,7 @@ class Model(ParameterFields):
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
         _unit_topology(self.topology, self, device)
+        self.face_bodies = face_topology(self.topology, builder, [link.body for link in tables.links], device)
         self.parameters = Parameters()
         self.as_built: dict[str, npt.NDArray[Any]] = {}
         self.assets = hull_assets(builder.hulls, device)
@@ -245,6 +245,7 @@ class Model(ParameterFields):
             Size.BOX_CONSTRAINTS: self.box_count,
             Size.SHAPES: self.shape_count,
             Size.CONTACTS: self.contact_capacity,
+            Size.FACE_CONTACTS: self.contact_capacity if self.topology.face_count else 0,
         }
 
     def body(self, name: str) -> int:
@@ -419,14 +420,6 @@ def never_meet(builder: Specification) -> set[tuple[int, int]]:
             around = sorted({a + b - body for a, b in tied if body in (a, b)})
             tied |= {(low, high) for low in around for high in around if low < high}
     return builder.excluded_bodies | tied
-
-
-def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
-    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
-    shapes = builder.shapes
-    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
-    nodes = sum(len(mesh.nodes) for mesh in builder.flexible_meshes)
-    return min(total, max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes))
 
 
 def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:

@@ -24,8 +24,9 @@ from simwarp.core.types import WORLD, JointType, ModelError, Pose, ShapeType, fo
 from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
 from simwarp.meshes.materials import Elastic, Rubber
+from simwarp.meshes.mesh_faces import check_faces
 from simwarp.meshes.mesh_parts import MeshPart, checked_part
-from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.meshes.mesh_surfaces import MeshSurface, checked_surface, surface_of
 from simwarp.model.builder import MAX_COUPLING_TERMS, ModelBuilder
 from simwarp.model.checks import (
@@ -254,6 +255,7 @@ def _flexible_mesh_entry(mesh: FlexibleMesh) -> FlexibleMeshEntry:
         bodies=PackedArray.of(np.array(mesh.bodies, np.int32)), double=mesh.double, shapes=mesh.shapes,
         glued=tuple(node for node, is_glued in enumerate(mesh.glued) if is_glued),
         surface=surface if seen.is_embedded else None,
+        contact="faces" if mesh.contact is MeshContact.FACES else "nodes",
     )  # fmt: skip
 
 
@@ -497,9 +499,10 @@ def _flexible_mesh(builder: ModelBuilder, entry: FlexibleMeshEntry, taken: NameC
         whole_number(thing, "shapes", index, 0, len(builder.shapes) - 1, "count shapes from 0")
     mesh = FlexibleMesh(
         entry.name, points, parts, tuple(bodies.tolist()), tuple(glued.tolist()), places, entry.double, entry.shapes,
-        _mesh_surface(thing, len(points), parts, entry.surface),
+        _mesh_surface(thing, len(points), parts, entry.surface), MeshContact[entry.contact.upper()],
     )  # fmt: skip
     check_nodes(thing, mesh, builder)
+    check_faces(thing, mesh, [shape.body for shape in builder.shapes])
     return mesh
 
 

@@ -290,6 +290,7 @@ class FlexibleMeshEntry:
     double: bool = False
     shapes: tuple[Whole, ...] = ()
     surface: MeshSurfaceEntry | None = None
+    contact: Literal["nodes", "faces"] = "nodes"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -36,6 +36,7 @@ from simwarp.geometry.assets import (
 )
 from simwarp.kernels.collision.narrow import has_formula
 from simwarp.kernels.collision.surfaces import is_triangle_surface
+from simwarp.meshes.mesh_faces import face_count
 from simwarp.model.checks import (
     checked_flag,
     checked_member,
@@ -56,6 +57,8 @@ TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
 NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
 MANIFOLD_CONTACTS: Final = 8
 """Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
+CONTACTS_PER_BODY: Final = 12
+"""Default contact slots per body: a brick in a wall has eight to twelve; a node of a mesh has one."""
 
 
 class ShapeList:
@@ -491,6 +494,15 @@ def contact_limit(a: ShapeType, b: ShapeType) -> int:
     if ShapeType.CAPSULE in (a, b) and not {a, b} & {ShapeType.MESH, ShapeType.HEIGHT_FIELD}:
         return 2
     return MANIFOLD_CONTACTS
+
+
+def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
+    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
+    shapes = builder.shapes
+    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
+    nodes = sum(len(mesh.nodes) for mesh in builder.flexible_meshes)
+    most = max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes)
+    return min(total, most) + face_count(builder.flexible_meshes) // 2  # a face's, half of which its neighbours have
 
 
 def shape_pairs(builder: Specification, apart: set[tuple[int, int]]) -> npt.NDArray[np.int32]:

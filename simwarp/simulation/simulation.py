@@ -51,7 +51,7 @@ from simwarp.simulation.mesh_places import MeshPlaces
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.readings import Readings
 from simwarp.simulation.snapshot import Snapshot
-from simwarp.simulation.solver_options import SolverOptions, needs_all_solvers, step_config
+from simwarp.simulation.solver_options import SolverOptions, check_contact_model, needs_all_solvers, step_config
 from simwarp.simulation.stage_recording import record_collision, record_step
 from simwarp.simulation.state import Contacts, Control, State, initial_arrays
 from simwarp.simulation.state_check import StateCheck, StateFaults
@@ -161,6 +161,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self.model, self.substeps = model, substeps
         self.dt = checked_dt(dt, substeps)
         self.solver = solver or SolverOptions()
+        check_contact_model(model, self.solver)
         self.flex = flex or FlexibleOptions()
         self.read_every = checked_read_every(read_every, substeps)
         reports = {"reactions": joint_reactions, "accelerations": joint_accelerations}

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Annotated, Any, Final
 
 from simwarp.core.constraints import Ge, Le, Lt, Meaning, NotNegative
-from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw
+from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.model.model import Model
 from simwarp.model.rules import Configuration, Flag, word_of
@@ -100,6 +100,19 @@ def needs_all_solvers(model: Model, options: SolverOptions) -> bool:
     fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
     other = options.solver != ConeSolver.APGD.name.lower()
     return other or (fallback if options.fallback is None else options.fallback)
+
+
+def check_contact_model(model: Model, options: SolverOptions) -> None:
+    """The model's contacts have the law that is wanted.
+
+    Raises:
+        ModelError: there are none by it.
+    """
+    if model.topology.face_count and options.contact_model != ContactModel.RIGID.name.lower():
+        raise ModelError(
+            f"Simulation: contact_model must be rigid where faces of meshes touch, got {options.contact_model}; "
+            "add the meshes with contact='nodes'"
+        )
 
 
 def step_config(

@@ -33,7 +33,8 @@ def record_collision(
         "state": state, "scratch": scratch, "lists": lists, "contacts": contacts,
     }  # fmt: skip
     stages = collision_stages
-    return _record(shares, stages.fused_collision, stages.STAGES, stages.stage_kernel, given)
+    faces = model.topology.face_count > 0
+    return _record(shares, lambda: stages.fused_collision(faces), stages.STAGES, stages.stage_kernel, given)
 
 
 def record_step(
@@ -61,9 +62,10 @@ def record_step(
         "topology": model.topology, "parameters": model.parameters, "flexible": model.mesh_tables, **arrays
     }  # fmt: skip
     stages = step_stages
-    elastic, meshes = model.topology.elastic_count > 0, model.topology.mesh_nodes > 0
+    topology = model.topology
+    parts = topology.elastic_count > 0, topology.mesh_nodes > 0, topology.face_count > 0
     return _record(
-        shares, lambda: stages.fused_step(all_solvers, elastic, meshes), stages.step_stages(solve),
+        shares, lambda: stages.fused_step(all_solvers, *parts), stages.step_stages(solve),
         stages.stage_kernel, given,
     )  # fmt: skip
 

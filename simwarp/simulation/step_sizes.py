@@ -66,7 +66,10 @@ def newton_dofs(model: Model) -> int:
 def collision_sizes(model: Model) -> CollisionSizes:
     """Room that one world of a model needs for its collision."""
     return CollisionSizes(
-        shapes=model.shape_count, contacts=model.contact_capacity, buckets=model.topology.grid_buckets
+        shapes=model.shape_count,
+        contacts=model.contact_capacity,
+        buckets=model.topology.grid_buckets,
+        on_faces=model.contact_capacity if model.topology.face_count else 0,
     )
 
 
@@ -81,13 +84,13 @@ PER_SLOT = 4
 def list_sizes(model: Model, *, own_slots: bool) -> ListSizes:
     """Room for the lists that stages of collision hand on."""
     topology, slots = model.topology, model.contact_capacity
-    searched, ground = topology.searched_pairs, topology.ground_pairs
+    searched, ground, faces = topology.searched_pairs, topology.ground_pairs, topology.face_count
     pairs, contacts, triangles = LEAST_ROOM[own_slots]
+    found = min(int(MANIFOLD_CONTACTS) * (topology.pair_count + faces), max(contacts * model.shape_count, 2 * slots))
     return ListSizes(
-        lists=0 if topology.pair_count == 0 else 3 if ground else 2 if searched else 1,
-        found=min(int(MANIFOLD_CONTACTS) * topology.pair_count, max(contacts * model.shape_count, 2 * slots)),
-        pairs=min(searched, max(pairs, PER_SLOT * slots)),
-        triangles=max(triangles, PER_SLOT * slots) if ground else 0,
+        lists=0 if topology.pair_count == 0 else 4 if faces else 3 if ground else 2 if searched else 1,
+        found=found, pairs=min(searched, max(pairs, PER_SLOT * slots)),
+        triangles=max(triangles, PER_SLOT * slots) if ground or faces else 0, on_faces=found if faces else 0,
     )  # fmt: skip
 
 

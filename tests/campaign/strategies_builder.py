@@ -124,6 +124,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "pressure": 10.0,
         "fixed": [0],
         "glue": {1: [1]},
+        "contact": "faces",
     },
     "add_joint_relative_rotation": {"name": "c", "parent": 0, "child": 1, "axis": Z},
     "add_massless_body": {"name": "c"},

@@ -147,7 +147,7 @@ class DenseStep:
                 turn = self.turns[body]
                 self.matrix[k + 3 : k + 6, k + 3 : k + 6] += turn @ self.inertia[body] @ turn.T
 
-    def _spread(self, body, place):
+    def spread(self, body, place):
         """(3, count) velocity of a point of a body."""
         found = np.zeros((3, self.count))
         if body == WORLD:
@@ -166,7 +166,7 @@ class DenseStep:
 
     def _add_mesh(self, sim, mesh):
         places = sw.flex.mesh_positions(sim, mesh).numpy()[0]
-        spread = np.concatenate([self._spread(*pair) for pair in zip(mesh.bodies, places, strict=True)])
+        spread = np.concatenate([self.spread(*pair) for pair in zip(mesh.bodies, places, strict=True)])
         made = make_mesh(mesh.name, mesh.points, list(mesh.parts), device="cpu")
         speeds = (spread @ self.velocities()).reshape(-1, 3).astype(np.float32)
         forces, matrix, _ = loads(made, places, speeds, h=self.h, zeta=sim.flex.numerical_damping)
@@ -177,7 +177,7 @@ class DenseStep:
         """Rows of velocities that a joint keeps at zero."""
         a, b = joint.parent, joint.child
         place = self.x[b] + self.turns[b] @ np.asarray(joint.frame1.position)
-        rows = list(self._spread(a, place) - self._spread(b, place))
+        rows = list(self.spread(a, place) - self.spread(b, place))
         kind = joint.type.name
         if kind == "SPHERICAL":
             return rows
@@ -195,7 +195,10 @@ class DenseStep:
         m = len(self.rows)
         whole = np.block([[self.matrix, self.rows.T], [self.rows, np.zeros((m, m))]])
         right = np.concatenate([self.impulse, -self.rows @ self.velocities()])
-        change = np.linalg.solve(whole, right)[: self.count]
+        return self.by_body(np.linalg.solve(whole, right)[: self.count])
+
+    def by_body(self, change):
+        """The same of all velocities."""
         lin, ang = np.zeros((2, len(self.first), 3))
         for body, k in self.first.items():
             lin[body] = change[k : k + 3]

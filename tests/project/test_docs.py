@@ -216,7 +216,7 @@ def test_the_array_tables_are_those_of_the_code():
     bits = {row[0]: int(row[1]) for row in listed if row[1].isdigit()}
     assert bits == {flag.name: int(flag) for flag in WorldStatus if flag}
     assert {row[0] for row in listed} - bits.keys() == set(arrays)
-    sizes = {"W": 2, "1 or W": 1, "B": 1, "J": 1, "dofs": 1, "box constraints": 1, "S": 2, "C": 1}
+    sizes = {"W": 2, "1 or W": 1, "B": 1, "J": 1, "dofs": 1, "box constraints": 1, "S": 2, "C": 1, "C or 0": 0}
     for name, shape, _ in listed:
         if name in arrays:
             cell = re.fullmatch(r"\(([^)]*)\) (\w+).*", shape)

@@ -22,9 +22,11 @@ from simwarp.kernels.collision.placement import (
     place_shapes,
     placed,
     reach_time,
+    widen_to_faces,
 )
-from simwarp.kernels.collision.shape import SPHERE, TRIANGLE, Assets, Manifold
+from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, SPHERE, TRIANGLE, Assets, Manifold
 from simwarp.kernels.collision.surfaces import is_triangle_surface
+from simwarp.kernels.core.face_tables import has_face_code
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
 
@@ -33,6 +35,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 FORMULA = wp.constant(0)
 SEARCHED = wp.constant(1)
 GROUND = wp.constant(2)
+FACES = wp.constant(3)  # of meshes, beside what the spheres of their nodes have
 
 
 @wp.func
@@ -105,6 +108,9 @@ def place_world(
 ):  # fmt: skip
     """Places the shapes, and sorts them into the grid of worlds that have one; empties the lists of contacts."""
     place_shapes(world, scratch_slot, topology, parameters, state, assets, scratch)
+    if has_face_code():
+        if topology.face_count > 0:
+            widen_to_faces(world, scratch_slot, topology, parameters, state, scratch)
     if topology.grid_buckets > 0:
         near = near_distance(world, config, parameters)
         time = reach_time(world, config, topology, parameters)
@@ -228,6 +234,40 @@ def first_list(found: FoundContacts) -> int:
 
 
 @wp.func
+def next_face(way: int, found: FoundContacts) -> int:
+    """The face of a mesh that a list's next contact is on, -1: on none."""
+    face = int(-1)
+    if has_face_code():
+        if way == FACES:
+            face = found.face[found.list[way].passed]
+    return face
+
+
+@wp.func
+def next_face_contacts(face: int, manifold: Manifold, found: FoundContacts) -> int:
+    """`next_pair` of the contacts on one face."""
+    first = found.list[FACES].passed
+    shape0 = found.contact[FACES, first].shape0
+    shape1 = found.contact[FACES, first].shape1
+    contacts = int(0)
+    same = bool(True)
+    while same:
+        c = found.contact[FACES, first + contacts]
+        manifold.normal[contacts] = c.normal
+        manifold.point[contacts] = c.point
+        manifold.gap[contacts] = c.gap
+        manifold.feature[contacts] = c.feature
+        manifold.weights[contacts] = found.weights[first + contacts]
+        contacts += 1
+        same = contacts < MANIFOLD_CONTACTS and first + contacts < found.list[FACES].count
+        if same:
+            c = found.contact[FACES, first + contacts]
+            same = c.shape0 == shape0 and c.shape1 == shape1 and found.face[first + contacts] == face
+    found.list[FACES].passed = first + contacts
+    return contacts
+
+
+@wp.func
 def next_pair(way: int, manifold: Manifold, found: FoundContacts) -> int:
     """Moves the contacts of a list's next pair to `manifold`; returns how many."""
     first = found.list[way].passed
@@ -255,7 +295,7 @@ def keep_contacts(
     scratch: CollisionScratch, manifold: Manifold, found: FoundContacts,
 ):  # fmt: skip
     """The contacts of all pairs, in their order, warm-started from the last ones."""
-    cached = keep_last_contacts(world, scratch_slot, contacts, scratch)
+    cached = keep_last_contacts(world, scratch_slot, topology, contacts, scratch)
     lost = int(0)
     for way in range(found.list.shape[0]):
         lost += found.list[way].lost
@@ -265,12 +305,17 @@ def keep_contacts(
     while way >= 0:
         shape0 = found.contact[way, found.list[way].passed].shape0
         shape1 = found.contact[way, found.list[way].passed].shape1
-        count = next_pair(way, manifold, found)
+        face = next_face(way, found)
+        count = int(0)
+        if face >= 0:
+            count = next_face_contacts(face, manifold, found)
+        else:
+            count = next_pair(way, manifold, found)
         progress.cursor = skip_contacts(scratch_slot, shape0, shape1, progress.cursor, cached, scratch)
         origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
         progress.count = keep_pair(
-            world, scratch_slot, shape0, shape1, count, origin, progress.count, cached, progress.cursor, topology,
-            state, contacts, scratch,
+            world, scratch_slot, shape0, shape1, face, count, origin, progress.count, cached, progress.cursor,
+            topology, state, contacts, scratch,
         )  # fmt: skip
         for k in range(count):
             progress.deepest = wp.max(progress.deepest, -manifold.gap[k])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import warp as wp
@@ -25,6 +26,7 @@ from simwarp.kernels.collision.contact_lists import (
     pack_triangles,
     pack_valid,
 )
+from simwarp.kernels.collision.face_contacts import clip_faces, list_faces
 from simwarp.kernels.collision.ground import (
     clip_triangles,
     drop_invalid,
@@ -34,6 +36,7 @@ from simwarp.kernels.collision.ground import (
 )
 from simwarp.kernels.collision.placement import CollisionScratch, pack_grid, pack_manifold, pack_raw
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.face_tables import WITHOUT_FACES, has_faces
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
 from simwarp.kernels.core.tables import StepConfig, Topology
@@ -73,15 +76,24 @@ STAGES = (
           reads="contacts with single triangles", writes="those that the surface as a whole has"),
     Stage(name="join_triangles", function=join_triangles, when=has_ground_pairs,
           reads="contacts of the surface", writes="contacts with surfaces"),
+    Stage(name="list_faces", function=list_faces, when=has_faces,
+          reads="shapes, bounds, poses of nodes", writes="faces of meshes that shapes may touch"),
+    Stage(name="search_faces", function=search_triangles, when=has_faces,
+          reads="faces", writes="their normals"),
+    Stage(name="clip_faces", function=clip_faces, when=has_faces,
+          reads="faces, normals, poses of nodes", writes="contacts with faces"),
     Stage(name="keep_contacts", function=keep_contacts,
           reads="contacts of all pairs, those of the last step", writes="contacts with warm starts"),
 )  # fmt: skip
 
 
 @functools.cache
-def fused_collision() -> StageKernel:
-    """All stages in one kernel."""
-    return fused_kernel("collide_worlds", STAGES, ROOM)
+def fused_collision(faces: bool) -> StageKernel:
+    """All stages in one kernel, for models with faces of meshes, or without."""
+    if faces:
+        return fused_kernel("collide_worlds", STAGES, ROOM)
+    room = dataclasses.replace(ROOM, options={**ROOM.options, "cpu_compiler_flags": f"-D{WITHOUT_FACES}"})
+    return fused_kernel("collide_worlds", [stage for stage in STAGES if stage.when is not has_faces], room)
 
 
 @functools.cache

@@ -106,6 +106,9 @@ class FoundScratch(ScratchGroup, packed=False, prefix="found_"):
 
     list = scratch_array(ListState, "lists")
     contact = scratch_array(FoundContact, "lists", "found")
+    face = scratch_array(wp.int32, "on_faces")  # of those on faces of meshes: the face,
+    edge = scratch_array(wp.int32, "on_faces")  # its edge (-1: they are inside)
+    weights = scratch_array(wp.vec3, "on_faces")  # and the shares of its corners
 
 
 Searches = PairScratch.struct("Searches", __name__)
@@ -130,12 +133,14 @@ class ListSizes:
         found: contacts in each of them.
         pairs: convex pairs that are searched.
         triangles: pairs of a convex shape and a triangle.
+        on_faces: contacts with faces of meshes.
     """
 
     lists: int
     found: int
     pairs: int
     triangles: int
+    on_faces: int
     none: int = 0
 
     @property

@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.collision.placement import CollisionScratch
+from simwarp.kernels.core.face_tables import has_face_code
 from simwarp.kernels.core.fields import ContactArrays, StateArrays
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.core.vector_math import contact_frame, to_float
@@ -20,7 +21,9 @@ class ContactProgress:
 
 
 @wp.func
-def keep_last_contacts(world: int, scratch_slot: int, contacts: ContactArrays, scratch: CollisionScratch) -> int:
+def keep_last_contacts(
+    world: int, scratch_slot: int, topology: Topology, contacts: ContactArrays, scratch: CollisionScratch
+) -> int:  # fmt: skip
     """Copies the last step's contacts aside, impulses in world axes; returns how many."""
     count = contacts.contact_count[world]
     for contact in range(count):
@@ -29,6 +32,9 @@ def keep_last_contacts(world: int, scratch_slot: int, contacts: ContactArrays, s
         scratch.shape1[scratch_slot, contact] = contacts.contact_shape1[world, contact]
         scratch.feature[scratch_slot, contact] = contacts.contact_feature[world, contact]
         scratch.arm1[scratch_slot, contact] = contacts.contact_arm1[world, contact]
+        if has_face_code():
+            if topology.face_count > 0:
+                scratch.face[scratch_slot, contact] = contacts.contact_face[world, contact]
         scratch.impulse_w[scratch_slot, contact] = contacts.contact_impulse[world, contact] * frame
         m = contacts.contact_moment[world, contact]
         scratch.moment_w[scratch_slot, contact] = wp.vec3(m[2], m[0], m[1]) * frame
@@ -36,7 +42,7 @@ def keep_last_contacts(world: int, scratch_slot: int, contacts: ContactArrays, s
 
 
 @wp.func
-def free_slot(world: int, count: int, gap: float, contacts: ContactArrays) -> int:
+def free_slot(world: int, count: int, gap: float, topology: Topology, contacts: ContactArrays) -> int:
     """The slot of a new contact: the next one, or, when all are taken, the last, once the shallowest contact has made
     room; -1 if the new one is the shallowest.
     """
@@ -62,6 +68,10 @@ def free_slot(world: int, count: int, gap: float, contacts: ContactArrays) -> in
         contacts.contact_arm1[world, contact] = contacts.contact_arm1[world, contact + 1]
         contacts.contact_impulse[world, contact] = contacts.contact_impulse[world, contact + 1]
         contacts.contact_moment[world, contact] = contacts.contact_moment[world, contact + 1]
+        if has_face_code():
+            if topology.face_count > 0:
+                contacts.contact_face[world, contact] = contacts.contact_face[world, contact + 1]
+                contacts.contact_weights[world, contact] = contacts.contact_weights[world, contact + 1]
     return capacity - 1
 
 
@@ -76,17 +86,23 @@ def body_arm(shape: int, world: int, point: wp.vec3d, topology: Topology, state:
 
 @wp.func
 def match_contacts(
-    world: int, scratch_slot: int, shape0: int, shape1: int, first: int, end: int, cached: int, cursor: int,
-    contacts: ContactArrays, scratch: CollisionScratch,
+    world: int, scratch_slot: int, shape0: int, shape1: int, face: int, first: int, end: int, cached: int,
+    cursor: int, topology: Topology, contacts: ContactArrays, scratch: CollisionScratch,
 ):  # fmt: skip
     """Hands the impulses of a pair's last contacts on: each to the new contact of the same feature, or to the nearest,
-    so that what the pair carried as a whole is kept when its points change.
+    so that what the pair carried as a whole is kept when its points change. `face` of a mesh: of those on it, -1: of
+    those on none.
     """
     old = int(cursor)
     while old < cached and scratch.shape0[scratch_slot, old] == shape0 and scratch.shape1[scratch_slot, old] == shape1:
         matched = int(-1)
         nearest = float(1.0e30)
-        for slot in range(first, end):
+        last = int(end)
+        if has_face_code():
+            if topology.face_count > 0:
+                if scratch.face[scratch_slot, old] != face:
+                    last = first
+        for slot in range(first, last):
             apart = wp.length_sq(contacts.contact_arm1[world, slot] - scratch.arm1[scratch_slot, old])
             if contacts.contact_feature[world, slot] == scratch.feature[scratch_slot, old]:
                 apart = -1.0
@@ -121,17 +137,18 @@ def skip_contacts(
 
 @wp.func
 def keep_pair(
-    world: int, scratch_slot: int, shape0: int, shape1: int, found: int, origin: wp.vec3d, slots: int, cached: int,
-    cursor: int, topology: Topology, state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch,
+    world: int, scratch_slot: int, shape0: int, shape1: int, face: int, found: int, origin: wp.vec3d, slots: int,
+    cached: int, cursor: int, topology: Topology, state: StateArrays, contacts: ContactArrays,
+    scratch: CollisionScratch,
 ) -> int:  # fmt: skip
-    """Writes the `found` contacts of a pair with their warm starts; returns the slots in use.
+    """Writes the `found` contacts of a pair, or of a `face` of it, with their warm starts; returns the slots in use.
 
     `cursor` is the first cached contact of this pair or of a later one.
     """
     count = int(slots)
     for k in range(found):
         gap = scratch.pair_gap[scratch_slot, k]
-        slot = free_slot(world, count, gap, contacts)
+        slot = free_slot(world, count, gap, topology, contacts)
         if slot >= 0:
             count = wp.max(count, slot + 1)
             normal = scratch.pair_normal[scratch_slot, k]
@@ -149,5 +166,9 @@ def keep_pair(
             contacts.contact_arm1[world, slot] = body_arm(shape1, world, at1, topology, state)
             contacts.contact_impulse[world, slot] = wp.vec3()
             contacts.contact_moment[world, slot] = wp.vec3()
-    match_contacts(world, scratch_slot, shape0, shape1, slots, count, cached, cursor, contacts, scratch)
+            if has_face_code():
+                if topology.face_count > 0:
+                    contacts.contact_face[world, slot] = face
+                    contacts.contact_weights[world, slot] = scratch.pair_weights[scratch_slot, k]
+    match_contacts(world, scratch_slot, shape0, shape1, face, slots, count, cached, cursor, topology, contacts, scratch)
     return count

@@ -155,6 +155,20 @@ def search_triangles(world: int, assets: Assets, triangles: Searches):
 
 
 @wp.func
+def clip_triangle(k: int, assets: Assets, triangles: Searches, manifold: Manifold) -> int:
+    """Contacts of a convex shape with a triangle, by itself; returns how many."""
+    b = triangles.search[k].p
+    contacts = int(0)
+    if b.kind == SPHERE:
+        t = triangles.facing[k].t
+        margin = triangles.search[k].q.margin
+        contacts = triangle_sphere(t, margin, b, triangles.search[k].reach, manifold)
+    else:
+        contacts = clip_search(k, 1, assets, triangles, manifold)
+    return contacts
+
+
+@wp.func
 def clip_triangles(world: int, assets: Assets, triangles: Searches, manifold: Manifold, clipped: TriangleContacts):
     """Contacts of convex shapes with each triangle."""
     clipped.list[0] = ListState()
@@ -162,13 +176,7 @@ def clip_triangles(world: int, assets: Assets, triangles: Searches, manifold: Ma
         wanted = triangles.search[k].wanted
         contacts = int(0)
         if wanted == 1:
-            b = triangles.search[k].p
-            if b.kind == SPHERE:
-                t = triangles.facing[k].t
-                margin = triangles.search[k].q.margin
-                contacts = triangle_sphere(t, margin, b, triangles.search[k].reach, manifold)
-            else:
-                contacts = clip_search(k, 1, assets, triangles, manifold)
+            contacts = clip_triangle(k, assets, triangles, manifold)
         sunk = triangles.facing[k].sunk
         overlap = float(0.0)
         for i in range(contacts):
@@ -233,7 +241,7 @@ def keep_valid(
         entry += 1
     if dropped > 0.0 and searches.facing[k].height >= 0.0 and b.kind != SPHERE:
         for corner in range(4):
-            c = deepest_vertex(corner, dropped, g, t, b, assets)
+            c = deepest_vertex(corner, dropped, g.margin, t, b, assets)
             if c.kept == 1:
                 add_contact(k, 0, c, valid)
     return entry

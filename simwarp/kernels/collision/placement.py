@@ -11,6 +11,7 @@ from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldScratch, S
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
 from simwarp.kernels.collision.surfaces import is_triangle_surface, triangle_surface_bounds
 from simwarp.kernels.collision.triangles import RawContacts, RawContactScratch
+from simwarp.kernels.core.face_tables import face_point
 from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.scratch import (
     ScratchGroup,
@@ -44,6 +45,7 @@ class ShapeScratch(ScratchGroup, packed=False):
     shape0 = scratch_array(wp.int32, "contacts")  # of the last step
     shape1 = scratch_array(wp.int32, "contacts")
     feature = scratch_array(wp.int32, "contacts")
+    face = scratch_array(wp.int32, "on_faces")
     arm1 = scratch_array(wp.vec3, "contacts")
     impulse_w = scratch_array(wp.vec3, "contacts")
     moment_w = scratch_array(wp.vec3, "contacts")
@@ -58,11 +60,14 @@ pack_raw = slot_function("pack_raw", __name__, RawContactScratch, RawContacts, C
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CollisionSizes:
-    """Lengths of the scratch of one world; `buckets` of the grid, 0 without one."""
+    """Lengths of the scratch of one world; `buckets` of the grid, 0 without one; contacts `on_faces` of meshes, 0
+    without faces.
+    """
 
     shapes: int
     contacts: int
     buckets: int
+    on_faces: int
 
     @property
     def in_grid(self) -> int:
@@ -154,6 +159,29 @@ def place_shapes(
         if body >= 0:
             sweep = wp.length(omega) * wp.length(wp.max(wp.abs(bounds.lower), wp.abs(bounds.upper)))
         scratch.sweep[scratch_slot, shape] = sweep
+
+
+@wp.func
+def widen_to_faces(
+    world: int, scratch_slot: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    scratch: CollisionScratch,
+):  # fmt: skip
+    """Bounds and speeds of the spheres of nodes, so that they hold the faces that come with these."""
+    for shape in range(topology.shape_count):
+        v = scratch.velocity[scratch_slot, shape]
+        thick = scratch.upper[scratch_slot, shape]
+        for face in range(topology.face_start[shape], topology.face_start[shape + 1]):
+            for k in range(3):
+                point = topology.face[face, k]
+                d = to_float(face_point(point, world, topology, state) - scratch.x[scratch_slot, shape])
+                scratch.lower[scratch_slot, shape] = wp.min(scratch.lower[scratch_slot, shape], d - thick)
+                scratch.upper[scratch_slot, shape] = wp.max(scratch.upper[scratch_slot, shape], d + thick)
+                body = topology.face_point[point, 0]
+                speed = wp.vec3()
+                if body >= 0:
+                    arm = to_float(wp.quat_rotate(state.body_rot[world, body], topology.face_place[point]))
+                    speed = state.body_v[world, body] + wp.cross(state.body_omega[world, body], arm)
+                scratch.sweep[scratch_slot, shape] = wp.max(scratch.sweep[scratch_slot, shape], wp.length(speed - v))
 
 
 @wp.func

@@ -79,6 +79,7 @@ class ManifoldScratch(ScratchGroup, packed=False, prefix="pair_"):
     )  # on the surface of shape 0; that of shape 1: point + gap * normal
     gap = scratch_array(wp.float32, MANIFOLD_CONTACTS)  # negative: penetration [m]
     feature = scratch_array(wp.int32, MANIFOLD_CONTACTS)  # equal for the same geometric contact in the next step
+    weights = scratch_array(wp.vec3, MANIFOLD_CONTACTS)  # of the corners of a mesh's face
     polygon = scratch_array(wp.vec3, 4, POLYGON_CAPACITY)  # of the clipping
 
 

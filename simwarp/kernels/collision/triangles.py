@@ -128,18 +128,26 @@ class FacingTriangle:
 def facing_triangle(
     g: TriangleSurface, index: int, b: Shape, middle: wp.vec3, up: wp.vec3, reach: float, assets: Assets
 ) -> FacingTriangle:
-    """Where a shape is, seen from a triangle."""
-    f = FacingTriangle()
+    """Where a shape is, seen from a triangle of the ground."""
     t = ground_triangle(g, index, assets)
+    return seen_from(t, wp.where(g.kind == MESH, t.normal, up), g.margin, b, middle, reach, assets)
+
+
+@wp.func
+def seen_from(
+    t: Triangle, along: wp.vec3, margin: float, b: Shape, middle: wp.vec3, reach: float, assets: Assets
+) -> FacingTriangle:
+    """Where a shape is, seen from a triangle; it has sunk where its middle is behind that, seen along `along`."""
+    f = FacingTriangle()
     low = b.x + support(b, -t.normal, assets) - rounding(b) * t.normal
-    gap = wp.dot(t.normal, low - t.p0) - g.margin
-    top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + g.margin
+    gap = wp.dot(t.normal, low - t.p0) - margin
+    top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + margin
     f.t = t
     f.low = low
     f.gap = gap
     f.height = wp.dot(t.normal, middle - t.p0)
     f.wanted = 1
-    if f.height < 0.0 and covers(t, wp.where(g.kind == MESH, t.normal, up), middle):
+    if f.height < 0.0 and covers(t, along, middle):
         f.sunk = 1
     if gap >= reach or top < 0.0:
         f.wanted = 0
@@ -194,11 +202,10 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 
 @wp.func
-def is_valid_contact_normal(
-    g: TriangleSurface, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets
-) -> bool:
+def is_valid_contact_normal(t: Triangle, others: wp.mat33, n: wp.vec3, p: wp.vec3, size: float) -> bool:
     """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
-    every edge near p that n leans over the surface bends away by at least as much.
+    every edge near p that n leans over the surface bends away by at least as much. Columns of `others` are the normals
+    across the edges, zero at a border.
     """
     if wp.dot(n, t.normal) < -SAME_NORMAL:
         return False
@@ -219,7 +226,7 @@ def is_valid_contact_normal(
             angle = wp.atan2(wp.dot(n, outwards), wp.dot(n, t.normal))
             if angle > SAME_NORMAL:
                 leans = True
-                other = neighbour_normal(g, t.index, k, assets)
+                other = wp.vec3(others[0, k], others[1, k], others[2, k])
                 if wp.length_sq(other) > 0.0:
                     bend = wp.atan2(wp.dot(other, outwards), wp.dot(other, t.normal))
                     if bend <= SAME_NORMAL or angle > bend + SAME_NORMAL:
@@ -347,7 +354,7 @@ class SurfaceContact:
 
 @wp.func
 def deepest_vertex(
-    k: int, deepest: float, g: TriangleSurface, t: Triangle, b: Shape, assets: Assets
+    k: int, deepest: float, margin: float, t: Triangle, b: Shape, assets: Assets
 ) -> SurfaceContact:  # fmt: skip
     """Contact along the face normal at one of a shape's lowest points (corners, the ends of an edge) behind a triangle.
 
@@ -360,7 +367,7 @@ def deepest_vertex(
     tilt = wp.where(k % 2 == 0, TILT, -TILT) * u + wp.where(k < 2, TILT, -TILT) * v
     low = b.x + support(b, wp.normalize(tilt - t.normal), assets) - rounding(b) * t.normal
     height = wp.dot(t.normal, low - t.p0)
-    gap = height - g.margin
+    gap = height - margin
     distance = distance_to(t, low)
     if gap < 0.0 and gap > -STEEP * deepest and distance * distance < height * height + 0.25 * gap * gap:
         c.kept = 1
@@ -372,27 +379,59 @@ def deepest_vertex(
 
 
 @wp.func
+def is_along_face(i: int, t: Triangle, manifold: Manifold) -> bool:
+    """True if contact `i` of a triangle is along its normal."""
+    return wp.length_sq(manifold.normal[i] - t.normal) < SAME_NORMAL * SAME_NORMAL
+
+
+@wp.func
+def face_contact(i: int, margin: float, t: Triangle, manifold: Manifold) -> SurfaceContact:
+    """Contact `i` of a triangle, which is along its normal."""
+    c = SurfaceContact()
+    at = manifold.point[i] + manifold.gap[i] * manifold.normal[i]
+    face_gap = wp.dot(t.normal, at - t.p0) - margin
+    c.kept = 1
+    c.normal = t.normal
+    c.point = at - face_gap * t.normal
+    c.gap = face_gap
+    c.feature = feature_id(t.index, manifold.feature[i])
+    return c
+
+
+@wp.func
+def edge_contact(i: int, t: Triangle, manifold: Manifold) -> SurfaceContact:
+    """Contact `i` of a triangle, which is along another direction."""
+    c = SurfaceContact()
+    c.kept = 1
+    c.normal = manifold.normal[i]
+    c.point = manifold.point[i]
+    c.gap = manifold.gap[i]
+    c.feature = feature_id(t.index, manifold.feature[i]) | EDGE_CONTACT
+    return c
+
+
+@wp.func
+def neighbour_normals(g: TriangleSurface, triangle: int, assets: Assets) -> wp.mat33:
+    """Normals across the three edges of a triangle of the ground, as columns."""
+    return wp.matrix_from_cols(
+        neighbour_normal(g, triangle, 0, assets), neighbour_normal(g, triangle, 1, assets),
+        neighbour_normal(g, triangle, 2, assets),
+    )  # fmt: skip
+
+
+@wp.func
 def surface_contact(
     i: int, g: TriangleSurface, t: Triangle, size: float, assets: Assets, manifold: Manifold
 ) -> SurfaceContact:  # fmt: skip
-    """Contact `i` of one triangle, if the surface as a whole has it."""
+    """Contact `i` of one triangle of the ground, if the surface as a whole has it."""
     c = SurfaceContact()
-    n = manifold.normal[i]
-    point = manifold.point[i]
-    at = point + manifold.gap[i] * n
-    if wp.length_sq(n - t.normal) < SAME_NORMAL * SAME_NORMAL:
-        face_gap = wp.dot(t.normal, at - t.p0) - g.margin
-        c.kept = 1
-        c.normal = t.normal
-        c.point = at - face_gap * t.normal
-        c.gap = face_gap
-        c.feature = feature_id(t.index, manifold.feature[i])
-    elif is_valid_contact_normal(g, t, n, point - g.margin * n, size, assets):
-        c.kept = 1
-        c.normal = n
-        c.point = point
-        c.gap = manifold.gap[i]
-        c.feature = feature_id(t.index, manifold.feature[i]) | EDGE_CONTACT
+    if is_along_face(i, t, manifold):
+        c = face_contact(i, g.margin, t, manifold)
+    else:
+        n = manifold.normal[i]
+        others = neighbour_normals(g, t.index, assets)
+        if is_valid_contact_normal(t, others, n, manifold.point[i] - g.margin * n, size):
+            c = edge_contact(i, t, manifold)
     return c
 
 

@@ -272,6 +272,13 @@ class ContactFields(FieldGroup):
         text="from the centre of mass of shape 0's body (the world's origin) to its contact point [m]",
     )
     contact_arm1: wp.array = field(wp.vec3, Size.WORLDS, Size.CONTACTS, text="the same of shape 1")
+    contact_face: wp.array = field(
+        wp.int32, Size.WORLDS, Size.FACE_CONTACTS,
+        text="triangle of a mesh that it is on, a row of `Model.face_bodies`; -1: none",
+    )
+    contact_weights: wp.array = field(
+        wp.vec3, Size.WORLDS, Size.FACE_CONTACTS, text="shares of that triangle's corners, which sum to 1"
+    )
     contact_impulse: wp.array = field(
         wp.vec3, Size.WORLDS, Size.CONTACTS, text="along the normal and two tangents [N·s]"
     )

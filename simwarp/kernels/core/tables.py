@@ -42,6 +42,7 @@ class Topology:
     mesh_columns: int  # of their matrix: nodes in the order of elimination, then two for each body they are glued to
     mesh_link0: int  # links of nodes begin here, in the reverse of that order
     mesh_double: int  # 1: the matrix is factored in double precision
+    face_count: int  # triangles of meshes that touch others (face_tables.py)
     shape_count: int
     pair_count: int
     formula_pairs: int  # of convex shapes whose contacts are written down
@@ -71,6 +72,10 @@ class Topology:
     mesh_column_start: wp.array[int]  # CSR over columns of the meshes' matrix, of blocks below the diagonal
     mesh_block_row: wp.array[int]
     mesh_owner: wp.array[int]  # link of each body that a mesh is glued to
+    face_start: wp.array[int]  # CSR over shapes: faces that come with the sphere of a node
+    face: wp.array2d[int]  # (faces, 11): points of the corners, and what face_tables.py names
+    face_point: wp.array2d[int]  # (points, 2): body (-1: world), and shape of the node's sphere (-1: none)
+    face_place: wp.array[wp.vec3d]  # of points that no body is of their own: on their body [m]
 
     joint_type: wp.array[int]
     joint_body0: wp.array[int]

@@ -8,11 +8,19 @@ import warp as wp
 
 from simwarp.core.types import FrictionLaw, FrictionRule
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
+from simwarp.kernels.core.face_tables import face_of, face_side, has_face_code
 from simwarp.kernels.core.fields import ContactArrays, Parameters
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology, Work, given_pair, world_row
 from simwarp.kernels.core.vector_math import contact_frame
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
+from simwarp.kernels.dynamics.contact_points import (
+    add_face_force,
+    cross_matrix,
+    face_velocity,
+    leave_at_corners,
+    point_velocity,
+)
 from simwarp.kernels.dynamics.recovery import recovery_speed
 
 wp.set_module_options({"enable_backward": False})
@@ -115,21 +123,6 @@ def combined_surface(
 
 
 @wp.func
-def cross_matrix(arm: wp.vec3, frame: wp.mat33) -> wp.mat33:
-    """Rows: arm x row of the frame."""
-    return -frame * wp.skew(arm)
-
-
-@wp.func
-def point_velocity(link: int, arm: wp.vec3, ang: wp.array[wp.vec3], lin: wp.array[wp.vec3]) -> wp.vec3:
-    """Velocity of a point of a link; zero for the world."""
-    v = wp.vec3()
-    if link >= 0:
-        v = lin[link] + wp.cross(ang[link], arm)
-    return v
-
-
-@wp.func
 def impact_acts(
     dt: float, gap: float, incoming: float, free: float, surface: ContactParameters, config: StepConfig
 ) -> bool:
@@ -183,6 +176,9 @@ class ContactLinks:
     arm0: wp.vec3
     arm1: wp.vec3
     frame: wp.mat33
+    face: int  # of a mesh, in the place of one of the links; -1: none
+    side: int  # which of them
+    shares: wp.vec3  # of the face's corners
 
 
 @wp.func(inline=True)
@@ -194,7 +190,29 @@ def contact_links(world: int, contact: int, topology: Topology, contacts: Contac
     c.arm0 = contacts.contact_arm0[world, contact]
     c.arm1 = contacts.contact_arm1[world, contact]
     c.frame = contact_frame(contacts.contact_normal_w[world, contact])
+    if has_face_code():
+        c.face = face_of(world, contact, topology, contacts)
+        c.side = face_side(c.face, world, contact, topology, contacts)
+        if c.face >= 0:
+            c.shares = contacts.contact_weights[world, contact]
     return c
+
+
+@wp.func(inline=True)
+def relative_velocity(
+    c: ContactLinks, ang: wp.array[wp.vec3], lin: wp.array[wp.vec3], topology: Topology, work: Work
+) -> wp.vec3:
+    """Of a contact's point on shape 1 against that on shape 0, in its frame [m/s]."""
+    v1 = point_velocity(c.link1, c.arm1, ang, lin)
+    v0 = point_velocity(c.link0, c.arm0, ang, lin)
+    if has_face_code():
+        if c.face >= 0:
+            v = face_velocity(c.face, c.shares, ang, lin, topology, work)
+            if c.side == 1:
+                v1 = v
+            else:
+                v0 = v
+    return c.frame * (v1 - v0)
 
 
 @wp.struct
@@ -222,8 +240,7 @@ def contact_rows(
     r.warm_moment = contacts.contact_moment[world, contact]
     contacts.contact_impulse[world, contact] = wp.vec3()
     contacts.contact_moment[world, contact] = wp.vec3()
-    r.u = c.frame * (point_velocity(c.link1, c.arm1, work.t_ang, work.t_lin)
-                     - point_velocity(c.link0, c.arm0, work.t_ang, work.t_lin))  # fmt: skip
+    r.u = relative_velocity(c, work.t_ang, work.t_lin, topology, work)
     r.surface = combined_surface(
         world, contacts.contact_shape0[world, contact], contacts.contact_shape1[world, contact], topology, parameters
     )
@@ -240,13 +257,13 @@ def contact_rows(
 
 @wp.func(inline=True)
 def fill_contact(
-    row: int, count: int, dt: float, c: ContactLinks, r: ContactRows, config: StepConfig, work: Work, cone: ConeProblem
-):
+    row: int, count: int, dt: float, c: ContactLinks, r: ContactRows, config: StepConfig, topology: Topology,
+    work: Work, cone: ConeProblem,
+):  # fmt: skip
     """Right-hand sides and warm start of a contact's rows."""
     incoming = float(0.0)
     if r.surface.restitution > 0.0:
-        before = c.frame * (point_velocity(c.link1, c.arm1, work.o_ang, work.o_lin)
-                            - point_velocity(c.link0, c.arm0, work.o_ang, work.o_lin))  # fmt: skip
+        before = relative_velocity(c, work.o_ang, work.o_lin, topology, work)
         incoming = before[0]
     if r.surface.restitution > 0.0 and impact_acts(dt, r.gap, incoming, r.u[0], r.surface, config):
         cone.compliance[row] = 0.0
@@ -326,7 +343,7 @@ def collect_contacts(
         r = contact_rows(world, contact, dt, c, topology, parameters, contacts, config, work)
         if r.acts == 1:
             count = set_block(block, row, dt, r.surface, cone)
-            fill_contact(row, count, dt, c, r, config, work, cone)
+            fill_contact(row, count, dt, c, r, config, topology, work, cone)
             work.active[block] = topology.box_count + contact
             work.recovery[block] = r.recovery
             block += 1
@@ -381,6 +398,14 @@ def respond_to_contacts(
                 w0.ang = -cross_matrix(contacts.contact_arm0[world, contact], frame)
                 w1.lin = frame
                 w1.ang = cross_matrix(contacts.contact_arm1[world, contact], frame)
+                if has_face_code():
+                    face = face_of(world, contact, topology, contacts)
+                    if face >= 0:
+                        shares = contacts.contact_weights[world, contact]
+                        if face_side(face, world, contact, topology, contacts) == 1:
+                            w1.lin = frame * leave_at_corners(face, shares, frame, topology, work)
+                        else:
+                            w0.lin = frame * -leave_at_corners(face, shares, -frame, topology, work)
             else:
                 w1.ang = turn_wrenches(frame).ang
                 w0.ang = -w1.ang
@@ -445,13 +470,17 @@ def sum_forces(world: int, dt: float, topology: Topology, contacts: ContactArray
         if impulse[0] != 0.0:
             force = (impulse * contact_frame(contacts.contact_normal_w[world, contact])) / dt
             contacts.contact_force_w[world, contact] = force
-            shape0 = contacts.contact_shape0[world, contact]
-            shape1 = contacts.contact_shape1[world, contact]
-            contacts.shape_contact_force[world, shape0] = contacts.shape_contact_force[world, shape0] - force
-            contacts.shape_contact_force[world, shape1] = contacts.shape_contact_force[world, shape1] + force
-            body0 = topology.shape_body[shape0]
-            body1 = topology.shape_body[shape1]
-            if body0 >= 0:
-                contacts.body_contact_force[world, body0] = contacts.body_contact_force[world, body0] - force
-            if body1 >= 0:
-                contacts.body_contact_force[world, body1] = contacts.body_contact_force[world, body1] + force
+            face = face_of(world, contact, topology, contacts)
+            side = face_side(face, world, contact, topology, contacts)
+            for k in range(2):
+                push = wp.where(k == 0, -force, force)
+                if k == side:
+                    add_face_force(world, contact, face, push, topology, contacts)
+                else:
+                    shape = contacts.contact_shape0[world, contact]
+                    if k == 1:
+                        shape = contacts.contact_shape1[world, contact]
+                    contacts.shape_contact_force[world, shape] = contacts.shape_contact_force[world, shape] + push
+                    body = topology.shape_body[shape]
+                    if body >= 0:
+                        contacts.body_contact_force[world, body] = contacts.body_contact_force[world, body] + push

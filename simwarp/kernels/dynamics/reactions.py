@@ -3,11 +3,13 @@
 import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.core.face_tables import face_of, face_side, has_face_code
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.core.vector_math import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
 from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, distance_dof, gyroscopic_torque
+from simwarp.kernels.dynamics.contact_points import corner_arm
 from simwarp.kernels.dynamics.efforts import applied_effort, dof_effort
 from simwarp.kernels.dynamics.joints import FREE, joint_frames
 
@@ -31,6 +33,20 @@ def subtract_contact(contact: int, world: int, topology: Topology, contacts: Con
     moment = wp.vec3(m[2], m[0], m[1]) * frame
     link0 = link_of(topology.shape_body[contacts.contact_shape0[world, contact]], topology)
     link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
+    if has_face_code():
+        face = face_of(world, contact, topology, contacts)
+        if face >= 0:
+            sign = float(1.0)
+            if face_side(face, world, contact, topology, contacts) == 0:
+                sign = -1.0
+                link0 = -1
+            else:
+                link1 = -1
+            for k in range(3):
+                point = topology.face[face, k]
+                link = link_of(topology.face_point[point, 0], topology)
+                part = contacts.contact_weights[world, contact][k] * impulse
+                subtract_wrench(link, wp.cross(corner_arm(point, topology, work), part), part, sign, work)
     subtract_wrench(link0, wp.cross(contacts.contact_arm0[world, contact], impulse) + moment, impulse, -1.0, work)
     subtract_wrench(link1, wp.cross(contacts.contact_arm1[world, contact], impulse) + moment, impulse, 1.0, work)
 

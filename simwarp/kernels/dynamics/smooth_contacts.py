@@ -11,7 +11,8 @@ from simwarp.kernels.core.fields import ContactArrays, Parameters
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.core.vector_math import contact_frame
 from simwarp.kernels.dynamics.bilateral_rows import link_of
-from simwarp.kernels.dynamics.contact_rows import ContactParameters, combined_surface, point_velocity
+from simwarp.kernels.dynamics.contact_points import point_velocity
+from simwarp.kernels.dynamics.contact_rows import ContactParameters, combined_surface
 
 wp.set_module_options({"enable_backward": False})
 

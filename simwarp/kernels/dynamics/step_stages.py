@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import warp as wp
 
+from simwarp.kernels.core.face_tables import WITHOUT_FACES
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
 from simwarp.kernels.core.tables import StepConfig, StepProgress, Topology
@@ -120,11 +121,12 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
 
 
 @functools.cache
-def fused_step(all_solvers: bool, elastic: bool, meshes: bool) -> StageKernel:
+def fused_step(all_solvers: bool, elastic: bool, meshes: bool, faces: bool) -> StageKernel:
     """The step in one kernel, with accelerated gradient descent as its only solver, or with all (twice the code); for
-    models with elastic joints and meshes, or without.
+    models with elastic joints, meshes, and faces of these that touch others, or without.
     """
-    without = [macro for macro, has in ((WITHOUT_ELASTIC, elastic), (WITHOUT_MESHES, meshes)) if not has]
+    parts = ((WITHOUT_ELASTIC, elastic), (WITHOUT_MESHES, meshes), (WITHOUT_FACES, faces))
+    without = [macro for macro, has in parts if not has]
     flags = " ".join([CPU_FLAGS, *(f"-D{macro}" for macro in without)])
     room = dataclasses.replace(ROOM, options=MODULE_OPTIONS | {"cpu_compiler_flags": flags})
     stages = [stage for stage in step_stages([cone_solve(all_solvers)]) if meshes or stage.when is not has_meshes]

@@ -55,6 +55,8 @@ SOLIDS = [
     ({"velocity": (0.0, np.inf, 0.0)}, "velocity must be 3 finite numbers, got "),
     ({"omega": 3.0}, "omega must be 3 finite numbers of at most 3.4e38, got 3.0; "),
     ({"double": 1}, "double must be True or False, got 1; choose one"),
+    ({"contact": "face"}, "contact must be one of nodes, faces, got 'face'; did you mean 'faces'"),
+    ({"contact": None}, "contact must be one of nodes, faces, got None; write MeshContact.NODES"),
     ({"glue": "hand"}, "glue must be {body: nodes}, got 'hand'; leave it out for none"),
     ({"glue": {"hnad": "x_min"}}, "glue must name bodies that were added, got 'hnad'; did you mean 'hand'"),
     ({"glue": {77: "x_min"}}, "glue must name bodies that were added, got 77; `fixed` holds nodes in the"),

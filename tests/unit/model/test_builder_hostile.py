@@ -112,11 +112,12 @@ VALID: dict[str, dict[str, Any]] = {
     },
     "add_solid_mesh": {
         "name": "new", "mesh": sw.flex.box((0.2, 0.1, 0.1), (2, 1, 1)), **MESH, "fixed": "x_max", "radius": 0.01,
-        "glue": {"b3": "x_min"},
+        "glue": {"b3": "x_min"}, "contact": "faces",
     },
     "add_shell": {
         "name": "new", "vertices": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], "triangles": [(0, 1, 2), (0, 2, 3)],
         **MESH, "thickness": 0.01, "fixed": [0], "radius": 0.01, "pressure": 10.0, "glue": {3: [1]},
+        "contact": sw.flex.MeshContact.NODES,
     },
     "add_bushing": {
         **PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6, "dofs": (),
