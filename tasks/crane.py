@@ -16,6 +16,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
+from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.tasks import (
     ComputedRows,
     Drawing,
@@ -36,6 +37,7 @@ from simwarp.tasks import (
     launch_over,
     reflection,
     register,
+    share_over,
     zeros_of,
 )
 
@@ -90,15 +92,15 @@ class CraneRewards(RewardWeights):
 
     approach: float = 1.0
     """Way that the load comes nearer in a step [m]: distance over the ground, and half of its height."""
-    landing: float = 5.0
-    """At a touch that ends the episode: 1 in the middle of the pad at no speed, half at ``tolerance`` or 0.2 m/s."""
+    landing: float = 10.0
+    """At a touch that ends the episode: mean of nearness, half at ``tolerance``, and softness, half at 0.2 m/s."""
     placed: float = 10.0
     """The load stands on the pad."""
     sway: float = -0.03
     """Square of the load's horizontal speed against the trolley's [m²/s²], at most 4."""
     action_rate_l2: float = -0.05
     """Mean square of the change of the action."""
-    time: float = -0.03
+    time: float = -0.01
     """Every step."""
 
 
@@ -160,11 +162,12 @@ class CraneTask(Task[CraneConfig]):
 
     Slewing rate [rad/s]; the trolley's distance from the axis [m] and speed [m/s]; length of the cable [m] and how fast
     it grows; the pad from the trolley, ahead and left [m]; the load's underside from the pad, ahead, left and up [m];
-    the load's velocity, likewise [m/s]; lean of the load under the trolley, and of the cable at its top, ahead and left,
-    as slopes; tension of the cable [kN]; the actions in force. Actions are speeds of slewing (left), trolley (out) and
-    hoist (down), as shares of the largest ones.
+    the load's velocity, likewise [m/s]; lean of the load under the trolley, and of the cable at its top, ahead and
+    left, as slopes; tension of the cable [kN]; the actions in force. Actions are speeds of slewing (left), trolley
+    (out) and hoist (down), as shares of the largest ones.
     """
 
+    fused_physics: ClassVar[bool] = True
     summary: ClassVar[str] = "crane: a load on a flexible cable is set down in wind, 21 observations, 3 speeds"
     config_type: ClassVar[type[TaskConfig]] = CraneConfig
     action_size: int = 3
@@ -295,12 +298,21 @@ class CraneTask(Task[CraneConfig]):
         """Turn the boom, move the trolley and pay cable out, at shares of their largest speeds."""
         self._drive.on(action)
 
+    def physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return the actions' way, the drives, and what a physics step has led to."""
+        path, simulation = self._path, self.simulation
+        control, rest = simulation.control, simulation.model.joint_rest
+        parts = [self.crane, simulation.state.arrays, self.episode, control.joint_target_qd, control.body_force, rest]
+        return [share_over(simulation, kernels.crane_on, path.reach, path.request, self.action, *parts)]
+
     def after_physics(self) -> None:
         """Notice touches, pay out the cable of a physics step, drive on."""
         self._finish.launch()
 
     def finish_physics(self) -> None:
-        """Judge the state reached."""
+        """Notice what the last step has led to, and judge the state reached."""
+        if self.fused_physics:
+            self._finish.launch()
         self._judge.launch()
 
     def observations(self) -> dict[str, torch.Tensor]:

@@ -3,6 +3,8 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.world_range import WorldRange
+from simwarp.tasks.framework.control_step_kernels import follow
 from simwarp.tasks.framework.randomness_kernels import Draws, episode_key, normal_at, step_key, uniform_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
@@ -17,7 +19,7 @@ SLACK = wp.constant(0.1)
 STILL = wp.constant(0.05)
 """Speed below which it stands [m/s]."""
 SOFT = wp.constant(0.2)
-"""Touch-down speed that halves what a landing pays [m/s]."""
+"""Touch-down speed that halves what softness pays [m/s]."""
 DESCENT = wp.constant(0.5)
 """What a metre of height counts as a way."""
 GRAMS = wp.constant(1.0e-3)
@@ -61,6 +63,7 @@ class Crane:
 class CraneState:
     """State of the running episode and control step."""
 
+    physics_steps: wp.array[int]  # (W,) begun in this control step
     length: wp.array[wp.float64]  # (W,) of the cable, unstressed [m]
     payout: wp.array[float]  # (W,) how fast it grows [m/s]
     target: wp.array[wp.vec3d]  # (W,) middle of the pad [m]
@@ -159,6 +162,7 @@ def begin_crane(
     Args: correlation time of the gusts in control steps; their deviation as a share of the mean wind.
     """
     world = wp.tid()
+    episode.physics_steps[world] = 0
     for i in range(action.shape[1]):
         episode.last_action[world, i] = action[world, i]
     episode.way[world] = way_left(load_from_target(world, crane, state, episode))
@@ -203,13 +207,9 @@ def drive_crane(
     set_drives(wp.tid(), action, crane, state, episode, target_qd, body_force)
 
 
-@wp.kernel
-def finish_physics_step(
-    action: wp.array2d[float], crane: Crane, state: StateArrays, episode: CraneState, target_qd: wp.array2d[float],
-    body_force: wp.array2d[wp.vec3], rest: wp.array2d[float],
-):  # fmt: skip
-    """After a physics step: notice a touch and whether the load stands, pay cable out, and drive on."""
-    world = wp.tid()
+@wp.func
+def notice(world: int, crane: Crane, state: StateArrays, episode: CraneState, rest: wp.array2d[float]):
+    """After a physics step: notice a touch and whether the load stands, and pay cable out."""
     push = crane.force[world, crane.shape]
     touching = push[0] != 0.0 or push[1] != 0.0 or push[2] != 0.0
     error = error_of(load_from_target(world, crane, state, episode))
@@ -227,6 +227,32 @@ def finish_physics_step(
     episode.stood[world] = steps
     episode.length[world] = episode.length[world] + wp.float64(crane.dt * episode.payout[world])
     write_rest(world, crane, episode, rest)
+
+
+@wp.kernel
+def crane_on(
+    worlds: WorldRange, rise: wp.array[float], request: wp.array2d[float], action: wp.array2d[float], crane: Crane,
+    state: StateArrays, episode: CraneState, target_qd: wp.array2d[float], body_force: wp.array2d[wp.vec3],
+    rest: wp.array2d[float],
+):  # fmt: skip
+    """Before a physics step: what the one before has led to, the action's way, and the drives."""
+    world = worlds.first + wp.tid()
+    steps = episode.physics_steps[world]
+    if steps > 0:
+        notice(world, crane, state, episode, rest)
+    episode.physics_steps[world] = steps + 1
+    follow(world, rise, request, action)
+    set_drives(world, action, crane, state, episode, target_qd, body_force)
+
+
+@wp.kernel
+def finish_physics_step(
+    action: wp.array2d[float], crane: Crane, state: StateArrays, episode: CraneState, target_qd: wp.array2d[float],
+    body_force: wp.array2d[wp.vec3], rest: wp.array2d[float],
+):  # fmt: skip
+    """After a physics step: what it has led to, and the drives anew."""
+    world = wp.tid()
+    notice(world, crane, state, episode, rest)
     set_drives(world, action, crane, state, episode, target_qd, body_force)
 
 
@@ -304,7 +330,7 @@ def compute_crane_rewards(
     if verdicts.placed[world] or verdicts.hard[world] or verdicts.missed[world]:
         far = error_of(away) / crane.tolerance
         fast = episode.touch_speed[world] / SOFT
-        landing = 1.0 / ((1.0 + far * far) * (1.0 + fast * fast))
+        landing = 0.5 / (1.0 + far) + 0.5 / (1.0 + fast)
     placed = float(0.0)
     if verdicts.placed[world]:
         placed = 1.0
