@@ -109,8 +109,8 @@ def main() -> None:
         "profile, calm air": (lambda task: controller(task.config, damped=False), {"wind": 0.0}),
         "damped, calm air": (lambda task: controller(task.config, damped=True), {"wind": 0.0}),
         "policy, wind to 12 m/s": (shipped, {"wind": 12.0}),
-        "policy, 1 element": (shipped, {"elements": 1}),
-        "policy, 16 elements, 5 ms": (shipped, {"elements": 16, "dt": 0.005, "decimation": 40}),
+        "policy, 1 element": (shipped, {"cable_elements": 1}),
+        "policy, 16 elements, 5 ms": (shipped, {"cable_elements": 16, "dt": 0.005, "decimation": 40}),
     }
     results = {}
     for name, (policy_of, changes) in cases.items():

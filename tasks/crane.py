@@ -52,6 +52,10 @@ PLACE: Final = 8.0
 """Of the trolley as built [m]."""
 LENGTHS: Final = (3.0, 13.8)
 """Shortest and longest cable [m]: it comes to hang slack where the load stands."""
+PLACES: Final = (4.0, 12.0)
+"""Of trolley and pad at the start [m]."""
+START_LENGTHS: Final = (5.0, 10.0)
+"""Of the cable at the start [m]."""
 BUILT_LENGTH: Final = 8.0
 """Of the cable as built [m]."""
 CABLE_DIAMETER: Final = 0.01
@@ -91,11 +95,14 @@ class CraneRewards(RewardWeights):
     """Weights of the reward."""
 
     approach: float = 1.0
-    """Way that the load comes nearer in a step [m]: distance over the ground, and half of its height."""
+    """Way that the load comes nearer in a step [m]: distance over the ground, half of what it is too high, all of what it
+    is too low; it should be as high as it is far away, at most 3 m."""
     landing: float = 10.0
     """At a touch that ends the episode: mean of nearness, half at ``tolerance``, and softness, half at 0.2 m/s."""
     placed: float = 10.0
     """The load stands on the pad."""
+    haste: float = -1.0
+    """Speed of the load beyond 0.2 m/s and half a metre per second for each metre from the pad [m/s]."""
     sway: float = -0.03
     """Square of the load's horizontal speed against the trolley's [m²/s²], at most 4."""
     action_rate_l2: float = -0.05
@@ -108,12 +115,12 @@ class CraneRewards(RewardWeights):
 class CraneConfig(TaskConfig):
     """Configuration of the crane."""
 
-    dt: Positive = 0.01
+    dt: Positive = 0.02
     """Physics step [s]."""
-    decimation: Annotated[int, Ge(1), Le(100_000)] = 20
+    decimation: Annotated[int, Ge(1), Le(100_000)] = 10
     """Physics steps per control step; one action lasts decimation * dt seconds."""
-    max_episode_steps: Annotated[int, Ge(1), Le(10**9)] = 200
-    """Control steps after which an episode is truncated: 40 s."""
+    max_episode_steps: Annotated[int, Ge(1), Le(10**9)] = 175
+    """Control steps after which an episode is truncated: 35 s."""
     action_rise_time: NotNegative | tuple[NotNegative, ...] = (3.0, 2.0, 1.0)
     """Time in which slewing, trolley and hoist get from rest to their largest speeds [s]."""
     randomise: dict[str, Range] = dataclasses.field(
@@ -124,7 +131,7 @@ class CraneConfig(TaskConfig):
     """Weights of the reward."""
     gravity: float = 9.81
     """Gravitational acceleration, downwards [m/s2]."""
-    elements: Annotated[int, Ge(1), Le(200)] = 8
+    cable_elements: Annotated[int, Ge(1), Le(200)] = 6
     """Elements of the cable."""
     numerical_damping: Fraction = 1.0
     """Of the cable (`simwarp.flex.Options`): at 1 a cable that is jerked taut makes no energy."""
@@ -134,9 +141,9 @@ class CraneConfig(TaskConfig):
     """Of a full action [m/s]."""
     hoist_speed: Positive = 0.8
     """Of a full action, which lowers the load [m/s]."""
-    start_slew: NotNegative = 0.5
+    start_slew: NotNegative = 0.4
     """Half-width of the uniform direction of the boom at the start [rad]."""
-    target_slew: NotNegative = 0.9
+    target_slew: NotNegative = 0.7
     """Half-width of the uniform direction of the pad [rad]."""
     start_swing: Annotated[float, Ge(0.0), Le(0.5)] = 0.08
     """Half-width of the uniform lean of the cable at the start, both ways [rad]."""
@@ -181,7 +188,8 @@ class CraneTask(Task[CraneConfig]):
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
         "network.init_std": 0.5,
-        "ppo.gamma": 0.99,
+        "ppo.gamma": 0.995,
+        "ppo.symmetry": "augment",
         "ppo.entropy": 0.0,
     }
 
@@ -207,7 +215,7 @@ class CraneTask(Task[CraneConfig]):
         builder.add_joint_prismatic("rail", boom, trolley, axis=(1, 0, 0), anchor=(PLACE, 0.0, top), drive=rolling)
         end = top - BUILT_LENGTH
         self.cable = builder.add_rod(
-            "cable", [(PLACE, 0.0, top), (PLACE, 0.0, end)], elements=self.config.elements,
+            "cable", [(PLACE, 0.0, top), (PLACE, 0.0, end)], elements=self.config.cable_elements,
             section=sw.flex.Round(diameter=CABLE_DIAMETER), material=WIRE_ROPE, start=sw.flex.Hinge("trolley"),
         )  # fmt: skip
         inertia = LOAD_MASS * (2.0 * LOAD_HALF) ** 2 / 6.0
@@ -242,9 +250,7 @@ class CraneTask(Task[CraneConfig]):
         self._drive = launch_over(self, kernels.drive_crane, self.action, *moved, *outputs)
         self._finish = launch_over(self, kernels.finish_physics_step, self.action, *moved, *outputs, rest)
         self._judge = launch_over(self, kernels.judge_crane, *moved, self.verdicts)
-        self._observe = ComputedRows(
-            self, kernels.observe_crane, self.action, self.crane, rest, state, self.episode, width=len(_NAMES)
-        )
+        self._observe = ComputedRows(self, kernels.observe_crane, self.action, *moved, width=len(_NAMES))
         named = config.reward_weights()
         weights = filled(kernels.CraneRewardWeights, **named)
         self._compute_rewards = NamedRows(
@@ -283,8 +289,8 @@ class CraneTask(Task[CraneConfig]):
         """Return what an episode begins with."""
         config = self.config
         return filled(
-            CraneStart, slew=config.start_slew, target=config.target_slew, places=wp.vec2(4.0, 12.0),
-            lengths=wp.vec2(3.5, 9.0), swing=config.start_swing, swing_rate=config.start_swing_rate,
+            CraneStart, slew=config.start_slew, target=config.target_slew, places=wp.vec2(*PLACES),
+            lengths=wp.vec2(*START_LENGTHS), swing=config.start_swing, swing_rate=config.start_swing_rate,
             wind=config.wind, spread=config.gusts,
         )  # fmt: skip
 
@@ -374,8 +380,8 @@ class CraneTask(Task[CraneConfig]):
         visuals.add_box(boom, half=(0.7, 0.6, 0.7), pose=sw.pose((-3.6, 0, 0.0)), color=grey)
         visuals.add_box(trolley, half=(0.4, 0.4, 0.12), pose=sw.pose((0, 0, 0.15)), color=grey)
         # Elements change their length: each node shows as much as the longest has, away from the ends of the cable
-        half = 0.5 * LENGTHS[1] / self.config.elements
-        middle = 0.5 * self.config.elements
+        half = 0.5 * LENGTHS[1] / self.config.cable_elements
+        middle = 0.5 * self.config.cable_elements
         for number, body in enumerate(self.cable.bodies):
             if number != middle:
                 along = half if number < middle else -half

@@ -20,9 +20,16 @@ STILL = wp.constant(0.05)
 """Speed below which it stands [m/s]."""
 SOFT = wp.constant(0.2)
 """Touch-down speed that halves what softness pays [m/s]."""
-DESCENT = wp.constant(0.5)
-"""What a metre of height counts as a way."""
-GRAMS = wp.constant(1.0e-3)
+CLEAR = wp.constant(3.0)
+"""Greatest height at which the load should come near [m]; nearer than that, as high as it is far away."""
+ABOVE = wp.constant(0.5)
+"""What a metre above that height counts as a way, and one below it."""
+BELOW = wp.constant(1.0)
+CALM = wp.constant(0.2)
+"""Speed that is no haste anywhere [m/s]."""
+EASE = wp.constant(0.5)
+"""What a metre of distance allows beyond it [1/s]."""
+KILO = wp.constant(1.0e-3)
 """Kilonewtons per newton."""
 
 
@@ -69,6 +76,7 @@ class CraneState:
     target: wp.array[wp.vec3d]  # (W,) middle of the pad [m]
     wind: wp.array[wp.vec2]  # (W,) mean [m/s]
     gust: wp.array[wp.vec2]  # (W,) beyond it [m/s]
+    tension: wp.array[float]  # (W,) at the trolley, as the last physics step left it [N]
     touching: wp.array[wp.bool]  # (W,)
     touch_speed: wp.array[float]  # (W,) the largest of the episode [m/s]
     speed: wp.array[float]  # (W,) of the load after the last physics step [m/s]
@@ -119,13 +127,21 @@ def error_of(away: wp.vec3) -> float:
 
 @wp.func
 def way_left(away: wp.vec3) -> float:
-    """What an approach makes shorter [m]."""
-    return error_of(away) + DESCENT * wp.max(away[2], 0.0)
+    """What an approach makes shorter [m]: distance over the ground, and from the height that suits it."""
+    error = error_of(away)
+    height = away[2] - wp.min(error, CLEAR)
+    return error + ABOVE * wp.max(height, 0.0) + BELOW * wp.max(-height, 0.0)
+
+
+@wp.func
+def haste_of(away: wp.vec3, v: wp.vec3) -> float:
+    """Speed of the load beyond what its distance from the pad allows [m/s]."""
+    return wp.max(wp.length(v) - CALM - EASE * (error_of(away) + wp.abs(away[2])), 0.0)
 
 
 @wp.func
 def tension_of(world: int, crane: Crane, state: StateArrays, rest: wp.array2d[float]) -> float:
-    """Tension of the uppermost element of the cable [N]."""
+    """Tension of the uppermost element of the cable [N], before its length at rest is changed for the next step."""
     dof = crane.axial[0]
     k = crane.stiffness[row_of(world, crane.stiffness.shape[0]), dof]
     d = crane.damping[row_of(world, crane.damping.shape[0]), dof]
@@ -221,8 +237,10 @@ def notice(world: int, crane: Crane, state: StateArrays, episode: CraneState, re
     speed = wp.length(state.body_v[world, crane.load])
     episode.speed[world] = speed
     weight = crane.mass[row_of(world, crane.mass.shape[0]), crane.load] * crane.gravity
+    tension = tension_of(world, crane, state, rest)
+    episode.tension[world] = tension
     steps = episode.stood[world] + 1
-    if not (touching and speed < STILL and tension_of(world, crane, state, rest) < SLACK * weight):
+    if not (touching and speed < STILL and tension < SLACK * weight):
         steps = 0
     episode.stood[world] = steps
     episode.length[world] = episode.length[world] + wp.float64(crane.dt * episode.payout[world])
@@ -268,8 +286,7 @@ def judge_crane(crane: Crane, state: StateArrays, episode: CraneState, verdicts:
 
 @wp.kernel
 def observe_crane(
-    action: wp.array2d[float], crane: Crane, rest: wp.array2d[float], state: StateArrays, episode: CraneState,
-    policy: wp.array2d[float],
+    action: wp.array2d[float], crane: Crane, state: StateArrays, episode: CraneState, policy: wp.array2d[float],
 ):  # fmt: skip
     """What `CraneTask` lists."""
     world = wp.tid()
@@ -301,7 +318,7 @@ def observe_crane(
     cable = in_boom_axes(turn, float(top[0] / wp.length(top)), float(top[1] / wp.length(top)))
     policy[world, 15] = cable[0]
     policy[world, 16] = cable[1]
-    policy[world, 17] = GRAMS * tension_of(world, crane, state, rest)
+    policy[world, 17] = KILO * episode.tension[world]
     for i in range(action.shape[1]):
         policy[world, 18 + i] = action[world, i]
 
@@ -313,6 +330,7 @@ class CraneRewardWeights:
     approach: float
     landing: float
     placed: float
+    haste: float
     sway: float
     action_rate_l2: float
     time: float
@@ -342,9 +360,10 @@ def compute_crane_rewards(
     terms[0, world] = weights.approach * (episode.way[world] - way_left(away))
     terms[1, world] = weights.landing * landing
     terms[2, world] = weights.placed * placed
-    terms[3, world] = weights.sway * wp.min(swing[0] * swing[0] + swing[1] * swing[1], 4.0)
-    terms[4, world] = weights.action_rate_l2 * change
-    terms[5, world] = weights.time
+    terms[3, world] = weights.haste * haste_of(away, state.body_v[world, crane.load])
+    terms[4, world] = weights.sway * wp.min(swing[0] * swing[0] + swing[1] * swing[1], 4.0)
+    terms[5, world] = weights.action_rate_l2 * change
+    terms[6, world] = weights.time
 
 
 @wp.struct
@@ -400,6 +419,7 @@ def begin_crane_episode(
         gust[i] = start.spread * speed * normal_at(blown, 2 + i, wp.float64(0.0), wp.float64(1.0))
     episode.gust[world] = gust
     episode.payout[world] = 0.0
+    episode.tension[world] = weight
     episode.touching[world] = False
     episode.touch_speed[world] = 0.0
     episode.speed[world] = 0.0

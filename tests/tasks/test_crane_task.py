@@ -191,7 +191,7 @@ def test_steady_wind_leans_the_load_by_its_drag():
 
 
 def test_gusts_have_their_deviation_and_correlation():
-    task = make("crane", 64, seed=3, wind=8.0, gusts=0.3, dt=0.1, decimation=2, elements=1)
+    task = make("crane", 64, seed=3, wind=8.0, gusts=0.3, dt=0.1, decimation=2, cable_elements=1)
     wind = task.episode.wind.numpy()
     speed = np.linalg.norm(wind, axis=1)
     assert speed.max() <= 8.0
@@ -332,6 +332,10 @@ def test_rewards_are_their_terms_by_numpy():
     generator = torch.Generator().manual_seed(2)
     crane, reasons = task.crane, set()
 
+    def way_left(error, height):
+        high = height - np.minimum(error, 3.0)
+        return error + np.where(high > 0.0, 0.5, -1.0) * high
+
     def away():
         place = task.simulation.state.body_x.numpy()[:, crane.load] - task.episode.target.numpy()
         return np.hypot(place[:, 0], place[:, 1]), place[:, 2] - LOAD_HALF
@@ -354,7 +358,7 @@ def test_rewards_are_their_terms_by_numpy():
         result = task.step(wanted)
         terms = dict(zip(task.reward_terms, result.reward_terms.T.double().numpy(), strict=True))
         error, height = kept["away"]
-        way = before[0] + 0.5 * np.maximum(before[1], 0.0) - error - 0.5 * np.maximum(height, 0.0)
+        way = way_left(*before) - way_left(error, height)
         hard = kept["touch"] > 0.3
         placed = (kept["stood"] >= 50) & ~hard & ~kept["missed"]
         over = hard | kept["missed"] | placed
@@ -364,6 +368,8 @@ def test_rewards_are_their_terms_by_numpy():
             "approach": weights.approach * way,
             "landing": weights.landing * landing,
             "placed": weights.placed * placed,
+            "haste": weights.haste
+            * np.maximum(np.linalg.norm(kept["v"][:, crane.load], axis=1) - 0.2 - 0.5 * (error + np.abs(height)), 0.0),
             "sway": weights.sway * np.minimum((swing[:, :2] ** 2).sum(axis=1), 4.0),
             "action_rate_l2": weights.action_rate_l2 * ((kept["action"] - actions) ** 2).mean(axis=1),
             "time": np.full(32, weights.time),
@@ -507,13 +513,13 @@ def test_methods_and_fused_physics_have_the_same_bits(rise):
 def test_wrong_settings_are_named():
     with pytest.raises(InputError, match=r"start.swing must be .*0\.5.*got 0\.7"):
         make("crane", start_swing=0.7)
-    with pytest.raises(InputError, match=r"elements must be .* got 0"):
-        make("crane", elements=0)
+    with pytest.raises(InputError, match=r"cable.elements must be .* got 0"):
+        make("crane", cable_elements=0)
     with pytest.raises(InputError, match=r"randomise 'joint_rest': task 'crane' writes it itself"):
         make("crane", randomise={"joint_rest": Range(0.9, 1.1)})
     with pytest.raises(InputError, match="tolerance must be positive"):
         make("crane", tolerance=0.0)
-    assert dataclasses.replace(CraneConfig(), elements=20).elements == 20
+    assert dataclasses.replace(CraneConfig(), cable_elements=20).cable_elements == 20
 
 
 # ---- learning --------------------------------------------------------------------------------------------------------
