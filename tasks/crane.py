@@ -19,7 +19,9 @@ import simwarp as sw
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.tasks import (
     ComputedRows,
+    Curriculum,
     Drawing,
+    Driver,
     Fraction,
     Ge,
     Le,
@@ -56,6 +58,8 @@ PLACES: Final = (4.0, 12.0)
 """Of trolley and pad at the start [m]."""
 START_LENGTHS: Final = (5.0, 10.0)
 """Of the cable at the start [m]."""
+NEAR_LENGTHS: Final = (11.5, 12.7)
+"""The same at a curriculum's level 0 [m]: the load is 0.3 to 1.5 m above the pad."""
 BUILT_LENGTH: Final = 8.0
 """Of the cable as built [m]."""
 CABLE_DIAMETER: Final = 0.01
@@ -95,13 +99,13 @@ class CraneRewards(RewardWeights):
     """Weights of the reward."""
 
     approach: float = 1.0
-    """Way that the load comes nearer in a step [m]: distance over the ground, half of what it is too high, all of what it
-    is too low; it should be as high as it is far away, at most 3 m."""
+    """Way by which the load comes nearer in a step [m]: over the ground, half of what it is too high, all of what it is
+    too low. It should be as high as it is far away, at most 3 m."""
     landing: float = 10.0
     """At a touch that ends the episode: mean of nearness, half at ``tolerance``, and softness, half at 0.2 m/s."""
     placed: float = 10.0
     """The load stands on the pad."""
-    haste: float = -1.0
+    haste: float = -0.5
     """Speed of the load beyond 0.2 m/s and half a metre per second for each metre from the pad [m/s]."""
     sway: float = -0.03
     """Square of the load's horizontal speed against the trolley's [m²/s²], at most 4."""
@@ -183,7 +187,7 @@ class CraneTask(Task[CraneConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("joint_rest", "shape_x")
     success_reasons: ClassVar[frozenset[str]] = frozenset({"placed"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 150,
+        "iterations": 200,
         "num_envs": 128,
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
@@ -192,6 +196,8 @@ class CraneTask(Task[CraneConfig]):
         "ppo.symmetry": "augment",
         "ppo.entropy": 0.0,
     }
+
+    trained_in: ClassVar[Mapping[str, Any]] = {"curriculum": Curriculum(driver=Driver.PROGRESS, up=0.1, down=0.05)}
 
     @property
     def action_scale(self) -> Sequence[float]:
@@ -258,8 +264,8 @@ class CraneTask(Task[CraneConfig]):
         )
         streams = [self.random.stream(purpose) for purpose in ("places", "winds")]
         self._start = launch_over(
-            self, kernels.begin_crane_episode, self._every_world, self._make_start(), *streams, draws, self.crane,
-            self.episode, rest, self._start_q, self._start_qd,
+            self, kernels.begin_crane_episode, self._every_world, self.drawn_level, self._make_start(), *streams,
+            draws, self.crane, self.episode, rest, self._start_q, self._start_qd,
         )  # fmt: skip
         self._still = launch_over(self, kernels.still_crane, self._every_world, *moved, *outputs)
         self._show = launch_over(self, kernels.show_crane, self.crane, self.episode, rest, model.shape_x)
@@ -290,8 +296,8 @@ class CraneTask(Task[CraneConfig]):
         config = self.config
         return filled(
             CraneStart, slew=config.start_slew, target=config.target_slew, places=wp.vec2(*PLACES),
-            lengths=wp.vec2(*START_LENGTHS), swing=config.start_swing, swing_rate=config.start_swing_rate,
-            wind=config.wind, spread=config.gusts,
+            lengths=wp.vec2(*START_LENGTHS), near_lengths=wp.vec2(*NEAR_LENGTHS), swing=config.start_swing,
+            swing_rate=config.start_swing_rate, wind=config.wind, spread=config.gusts,
         )  # fmt: skip
 
     # ---- a control step ------------------------------------------------------------------------------------------

@@ -374,36 +374,50 @@ class CraneStart:
     target: float  # [rad]
     places: wp.vec2  # of trolley and target [m]
     lengths: wp.vec2  # of the cable [m]
+    near_lengths: wp.vec2  # the same at level 0 [m]
     swing: float  # [rad]
     swing_rate: float  # [rad/s]
     wind: float  # the strongest [m/s]
     spread: float  # of gusts, as a share
 
 
+@wp.func
+def between(level: float, near: float, far: float) -> float:
+    """From a number at level 0 to another one at level 1."""
+    return near + level * (far - near)
+
+
 @wp.kernel
 def begin_crane_episode(
-    mask: wp.array[wp.bool], start: CraneStart, places: wp.array[wp.uint64], winds: wp.array[wp.uint64], draws: Draws,
-    crane: Crane, episode: CraneState, rest: wp.array2d[float], q: wp.array2d[float], qd: wp.array2d[float],
+    mask: wp.array[wp.bool], levels: wp.array[float], start: CraneStart, places: wp.array[wp.uint64],
+    winds: wp.array[wp.uint64], draws: Draws, crane: Crane, episode: CraneState, rest: wp.array2d[float],
+    q: wp.array2d[float], qd: wp.array2d[float],
 ):  # fmt: skip
-    """Draw crane, pad, swing and wind; the coordinates are for the assembly that follows."""
+    """Draw crane, pad, swing and wind; the coordinates are for the assembly that follows. At a curriculum's level 0 the
+    load hangs low over the pad in calm air, at 1 anywhere.
+    """
     world = wp.tid()
     if not mask[world]:
         return
+    level = levels[world]
     key = episode_key(places, world, draws)
     turn = uniform_at(key, 0, -start.target, start.target)
-    far = wp.float64(uniform_at(key, 1, start.places[0], start.places[1]))
+    far = uniform_at(key, 1, start.places[0], start.places[1])
     episode.target[world] = wp.vec3d(
-        far * wp.cos(wp.float64(turn)), far * wp.sin(wp.float64(turn)), wp.float64(0.0)
+        wp.float64(far) * wp.cos(wp.float64(turn)), wp.float64(far) * wp.sin(wp.float64(turn)), wp.float64(0.0)
     )  # fmt: skip
     for i in range(q.shape[1]):
         q[world, i] = 0.0
         qd[world, i] = 0.0
-    q[world, crane.slew] = uniform_at(key, 2, -start.slew, start.slew)
-    q[world, crane.rail] = uniform_at(key, 3, start.places[0], start.places[1]) - crane.place
-    episode.length[world] = wp.float64(uniform_at(key, 4, start.lengths[0], start.lengths[1]))
+    q[world, crane.slew] = between(level, turn, uniform_at(key, 2, -start.slew, start.slew))
+    place = between(level, far, uniform_at(key, 3, start.places[0], start.places[1]))
+    q[world, crane.rail] = place - crane.place
+    near = uniform_at(key, 4, start.near_lengths[0], start.near_lengths[1])
+    episode.length[world] = wp.float64(between(level, near, uniform_at(key, 5, start.lengths[0], start.lengths[1])))
+    calm = between(level, 0.2, 1.0)
     for i in range(2):
-        q[world, crane.hinge + i] = uniform_at(key, 5 + i, -start.swing, start.swing)
-        qd[world, crane.hinge + i] = uniform_at(key, 7 + i, -start.swing_rate, start.swing_rate)
+        q[world, crane.hinge + i] = calm * uniform_at(key, 6 + i, -start.swing, start.swing)
+        qd[world, crane.hinge + i] = calm * uniform_at(key, 8 + i, -start.swing_rate, start.swing_rate)
     write_rest(world, crane, episode, rest)
     weight = crane.mass[row_of(world, crane.mass.shape[0]), crane.load] * crane.gravity
     for k in range(crane.axial.shape[0]):
@@ -412,7 +426,7 @@ def begin_crane_episode(
         q[world, dof] = rest[world, dof] + stretch
     blown = episode_key(winds, world, draws)
     direction = uniform_at(blown, 0, 0.0, 6.2831853)
-    speed = uniform_at(blown, 1, 0.0, start.wind)
+    speed = level * uniform_at(blown, 1, 0.0, start.wind)
     episode.wind[world] = wp.vec2(speed * wp.cos(direction), speed * wp.sin(direction))
     gust = wp.vec2(0.0, 0.0)
     for i in range(2):

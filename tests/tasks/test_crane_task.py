@@ -124,14 +124,13 @@ def test_the_hoist_moves_the_load_by_what_it_pays_out_and_works_against_the_tens
 
 
 def test_a_swinging_load_keeps_the_period_of_a_pendulum_and_never_gains_energy():
-    task = still(dt=0.005, decimation=2)
+    task = still(dt=0.01, decimation=1, max_episode_steps=3000)
     hang(task, 8.0, lean=(0.05, 0.0))
     ahead, energies = [], []
-    for _ in range(1500):
+    for _ in range(2500):
         task.step(torch.zeros(1, 3))
         ahead.append(float(load_place(task)[0, 0]) - 8.0)
         energies.append(float(task.simulation.measure_energy().numpy()[0]))
-        task.episode_clock.zero_()
     signs = np.diff(np.sign(ahead))
     falls = np.flatnonzero(signs < 0)
     period = 0.01 * (falls[-1] - falls[0]) / (len(falls) - 1)
@@ -149,16 +148,15 @@ def test_cable_that_is_hauled_in_slowly_widens_the_swing_as_a_pendulum_of_varyin
     task = still(max_episode_steps=400)
     hang(task, 12.0, lean=(0.0, 0.03))
     action = torch.tensor([[0.0, 0.0, -0.2]])
-    leans = []
+    leans, arms = [], []
     for _ in range(200):
         task.step(action)
-        leans.append(float(observed(task)["load lean left"][0]))
-    arm = float(task.episode.length.numpy()[0]) + LOAD_HALF
-    widest = max(abs(lean) for lean in leans[-35:])  # one period: 7 s
-    # Slow as it is, a period takes a tenth of the length; what is left over is of that order squared, and the last
-    # swing is measured over a length that changes
-    assert widest == pytest.approx(0.03 * ((12.0 + LOAD_HALF) / arm) ** 0.75, rel=0.06)
-    assert widest > 1.2 * 0.03
+        leans.append(abs(float(observed(task)["load lean left"][0])))
+        arms.append(float(task.episode.length.numpy()[0]) + LOAD_HALF)
+    last = 165 + int(np.argmax(leans[165:]))  # within one period, of 7 s
+    # A period takes a tenth of the length, so that the invariant holds to some per cent; drag takes 2 % of the swing
+    assert leans[last] == pytest.approx(0.03 * ((12.0 + LOAD_HALF) / arms[last]) ** 0.75, rel=0.06)
+    assert leans[last] > 1.4 * 0.03
 
 
 def test_a_cable_that_falls_slack_and_is_jerked_taut_makes_no_energy():
@@ -171,7 +169,6 @@ def test_a_cable_that_falls_slack_and_is_jerked_taut_makes_no_energy():
     for _ in range(40):  # up again, as fast as it goes
         task.step(torch.tensor([[0.0, 0.0, -1.0]]))
     seen = observed(task)
-    task.step(torch.zeros(1, 3))
     # Hauled up, 0.8 m/s; what the jerk gave is gone after some periods of the cable's stretch, 0.1 s each
     assert abs(float(seen["load velocity up"][0]) - 0.8) < 0.05
     assert abs(float(seen["load velocity ahead"][0])) < 0.05
@@ -191,7 +188,7 @@ def test_steady_wind_leans_the_load_by_its_drag():
 
 
 def test_gusts_have_their_deviation_and_correlation():
-    task = make("crane", 64, seed=3, wind=8.0, gusts=0.3, dt=0.1, decimation=2, cable_elements=1)
+    task = make("crane", 64, seed=3, wind=8.0, gusts=0.3, cable_elements=1)
     wind = task.episode.wind.numpy()
     speed = np.linalg.norm(wind, axis=1)
     assert speed.max() <= 8.0
@@ -290,9 +287,9 @@ def test_trolley_and_hoist_stop_at_the_ends_of_their_ways():
         seen = observed(task)
         places.append(seen["trolley place"].numpy().copy())
         lengths.append(seen["cable length"].numpy().copy())
-    # A drive follows the speed within 10 ms, which is a centimetre at 1 m/s and nothing at the end
-    assert np.min(places) > REACH[0] - 0.01
-    assert np.max(places) < REACH[1] + 0.01
+    # The load swings on and pulls at the trolley, whose drive gives way by centimetres per second
+    assert np.min(places) > REACH[0] - 0.03
+    assert np.max(places) < REACH[1] + 0.03
     assert np.min(lengths) > LENGTHS[0] - 0.01
     assert np.max(lengths) < LENGTHS[1] + 0.01
     assert places[-1].tolist() == pytest.approx([REACH[1], REACH[0]], abs=0.03)
@@ -317,7 +314,7 @@ def test_what_is_mirrored_acts_mirrored():
         action = 2.0 * torch.rand(1, 3, generator=generator) - 1.0
         result = task.step(torch.cat([action, action * turn]))
     seen = result.observations["policy"]
-    # Sums run in another order: rounding of float32 over 500 steps
+    # Sums run in another order: rounding of float32 over 250 steps
     assert torch.allclose(seen[1], seen[0] * flip, atol=2e-3)
     assert float(seen[0, 8].abs()) > 0.1
 
@@ -328,7 +325,11 @@ def test_what_is_mirrored_acts_mirrored():
 def test_rewards_are_their_terms_by_numpy():
     weights = CraneConfig().rewards
     task = make("crane", 32, seed=6)
-    hang(task, 12.5)  # some touch soon
+    hang(task, 12.5)  # some touch soon, every second one softly, every fourth one on its pad
+    beside = load_place(task)
+    beside[:, 2] = 0.0
+    beside[::2, 1] += 1.0
+    task._target.copy_(torch.where((torch.arange(32) % 4 < 2)[:, None], beside, task._target))
     generator = torch.Generator().manual_seed(2)
     crane, reasons = task.crane, set()
 
@@ -340,7 +341,7 @@ def test_rewards_are_their_terms_by_numpy():
         place = task.simulation.state.body_x.numpy()[:, crane.load] - task.episode.target.numpy()
         return np.hypot(place[:, 0], place[:, 1]), place[:, 2] - LOAD_HALF
 
-    for _ in range(25):
+    for _ in range(40):
         before = away()
         actions = task.action.numpy().copy()
         kept = {}
@@ -355,12 +356,14 @@ def test_rewards_are_their_terms_by_numpy():
 
         task.before_reset = keep
         wanted = 2.0 * torch.rand(32, 3, generator=generator) - 1.0
+        wanted[1::2] = torch.tensor([0.0, 0.0, 0.2])
+        wanted[::2, 2] = 1.0
         result = task.step(wanted)
         terms = dict(zip(task.reward_terms, result.reward_terms.T.double().numpy(), strict=True))
         error, height = kept["away"]
         way = way_left(*before) - way_left(error, height)
         hard = kept["touch"] > 0.3
-        placed = (kept["stood"] >= 50) & ~hard & ~kept["missed"]
+        placed = (kept["stood"] >= 25) & ~hard & ~kept["missed"]
         over = hard | kept["missed"] | placed
         landing = over * (0.5 / (1 + error / 0.2) + 0.5 / (1 + kept["touch"] / 0.2))
         swing = kept["v"][:, crane.load] - kept["v"][:, crane.trolley]
@@ -380,7 +383,7 @@ def test_rewards_are_their_terms_by_numpy():
             np.testing.assert_allclose(terms[name], values, atol=2e-5, err_msg=name)
         assert result.terminated.tolist() == over.tolist()
         reasons |= {task.end_reasons[k] for k in result.end_reason[result.terminated].tolist()}
-    assert reasons >= {"hard", "missed"}
+    assert reasons >= {"hard", "missed", "placed"}
 
 
 def test_a_soft_landing_on_the_pad_is_a_success():
@@ -390,6 +393,10 @@ def test_a_soft_landing_on_the_pad_is_a_success():
     results = lower(task, 0.2, 40)
     reason, step = ended(task, results)
     assert reason == "placed"
+    touched = next(
+        k for k, each in enumerate(results) if each.observations["policy"][0, NAMES.index("load height")] < 0.01
+    )
+    assert step >= touched + 2  # it stands for half a second
     result = results[step]
     assert result.success.tolist() == [True]
     # Half of the hoist's 0.8 m/s times 0.2, and it stood for half a second before
@@ -413,35 +420,22 @@ def test_a_fast_touch_and_one_beside_the_pad_end_the_episode_as_failures(speed, 
     assert not results[step].success.any()
 
 
-def test_a_load_on_the_pad_that_hangs_in_a_taut_cable_is_no_success():
-    task = still()
-    hang(task, 12.97)
-    put_pad(task)
-    results = lower(task, 0.08, 9)  # it touches, and the cable carries most of it
-    assert ended(task, results)[0] is None
-    seen = observed(task)
-    assert float(seen["load height"][0]) < 0.02
-    results = lower(task, 0.0, 15)
-    tension = 1000 * float(observed(task)["tension"][0]) / (LOAD_MASS * GRAVITY)
-    assert (ended(task, results)[0] is None) == (tension >= 0.1)
-
-
 # ---- worlds ----------------------------------------------------------------------------------------------------------
 
 
 def test_starts_fill_their_ranges():
     task = make("crane", 600, seed=1)
     seen = {name: values.numpy() for name, values in observed(task).items()}
-    assert 3.5 <= seen["cable length"].min() < 3.7
-    assert 8.8 < seen["cable length"].max() <= 9.0
+    assert 5.0 <= seen["cable length"].min() < 5.1
+    assert 9.9 < seen["cable length"].max() <= 10.0
     assert 4.0 - 1e-3 <= seen["trolley place"].min() < 4.2
     assert 11.8 < seen["trolley place"].max() <= 12.0 + 1e-3
     slew = task.simulation.state.joint_q.numpy()[:, task.crane.slew]
-    assert 0.48 < np.abs(slew).max() <= 0.5
+    assert 0.39 < np.abs(slew).max() <= 0.4
     target = task.episode.target.numpy()
     far, turn = np.hypot(target[:, 0], target[:, 1]), np.arctan2(target[:, 1], target[:, 0])
     assert (4.0 <= far.min() < 4.2) and (11.8 < far.max() <= 12.0)
-    assert 0.88 < np.abs(turn).max() <= 0.9
+    assert 0.69 < np.abs(turn).max() <= 0.7
     pad = list(task.simulation.model.shape_names).index("pad")
     np.testing.assert_allclose(task.simulation.model.shape_x.numpy()[:, pad], target, atol=1e-12)
     assert 0.07 < np.abs(seen["load lean ahead"]).max() < 0.085
