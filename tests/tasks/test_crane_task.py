@@ -9,7 +9,7 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, Range, make, replace_fields
-from simwarp.tasks.crane import BOOM_HEIGHT, LENGTHS, LOAD_HALF, LOAD_MASS, REACH, CraneConfig, CraneTask
+from simwarp.tasks.crane import BOOM_HEIGHT, LENGTHS, LOAD_HALF, LOAD_MASS, REACH, SLEW_DAMPING, CraneConfig, CraneTask
 from simwarp.tasks.framework.task import Task
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy
@@ -60,7 +60,7 @@ def put_pad(task, away=(0.0, 0.0)):
 
 
 def observed(task):
-    row = task.observe()["policy"]
+    row = task.observe()["policy"].clone()
     return {name: row[:, k] for k, name in enumerate(NAMES)}
 
 
@@ -145,8 +145,8 @@ def test_a_swinging_load_keeps_the_period_of_a_pendulum_and_never_gains_energy()
 
 def test_cable_that_is_hauled_in_slowly_widens_the_swing_as_a_pendulum_of_varying_length():
     """E / omega stays (an adiabatic invariant): the angle grows with the length to the power of -3/4."""
-    task = still(max_episode_steps=400)
-    hang(task, 12.0, lean=(0.0, 0.03))
+    task = still(max_episode_steps=400, dt=0.005, decimation=40, numerical_damping=0.1)
+    hang(task, 12.0, place=8.0, lean=(0.0, 0.03))
     action = torch.tensor([[0.0, 0.0, -0.2]])
     leans, arms = [], []
     for _ in range(200):
@@ -154,24 +154,32 @@ def test_cable_that_is_hauled_in_slowly_widens_the_swing_as_a_pendulum_of_varyin
         leans.append(abs(float(observed(task)["load lean left"][0])))
         arms.append(float(task.episode.length.numpy()[0]) + LOAD_HALF)
     last = 165 + int(np.argmax(leans[165:]))  # within one period, of 7 s
-    # A period takes a tenth of the length, so that the invariant holds to some per cent; drag takes 2 % of the swing
-    assert leans[last] == pytest.approx(0.03 * ((12.0 + LOAD_HALF) / arms[last]) ** 0.75, rel=0.06)
+    # The boom's drive gives way by F r / D to the pull F = m g lean at its radius r: P = (F r)^2 / (2 D), which is the
+    # share m g r^2 / (D arm) of the energy in a second. Drag takes 1 % of the swing, and a period a tenth of the
+    # length, so that the invariant holds to some per cent
+    rates = LOAD_MASS * GRAVITY * 8.0**2 / (SLEW_DAMPING * np.array(arms[:last]))
+    given = math.exp(-0.5 * 0.2 * float(rates.sum()))
+    assert leans[last] == pytest.approx(0.03 * ((12.0 + LOAD_HALF) / arms[last]) ** 0.75 * given, rel=0.03)
     assert leans[last] > 1.4 * 0.03
 
 
 def test_a_cable_that_falls_slack_and_is_jerked_taut_makes_no_energy():
-    task = still(tolerance=9.0, hold_time=30.0)  # it may stand there for long
+    task = still(tolerance=9.0, hold_time=30.0, max_episode_steps=1000)  # it may stand there for long
     hang(task, 12.9)
     put_pad(task)
     lower(task, 0.15, 60)
-    assert not bool(task.simulation.state.world_status.numpy()[0])
-    assert float(observed(task)["tension"][0]) < 0.05
-    for _ in range(40):  # up again, as fast as it goes
-        task.step(torch.tensor([[0.0, 0.0, -1.0]]))
-    seen = observed(task)
-    # Hauled up, 0.8 m/s; what the jerk gave is gone after some periods of the cable's stretch, 0.1 s each
-    assert abs(float(seen["load velocity up"][0]) - 0.8) < 0.05
-    assert abs(float(seen["load velocity ahead"][0])) < 0.05
+    assert float(observed(task)["tension"][0]) < 0.1
+    lower(task, -1.0, 15)  # up again, as fast as it goes: the load bounces, and the cable is slack time and again
+    lower(task, 0.0, 5)
+    energies = []
+    for _ in range(100):
+        lower(task, 0.0, 1)
+        energies.append(float(task.simulation.measure_energy().numpy()[0]))
+    # The winch stands still. Bounces pass some J to and fro between cable and load, of the 128 J that the jerk gave
+    assert max(energies[1:]) < energies[0]
+    assert np.diff(energies).max() < 2.5
+    assert to_torch(task.simulation.state.body_v)[0].norm(dim=1).max() < 0.05
+    assert float(observed(task)["tension"][0]) == pytest.approx(LOAD_MASS * GRAVITY / 1000, rel=0.01)
 
 
 def test_steady_wind_leans_the_load_by_its_drag():
@@ -390,13 +398,12 @@ def test_a_soft_landing_on_the_pad_is_a_success():
     task = still()
     hang(task, 12.8)
     put_pad(task, (0.1, 0.0))
+    touched = []
+    task.before_reset = lambda: touched.append(bool(task.episode.touching.numpy()[0]))
     results = lower(task, 0.2, 40)
     reason, step = ended(task, results)
     assert reason == "placed"
-    touched = next(
-        k for k, each in enumerate(results) if each.observations["policy"][0, NAMES.index("load height")] < 0.01
-    )
-    assert step >= touched + 2  # it stands for half a second
+    assert step >= touched.index(True) + 2  # it stood for half a second
     result = results[step]
     assert result.success.tolist() == [True]
     # Half of the hoist's 0.8 m/s times 0.2, and it stood for half a second before
@@ -434,15 +441,33 @@ def test_starts_fill_their_ranges():
     assert 0.39 < np.abs(slew).max() <= 0.4
     target = task.episode.target.numpy()
     far, turn = np.hypot(target[:, 0], target[:, 1]), np.arctan2(target[:, 1], target[:, 0])
-    assert (4.0 <= far.min() < 4.2) and (11.8 < far.max() <= 12.0)
+    assert 4.0 <= far.min() < 4.2
+    assert 11.8 < far.max() <= 12.0
     assert 0.69 < np.abs(turn).max() <= 0.7
     pad = list(task.simulation.model.shape_names).index("pad")
     np.testing.assert_allclose(task.simulation.model.shape_x.numpy()[:, pad], target, atol=1e-12)
     assert 0.07 < np.abs(seen["load lean ahead"]).max() < 0.085
     mass = task.simulation.model.body_mass.numpy()[:, task.crane.load]
-    assert (200.0 <= mass.min() < 210.0) and (780.0 < mass.max() <= 800.0)
+    assert 200.0 <= mass.min() < 210.0
+    assert 780.0 < mass.max() <= 800.0
     # Cables are as taut as the weight makes them, within what the swing adds
     assert np.abs(1000 * seen["tension"] / (mass * GRAVITY) - 1.0).max() < 0.03
+
+
+def test_at_level_0_loads_hang_low_over_their_pads_in_calm_air():
+    task = make("crane", 200, seed=1)
+    task.set_level(0.0)
+    task.restart(seed=1)
+    seen = {name: values.numpy() for name, values in observed(task).items()}
+    assert 0.25 < seen["load height"].min() < 0.4
+    assert 1.4 < seen["load height"].max() < 1.55
+    # A fifth of the lean of other starts, both ways, of 13 m
+    assert np.hypot(seen["load ahead"], seen["load left"]).max() < 0.2 * 0.08 * 2**0.5 * 13.3 + 0.01
+    assert not task.episode.wind.numpy().any()
+    task.set_level(0.5)
+    task.restart(seed=1)
+    half = observed(task)["load height"].numpy()
+    assert seen["load height"].mean() + 1.5 < half.mean() < 4.0
 
 
 def test_a_reset_leaves_other_worlds_alone():
