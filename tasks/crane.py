@@ -119,9 +119,9 @@ class CraneRewards(RewardWeights):
 class CraneConfig(TaskConfig):
     """Configuration of the crane."""
 
-    dt: Positive = 0.02
+    dt: Positive = 0.01
     """Physics step [s]."""
-    decimation: Annotated[int, Ge(1), Le(100_000)] = 10
+    decimation: Annotated[int, Ge(1), Le(100_000)] = 20
     """Physics steps per control step; one action lasts decimation * dt seconds."""
     max_episode_steps: Annotated[int, Ge(1), Le(10**9)] = 175
     """Control steps after which an episode is truncated: 35 s."""
@@ -187,17 +187,18 @@ class CraneTask(Task[CraneConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("joint_rest", "shape_x")
     success_reasons: ClassVar[frozenset[str]] = frozenset({"placed"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 200,
+        "iterations": 160,
         "num_envs": 128,
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
-        "network.init_std": 0.5,
+        "network.init_std": 0.3,
+        "network.init_mean": (0.0, 0.0, 0.2),
         "ppo.gamma": 0.995,
         "ppo.symmetry": "augment",
         "ppo.entropy": 0.0,
     }
 
-    trained_in: ClassVar[Mapping[str, Any]] = {"curriculum": Curriculum(driver=Driver.PROGRESS, up=0.1, down=0.05)}
+    trained_in: ClassVar[Mapping[str, Any]] = {"curriculum": Curriculum(driver=Driver.PROGRESS, up=0.1, down=0.025)}
 
     @property
     def action_scale(self) -> Sequence[float]:
@@ -255,7 +256,9 @@ class CraneTask(Task[CraneConfig]):
         )  # fmt: skip
         self._drive = launch_over(self, kernels.drive_crane, self.action, *moved, *outputs)
         self._finish = launch_over(self, kernels.finish_physics_step, self.action, *moved, *outputs, rest)
-        self._judge = launch_over(self, kernels.judge_crane, *moved, self.verdicts)
+        judged = kernels.finish_control_step if self.fused_physics else kernels.judge_crane
+        arguments = [*moved, self.verdicts, rest] if self.fused_physics else [self.crane, self.episode, self.verdicts]
+        self._judge = launch_over(self, judged, *arguments)
         self._observe = ComputedRows(self, kernels.observe_crane, self.action, *moved, width=len(_NAMES))
         named = config.reward_weights()
         weights = filled(kernels.CraneRewardWeights, **named)
@@ -265,7 +268,7 @@ class CraneTask(Task[CraneConfig]):
         streams = [self.random.stream(purpose) for purpose in ("places", "winds")]
         self._start = launch_over(
             self, kernels.begin_crane_episode, self._every_world, self.drawn_level, self._make_start(), *streams,
-            draws, self.crane, self.episode, rest, self._start_q, self._start_qd,
+            draws, self.crane, self.episode, self.verdicts, rest, model.shape_x, self._start_q, self._start_qd,
         )  # fmt: skip
         self._still = launch_over(self, kernels.still_crane, self._every_world, *moved, *outputs)
         self._show = launch_over(self, kernels.show_crane, self.crane, self.episode, rest, model.shape_x)
@@ -323,8 +326,6 @@ class CraneTask(Task[CraneConfig]):
 
     def finish_physics(self) -> None:
         """Notice what the last step has led to, and judge the state reached."""
-        if self.fused_physics:
-            self._finish.launch()
         self._judge.launch()
 
     def observations(self) -> dict[str, torch.Tensor]:
@@ -344,9 +345,6 @@ class CraneTask(Task[CraneConfig]):
         self._start.on(world_mask)
         self.simulation.set_joint_state(world_mask, self._start_q, self._start_qd)
         self._still.on(world_mask)
-        self._show.launch()
-        for flag in self._verdicts.values():
-            flag.masked_fill_(world_mask, False)
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``error`` of the load's place [m] and the fastest touch, ``touch_speed`` [m/s]."""

@@ -88,9 +88,9 @@ class CraneState:
 
 @wp.struct
 class Verdicts:
-    """Why an episode is over."""
+    """Why an episode is over; each (W,)."""
 
-    placed: wp.array[wp.bool]  # (W,)
+    placed: wp.array[wp.bool]
     hard: wp.array[wp.bool]
     missed: wp.array[wp.bool]
 
@@ -274,14 +274,29 @@ def finish_physics_step(
     set_drives(world, action, crane, state, episode, target_qd, body_force)
 
 
-@wp.kernel
-def judge_crane(crane: Crane, state: StateArrays, episode: CraneState, verdicts: Verdicts):
-    """After a control step: why the episode is over, if it is."""
-    world = wp.tid()
+@wp.func
+def judge(world: int, crane: Crane, episode: CraneState, verdicts: Verdicts):
+    """Why the episode is over, if it is."""
     hard = episode.touch_speed[world] > crane.touch_down
     verdicts.hard[world] = hard
     verdicts.missed[world] = episode.missed[world]
     verdicts.placed[world] = episode.stood[world] >= crane.hold_steps and not hard and not episode.missed[world]
+
+
+@wp.kernel
+def judge_crane(crane: Crane, episode: CraneState, verdicts: Verdicts):
+    """Judge the state that a control step has reached."""
+    judge(wp.tid(), crane, episode, verdicts)
+
+
+@wp.kernel
+def finish_control_step(
+    crane: Crane, state: StateArrays, episode: CraneState, verdicts: Verdicts, rest: wp.array2d[float]
+):  # fmt: skip
+    """What the last physics step of a control step has led to, and a verdict."""
+    world = wp.tid()
+    notice(world, crane, state, episode, rest)
+    judge(world, crane, episode, verdicts)
 
 
 @wp.kernel
@@ -390,8 +405,8 @@ def between(level: float, near: float, far: float) -> float:
 @wp.kernel
 def begin_crane_episode(
     mask: wp.array[wp.bool], levels: wp.array[float], start: CraneStart, places: wp.array[wp.uint64],
-    winds: wp.array[wp.uint64], draws: Draws, crane: Crane, episode: CraneState, rest: wp.array2d[float],
-    q: wp.array2d[float], qd: wp.array2d[float],
+    winds: wp.array[wp.uint64], draws: Draws, crane: Crane, episode: CraneState, verdicts: Verdicts,
+    rest: wp.array2d[float], shape_x: wp.array2d[wp.vec3d], q: wp.array2d[float], qd: wp.array2d[float],
 ):  # fmt: skip
     """Draw crane, pad, swing and wind; the coordinates are for the assembly that follows. At a curriculum's level 0 the
     load hangs low over the pad in calm air, at 1 anywhere.
@@ -419,6 +434,7 @@ def begin_crane_episode(
         q[world, crane.hinge + i] = calm * uniform_at(key, 6 + i, -start.swing, start.swing)
         qd[world, crane.hinge + i] = calm * uniform_at(key, 8 + i, -start.swing_rate, start.swing_rate)
     write_rest(world, crane, episode, rest)
+    shape_x[world, crane.pad] = episode.target[world]
     weight = crane.mass[row_of(world, crane.mass.shape[0]), crane.load] * crane.gravity
     for k in range(crane.axial.shape[0]):
         dof = crane.axial[k]
@@ -439,6 +455,7 @@ def begin_crane_episode(
     episode.speed[world] = 0.0
     episode.stood[world] = 0
     episode.missed[world] = False
+    judge(world, crane, episode, verdicts)
 
 
 @wp.kernel
@@ -458,7 +475,7 @@ def still_crane(
 
 @wp.kernel
 def show_crane(crane: Crane, episode: CraneState, rest: wp.array2d[float], shape_x: wp.array2d[wp.vec3d]):
-    """Write what the model has of an episode: the length of the cable, and the pad's place."""
+    """Write what the model has of an episode that is loaded: the length of the cable, and the pad's place."""
     world = wp.tid()
     write_rest(world, crane, episode, rest)
     shape_x[world, crane.pad] = episode.target[world]
