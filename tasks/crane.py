@@ -187,7 +187,7 @@ class CraneTask(Task[CraneConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("joint_rest", "shape_x")
     success_reasons: ClassVar[frozenset[str]] = frozenset({"placed"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 160,
+        "iterations": 100,
         "num_envs": 128,
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
@@ -353,7 +353,8 @@ class CraneTask(Task[CraneConfig]):
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """The state of the episode: cable, pad, wind, touches."""
-        return {name: sw.to_torch(getattr(self.episode, name)) for name in CraneState.vars}
+        names: Mapping[str, Any] = CraneState.vars  # type: ignore[attr-defined]
+        return {name: sw.to_torch(getattr(self.episode, name)) for name in names}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Load it; place the pad and the cable's length."""
@@ -390,13 +391,13 @@ class CraneTask(Task[CraneConfig]):
             if number != middle:
                 along = half if number < middle else -half
                 visuals.add_cylinder(
-                    body, radius=0.03, half_length=half, color=(0.05, 0.05, 0.05),
+                    body, radius=0.04, half_length=half, color=(0.05, 0.05, 0.05),
                     pose=sw.pose((along, 0.0, 0.0), (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))),
                 )  # fmt: skip
 
     def shot(self) -> sw.viewer.Shot:
         """From the side, at rest: crane, load and pad are in sight."""
-        return sw.viewer.Shot(body=sw.WORLD, target=(5.5, 0.0, 6.0), eye=(6.0, -26.0, 5.0), fov=0.85)
+        return sw.viewer.Shot(body=sw.WORLD, target=(5.0, 0.0, 7.0), eye=(7.0, -29.0, 4.0), fov=0.85)
 
     def drawing(self) -> Drawing:
         """Draw how far the load is from its pad."""
