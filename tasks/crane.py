@@ -187,7 +187,7 @@ class CraneTask(Task[CraneConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("joint_rest", "shape_x")
     success_reasons: ClassVar[frozenset[str]] = frozenset({"placed"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 100,
+        "iterations": 160,
         "num_envs": 128,
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
