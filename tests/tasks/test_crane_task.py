@@ -127,19 +127,20 @@ def test_the_hoist_moves_the_load_by_what_it_pays_out_and_works_against_the_tens
 
 
 def test_a_swinging_load_keeps_the_period_of_a_pendulum_and_never_gains_energy():
-    task = still(dt=0.01, decimation=1, max_episode_steps=3000)
+    task = still(dt=0.01, decimation=2, max_episode_steps=3000)
     hang(task, 8.0, lean=(0.05, 0.0))
     ahead, energies = [], []
-    for _ in range(2500):
+    for _ in range(900):
         task.step(torch.zeros(1, 3))
         ahead.append(float(load_place(task)[0, 0]) - 8.0)
         energies.append(float(task.simulation.measure_energy().numpy()[0]))
     signs = np.diff(np.sign(ahead))
     falls = np.flatnonzero(signs < 0)
-    period = 0.01 * (falls[-1] - falls[0]) / (len(falls) - 1)
+    period = 0.02 * (falls[-1] - falls[0]) / (len(falls) - 1)
     arm, inertia = 8.0 + LOAD_HALF, LOAD_MASS * (2 * LOAD_HALF) ** 2 / 6
     # As one rigid pendulum; the cable's own weight and the load's turning at the hook are below 0.3 % of it
     rigid = 2 * math.pi * math.sqrt((inertia + LOAD_MASS * arm**2) / (LOAD_MASS * GRAVITY * arm))
+    assert len(falls) > 2
     assert period == pytest.approx(rigid, rel=0.005)
     swing = LOAD_MASS * GRAVITY * arm * (1 - math.cos(0.05))
     assert np.diff(energies).max() < 1e-3 * swing
