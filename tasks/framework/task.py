@@ -175,6 +175,10 @@ class Task(Readable, ABC, Generic[ConfigT]):
         """Return the numbers of the solver; None takes its defaults."""
         return None
 
+    def flex_options(self) -> sw.flex.Options | None:
+        """Return the numbers of rods and other flexible parts; None takes their defaults."""
+        return None
+
     def attach(self, model: sw.Model) -> Attachments:
         """Return the elements of every physics step: force elements such as a vehicle, sensors. Optional."""
         return Attachments()

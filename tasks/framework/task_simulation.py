@@ -76,6 +76,7 @@ def build_physics(
     *,
     per_world: Iterable[str] = (),
     solver: sw.SolverOptions | None = None,
+    flex: sw.flex.Options | None = None,
     attach: Callable[[Any], Attachments] = no_attachments,
     elements: Callable[[Any], Sequence[Any]] | None = None,
 ) -> tuple[Any, PhysicsViews, sw.ModelBuilder]:
@@ -88,6 +89,7 @@ def build_physics(
         device: device name.
         per_world: names of model parameters that get a copy per world.
         solver: numbers of the solver.
+        flex: numbers of flexible parts.
         attach: force elements and sensors for the finished model.
         elements: further force elements for it, which come last: of whoever looks on, not of the task.
     """
@@ -99,7 +101,7 @@ def build_physics(
     model = builder.finalize(world_count=num_worlds, device=device, per_world=per_world)
     attachments = attach(model)
     simulation = sw.Simulation(
-        model, dt=config.dt, substeps=config.substeps, solver=solver,
+        model, dt=config.dt, substeps=config.substeps, solver=solver, flex=flex,
         elements=[*attachments.elements, *(elements(model) if elements else ())], sensors=attachments.sensors,
         read_every=config.decimation, check_start=False,
     )  # fmt: skip
@@ -139,7 +141,7 @@ def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, sw.Mod
         raise InputError(f"randomise '{own[0]}': task '{task.name}' writes it itself; {hint}")
     return build_physics(
         task.build, config, task.num_worlds, device, per_world=drawn | task.own_parameters,
-        solver=task.solver_options(), attach=task.attach, elements=task.further_elements,
+        solver=task.solver_options(), flex=task.flex_options(), attach=task.attach, elements=task.further_elements,
     )  # fmt: skip
 
 

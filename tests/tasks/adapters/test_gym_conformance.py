@@ -18,7 +18,7 @@ from simwarp.tasks import TaskVectorEnv, task_names
 from simwarp.tasks.adapters.gym_env import env_id
 
 ARMS = ("irb120-reach", "racer3-reach")
-NAMES = [name for name in ("ant", "fast", "hexapod", "pendulum", *ARMS) if name in task_names()]
+NAMES = [name for name in ("ant", "crane", "fast", "hexapod", "pendulum", *ARMS) if name in task_names()]
 WORLDS = 4
 
 

@@ -15,6 +15,7 @@ BUDGETS = {
     ("hexapod", None): (379, 94),
     ("racer3-reach", None): (83, 83),
     ("irb120-reach", None): (83, 83),
+    ("crane", None): (96, 96),
     ("barrier-track", "state"): (2173, 543),
     ("barrier-track", "camera"): (2157, 539),
     ("hallway", "state"): (3557, 889),
