@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import comparing
 from benchmarks.comparing import Arm, Budget, Quantity, Result, Study
-from simwarp.tasks.driving.base import Frame, Observing
+from simwarp.tasks.driving.driving_config import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
 from simwarp.tasks.randomisation.randomisation_config import Driver
 from simwarp.train.config import NetworkKind

@@ -28,7 +28,7 @@ from benchmarks import comparing
 from benchmarks.comparing import ROOT, Arm, Budget, Study
 from benchmarks.driving_curves import success, write_progress
 from simwarp.tasks import replace_fields, task_class
-from simwarp.tasks.driving.base import Observing
+from simwarp.tasks.driving.driving_config import Observing
 from simwarp.tasks.driving.soil import SoilKind
 from simwarp.train.config import task_config_from_plain
 from simwarp.train.evaluation.evaluation import evaluate_policies

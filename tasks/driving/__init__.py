@@ -4,8 +4,9 @@
 are the parts that the shipped tasks share.
 """
 
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingTask
 from .conditions import Conditions
+from .driving_config import DrivingConfig, Frame, Observing
 from .hills import Hills
 from .lapping import LappingConfig, LappingTask, Start
 from .obstacles import ObstacleKind, Obstacles

@@ -17,7 +17,7 @@ import simwarp as sw
 from ..framework.recorded_launches import NamedRows, TensorFunction
 from ..framework.registry import register
 from .barrier_track_kernels import find_corners_outside, reward_lane_offset
-from .base import DrivingConfig
+from .driving_config import DrivingConfig
 from .lapping import LappingConfig, LappingRewards, LappingTask, Start
 from .outlines import corners
 from .training_defaults import PEDALS_BY_CAMERA

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
-import enum
-import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
 from ..framework.agents import beside
-from ..framework.config import require
 from ..framework.errors import InputError, TaskError
 from ..framework.recorded_launches import TensorFunction, WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 from ..framework.task_simulation import Attachments
-from ..randomisation.randomisation_config import Uncertainty
 from .base_kernels import (
     Car,
     Drive,
@@ -38,7 +32,8 @@ from .base_kernels import (
     steer,
 )
 from .camera_images import CameraImages
-from .conditions import ConditionsConfig, DrawnConditions, middle
+from .conditions import DrawnConditions, middle
+from .driving_config import DrivingConfig, Observing
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
@@ -51,84 +46,10 @@ SETTLING_ON_AIR = 1.6
 """The same on flexible tires, whose air damps little [s]."""
 VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
 """Model parameters that a vehicle writes, world by world."""
-_LIDAR_ELEVATION = math.radians(15.0)
-"""Of the uppermost beams [rad]; the lowest ones point as far down."""
 OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
 """What a class that drives another vehicle says together."""
 CHASSIS_GROUP = 2
 """Bit of the collision group of vehicles' chassis; obstacles meet nothing else. Chassis of two vehicles meet."""
-
-
-class Observing(enum.Enum):
-    """Observations of a policy: a camera's or a lidar's image beside a few numbers, or exact numbers alone."""
-
-    STATE = "state"
-    CAMERA = "camera"
-    LIDAR = "lidar"
-
-
-class Frame(enum.Enum):
-    """Axes in which the place of a goal or a leader is observed: those of the vehicle, or those of the world."""
-
-    VEHICLE = "vehicle"
-    WORLD = "world"
-
-
-Pixels: TypeAlias = Annotated[int, Ge(36)]
-"""Below, the kernels of the networks' convolutions do not fit whole."""
-
-
-@dataclasses.dataclass(frozen=True)
-class DrivingConfig(ConditionsConfig):
-    """Fields of every driving task."""
-
-    dt: Positive = 0.0025
-    """Time step of the physics [s]; tires and suspensions are stiff."""
-    decimation: Annotated[int, Ge(1), Le(100_000)] = 40
-    """Physics steps per control step: ten actions a second."""
-    obs: Observing = Observing.CAMERA
-    """camera: an image and what a vehicle measures; lidar: a range image in its place; state: exact relative positions,
-    which trains fast on a CPU."""
-    full: bool = False
-    """Drive the full vehicle model instead of the reduced one that policies are trained on."""
-    soil: SoilKind = SoilKind.NONE
-    """Deformable ground below rigid wheels: a soil by name; random: between soft and hard, drawn for every episode, one
-    in five nearly rigid. none: rigid ground below the vehicle's own tires. On soil its own strength counts in place of
-    `friction`."""
-    soil_spacing: Positive = 0.1
-    """Of the soil's nodes [m]: at most half the width of a wheel."""
-    soil_pages: Annotated[int, Ge(16), Le(2**20)] | None = None
-    """8 x 8 nodes each, of every world; None: as many as the ruts of an episode take, or of its last 200 m."""
-    images_alone: bool = False
-    """By camera there is no group `policy` beside the image."""
-    camera_width: Pixels = 80
-    """Of the image [pixels], 36 at least."""
-    camera_height: Pixels = 45
-    """Of the image [pixels], 36 at least."""
-    camera_fov: Annotated[float, Gt(0.0), Lt(math.pi)] = math.pi / 3.0
-    """Horizontal field of view [rad]."""
-    camera_rate: Positive | None = None
-    """Images per second [Hz]; None: one at the end of each control step, as no policy sees more."""
-    lidar_rows: Annotated[int, Ge(1), Le(1024)] = 16
-    """Beams of the lidar above each other, evenly from 15 degrees up to 15 degrees down."""
-    lidar_columns: Annotated[int, Ge(1), Le(65_536)] = 900
-    """Beams of the lidar in a row."""
-    lidar_fan: Annotated[float, Gt(0.0), Le(2.0 * math.pi)] = math.radians(240.0)
-    """Angle of a row, from the leftmost to the rightmost beam [rad]."""
-    lidar_range: Positive = 30.0
-    """Distance beyond which the lidar sees nothing [m]."""
-    action_rise_time: NotNegative | tuple[NotNegative, ...] = 0.5
-    """Time in which steering and pedals move from 0 to 1 [s]."""
-
-    def validate(self) -> None:
-        """Check what depends on several fields."""
-        super().validate()
-        require(self.tires is None or self.soil is SoilKind.NONE, self, "tires", "None on soil, which has its own")
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """What is drawn, mass and delays of the conditions with it."""
-        return self.uncertainty_of(super().uncertainty, camera=self.obs is Observing.CAMERA)
 
 
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
@@ -399,7 +320,8 @@ class DrivingTask(Task[DrivingT]):
         if config.obs is Observing.CAMERA:
             self.cameras = [self._make_camera(model, parts, _name(at)) for at, parts in enumerate(seeing)]
         self.camera = self.cameras[0] if self.cameras else None
-        self.lidar = self._make_lidar(model) if config.obs is Observing.LIDAR else None
+        seen = config.obs is Observing.LIDAR
+        self.lidar = sw.sensors.Lidar(self._scene_of(model), self._mount(self.parts), config.lidar()) if seen else None
         sensors: list[Any] = [*self.cameras, *([] if self.lidar is None else [self.lidar])]
         self.navigations = []
         if sensors and self.navigates:
@@ -419,30 +341,11 @@ class DrivingTask(Task[DrivingT]):
         return sw.sensors.Mount(body=parts.chassis, pose=sw.pose(place))
 
     def _make_camera(self, model: sw.Model, parts: sw.vehicle.VehicleParts, name: str) -> sw.sensors.Camera:
-        config, lights = self.config, self.lighting()
-        rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
+        lights = self.lighting()
         suns = len(lights.suns if lights is not None else sw.sensors.Lighting().suns)
         return sw.sensors.Camera(
-            self._scene_of(model), self._mount(parts),
-            sw.sensors.CameraConfig(
-                schedule=sw.sensors.Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
-                lens=sw.sensors.Pinhole(fov=config.camera_fov),
-            ),
-            lights=lights, name=f"camera{name}", per_world=config.camera_arrays(suns),
-        )  # fmt: skip
-
-    def _make_lidar(self, model: sw.Model) -> sw.sensors.Lidar:
-        config = self.config
-        beams = sw.sensors.beam_grid(
-            config.lidar_columns, config.lidar_rows, azimuth=(0.5 * config.lidar_fan, -0.5 * config.lidar_fan),
-            elevation=(_LIDAR_ELEVATION, -_LIDAR_ELEVATION),
-        )  # fmt: skip
-        return sw.sensors.Lidar(
-            self._scene_of(model), self._mount(self.parts),
-            sw.sensors.LidarConfig(
-                schedule=sw.sensors.Schedule(rate=min(1.0 / config.control_dt, 1.0 / config.dt)), beams=beams,
-                far=config.lidar_range, outputs=("ranges",), miss="far",
-            ),
+            self._scene_of(model), self._mount(parts), self.config.camera(), lights=lights, name=f"camera{name}",
+            per_world=self.config.camera_arrays(suns),
         )  # fmt: skip
 
     def scene(self) -> sw.sensors.Scene:

@@ -19,7 +19,7 @@ import simwarp as sw
 from ..framework.recorded_launches import WorldLaunch, filled, launch_over, share_over
 from ..framework.registry import register
 from ..framework.variants import Variant
-from .base import DrivingConfig
+from .driving_config import DrivingConfig
 from .hallway_kernels import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
 from .lapping import LappingConfig, LappingRewards, LappingTask
 from .training_defaults import BY_CAMERA, BY_IMAGES_ALONE

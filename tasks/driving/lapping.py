@@ -18,7 +18,8 @@ from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 from ..framework.config import RewardWeights
 from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import ComputedRows, NamedRows, TensorFunction, fill, filled, launch_over, zeros_of
-from .base import DrivingConfig, DrivingTask
+from .base import DrivingTask
+from .driving_config import DrivingConfig
 from .lapping_kernels import (
     PREVIEW,
     Course,

@@ -21,7 +21,8 @@ from ..framework.drawing import Drawing, Line
 from ..framework.recorded_launches import ComputedRows, NamedRows, TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
 from ..framework.variants import Variant
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingTask
+from .driving_config import DrivingConfig, Frame
 from .hills import Hills
 from .hills_kernels import HillTables
 from .obstacles import ObstacleKind, Obstacles

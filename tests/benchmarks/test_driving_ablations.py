@@ -11,7 +11,7 @@ import pytest
 from benchmarks import comparing
 from benchmarks.comparing import Budget
 from simwarp.tasks import config_to_plain, replace_fields
-from simwarp.tasks.driving.base import Frame, Observing
+from simwarp.tasks.driving.driving_config import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
 from simwarp.tasks.randomisation.randomisation_config import Curriculum, Driver
 from simwarp.train.config import NetworkKind

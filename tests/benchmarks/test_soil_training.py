@@ -9,7 +9,7 @@ import pytest
 from benchmarks import soil_training
 from benchmarks.comparing import Budget
 from benchmarks.soil_training import GROUNDS, STUDY
-from simwarp.tasks.driving.base import Observing
+from simwarp.tasks.driving.driving_config import Observing
 from simwarp.tasks.driving.off_road import OffRoadConfig
 from simwarp.tasks.driving.soil import SoilKind
 

@@ -11,9 +11,9 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.tasks.driving.base import Observing
 from simwarp.tasks.driving.convoy import ConvoyRewards
 from simwarp.tasks.driving.convoy_kernels import DURATION
+from simwarp.tasks.driving.driving_config import Observing
 from simwarp.tasks.driving.off_road import OffRoadConfig, OffRoadRewards, OffRoadTask
 from tests.tasks.driving.driving_checks import NAMES, chase, drive, driving, held, random_actions, reason, term
 
