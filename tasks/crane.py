@@ -16,7 +16,6 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.tasks import (
     ComputedRows,
     Curriculum,
@@ -45,6 +44,7 @@ from simwarp.tasks import (
 
 from . import crane_kernels as kernels
 from .crane_kernels import Crane, CraneStart, CraneState, Verdicts
+from .framework.recorded_launches import WorldLaunch
 
 BOOM_HEIGHT: Final = 14.0
 """Of the trolley above the ground [m]."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import warp as wp
 
@@ -104,6 +104,10 @@ def parameter(
     return Field(dtype, sizes, text, domain, writable=True, source=source, of_kernels=of_kernels)
 
 
+LEFT_OUT: Final = frozenset({Size.FACE_CONTACTS})
+"""Sizes whose arrays files leave out where a model has none: files are older than these arrays."""
+
+
 class FieldGroup(Readable, FixedAttributes):
     """Base of classes whose attributes are arrays; the declarations stand as class attributes.
 
@@ -155,8 +159,14 @@ class FieldGroup(Readable, FixedAttributes):
         }
 
     def in_files(self) -> dict[str, wp.array]:
-        """Return the arrays that kernels take, (1 or W, ...), by the names that files have for them."""
-        return {file_keys.ARRAYS.get(name, name): getattr(self, name) for name in self.NAMES}
+        """Return the arrays that kernels take, (1 or W, ...), by the names that files have for them; without those of
+        `LEFT_OUT` that are empty.
+        """
+        return {
+            file_keys.ARRAYS.get(name, name): getattr(self, name)
+            for name in self.NAMES
+            if getattr(self, name).size or LEFT_OUT.isdisjoint(self.FIELDS[name].sizes)
+        }
 
     def allocate(self, sizes: Mapping[Size, int], device: Any, label: str, struct: Any) -> None:
         """Make all arrays, zero, as attributes of this object and of the struct that kernels take."""

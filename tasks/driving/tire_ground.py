@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import simwarp as sw
-from simwarp.vehicle.tires.flexible_tires import TEMPLATE as FLEXIBLE
-from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 
+IN_CONTACT: Final = frozenset({"rigid", "flexible"})
+"""Templates of tires that are shapes in contact."""
 TIRE_GROUP: Final = 1
 """Bit of the collision group of tires in contact, that of shapes by default; chassis have another."""
 GRIPPING: Final = sw.Material(friction=10.0)
@@ -18,7 +18,7 @@ CONTACT_ARRAYS: Final = ("shape_friction",)
 
 def stands_on_shapes(spec: sw.vehicle.VehicleSpec) -> bool:
     """Return True if a vehicle's tires are shapes in contact, which need a shape below them."""
-    return all(axle.tire.template in (RIGID, FLEXIBLE) for axle in spec.axles)
+    return all(axle.tire.template in IN_CONTACT for axle in spec.axles)
 
 
 def add_flat_ground(builder: sw.ModelBuilder) -> int:

@@ -65,6 +65,8 @@ def test_every_field_of_every_configuration_refuses_what_it_is_not(kind):
         for wrong in WRONG[kind_of(value)]:
             if (optional and wrong is None) or (many and wrong == []):
                 continue
+            if many and type(wrong) is int and isinstance(value, tuple):
+                continue  # one number for all
             with pytest.raises(InputError) as caught:
                 config_from_plain(kind, nested(path, wrong), "file.json")
             assert str(caught.value).startswith("file.json: "), path

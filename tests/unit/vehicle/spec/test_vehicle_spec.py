@@ -391,7 +391,8 @@ def test_a_broken_property_file(tmp_path):
 
 def test_unknown_options_list_those_there_are():
     with pytest.raises(
-        SpecError, match=r"^gator: unknown tire 'tmesy' \(did you mean 'tmeasy'\?\); known: rigid, soil-rigid, tmeasy$"
+        SpecError,
+        match=r"^gator: unknown tire 'tmesy' \(did you mean 'tmeasy'\?\); known: flexible, rigid, soil-rigid, tmeasy$",
     ):
         with_options(load_vehicle("gator"), tire="tmesy")
     spec = dataclasses.replace(load_vehicle("gator"), name="mine")
