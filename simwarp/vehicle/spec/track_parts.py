@@ -15,9 +15,8 @@ from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Po
 from simwarp.vehicle.spec.parts import ZERO, ForceLine, RigidPart, Spec, SpecError, check_apart, refuse
 from simwarp.vehicle.spec.vehicle_parts import Brake, Chassis
 
-PITCH_SLACK: Final = 0.05
-"""Share by which a sprocket's teeth may miss the shoes' pitch, as published ones do."""
 FEWEST_TEETH: Final = 3
+"""Of a sprocket."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -110,8 +109,8 @@ class DoublePinShoe(Spec):
     connector_radius: Positive
     """Of its ends, which meet the sprocket [m]."""
     connector_width: Positive
-    connectors: Annotated[int, Ge(1)] = 2
-    """Beside each other in one joint."""
+    joined: bool = True
+    """The two connectors of a joint, one on either side of the shoes, are one body."""
 
     def check(self) -> None:
         """Shoes that do not reach into each other."""
@@ -277,6 +276,14 @@ class RoadWheelMount(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class SupportRoller(Spec):
+    """A wheel on the chassis that carries the upper run, at the place of its centre from the track's origin."""
+
+    location: Point
+    wheel: TrackWheel
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class SimpleTrackDriveline(Spec):
     """Torque in two halves, of which steering takes from the inner side."""
 
@@ -309,10 +316,15 @@ class ShoeTrack(Spec):
     road_wheels: Annotated[tuple[RoadWheelMount, ...], MinLen(1)]
     shoe: Shoe
     shoes: Annotated[int, Ge(3)]
+    rollers: tuple[SupportRoller, ...] = ()
+    pin_stiffness: NotNegative = 0.0
+    """Of a spring that straightens the chain at each pin [N·m/rad]."""
+    pin_damping: NotNegative = 0.0
+    """[N·m·s/rad]."""
     brake: Brake | None = None
 
     def check(self) -> None:
-        """Shoes and sprocket of one kind and pitch."""
+        """Shoes and sprocket of one kind, and shoes that go around it."""
         single = isinstance(self.shoe, SinglePinShoe)
         if single != isinstance(self.sprocket, SinglePinSprocket):
             rule = f"one for shoes of template '{self.shoe.template}'"
@@ -320,10 +332,6 @@ class ShoeTrack(Spec):
         if not 0.5 * self.shoe.pitch < self.sprocket.assembly_radius:
             rule = f"more than half the pitch of {self.shoe.pitch:g} m"
             raise refuse("sprocket.assembly_radius", rule, self.sprocket.assembly_radius)
-        around = math.pi / math.asin(0.5 * self.shoe.pitch / self.sprocket.assembly_radius)
-        if abs(self.sprocket.teeth - around) > PITCH_SLACK * around:
-            rule = f"about {around:.1f}, which pins {self.shoe.pitch:g} m apart at assembly_radius leave"
-            raise refuse("sprocket.teeth", rule, self.sprocket.teeth)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,8 @@ Array = npt.NDArray[np.float64]
 
 SHARPEST_FOLD: Final = math.radians(60.0)
 """Least angle between the two last straight runs: shoes of a sharper one lie in each other."""
+MOST_SHOES: Final = 2000
+"""Of one chain: lengths in millimetres would ask for more."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -126,6 +128,10 @@ class _Run:
 
     def add(self, angle: float) -> None:
         """One more shoe."""
+        if self.count == MOST_SHOES:
+            raise SpecError(
+                f"track: the way around must take at most {MOST_SHOES} shoes of {self.pitch:g} m; give all lengths in metres"
+            )
         self.x += self.pitch * math.cos(angle)
         self.z += self.pitch * math.sin(angle)
         self.angles.append(angle)
@@ -147,6 +153,10 @@ def _check(course: TrackCourse, pitch: float, shoes: int) -> None:
                 f"track: {name} must be more than half the pitch of {pitch} m, got {getattr(course, name)} m; "
                 "a shoe does not fit around it"
             )
+    for name in ("sprocket", "idler", "wheel_front", "wheel_rear"):
+        point = getattr(course, name)
+        if not all(map(math.isfinite, point)):
+            raise SpecError(f"track: {name} must be two finite numbers [m], got {point}")
     if course.sprocket[0] == course.idler[0]:
         raise SpecError(f"track: sprocket and idler must not have the same x, got {course.idler[0]} m for both")
 
