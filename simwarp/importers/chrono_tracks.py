@@ -83,7 +83,8 @@ def assembly(node: Node, files: Files) -> ShoeTrack:
         mounts.append(mount.make(RoadWheelMount, location=mount.vector("Location"), suspension=part))
     rollers = [
         roller.make(
-            SupportRoller, location=roller.vector("Location"),
+            SupportRoller,
+            location=roller.vector("Location"),
             wheel=files.part("TrackWheel", WHEELS, roller.text("Input File")),
         )
         for roller in (node.each("Rollers") if "Rollers" in node else ())

@@ -243,8 +243,8 @@ class Tensioner(Spec):
         check_apart(self, ("carrier_point", "chassis_point"))
         if not self.force > 0.0:
             raise SpecError(
-                f"preload: must leave a force > 0 N that tightens the chain as built, got {self.force:.4g} N; raise it, "
-                "or free_length"
+                f"preload: must leave a force > 0 N that tightens the chain as built, got {self.force:.4g} N; "
+                "raise it, or free_length"
             )
 
     @property
@@ -337,7 +337,8 @@ class ShoeTrack(Spec):
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrackedVehicleSpec(Spec):
     """A whole tracked vehicle: a chassis between two tracks. Its frame of reference is that of the left track, in the
-    middle."""
+    middle.
+    """
 
     name: str
     chassis: Chassis

@@ -130,7 +130,7 @@ class _Run:
         """One more shoe."""
         if self.count == MOST_SHOES:
             raise SpecError(
-                f"track: the way around must take at most {MOST_SHOES} shoes of {self.pitch:g} m; give all lengths in metres"
+                f"track: the way around takes more than {MOST_SHOES} shoes of {self.pitch:g} m; give metres"
             )
         self.x += self.pitch * math.cos(angle)
         self.z += self.pitch * math.sin(angle)

@@ -19,9 +19,9 @@ from typing import Final
 import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import WORLD, Material, Pose, Vec3, finite_vector, pose
+from simwarp.core.types import WORLD, Material, Pose, pose
 from simwarp.model.builder import ModelBuilder
-from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, merged, refuse
+from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3, merged, refuse
 from simwarp.vehicle.spec.track_parts import (
     RoadWheelMount,
     ShoeTrack,
@@ -202,7 +202,9 @@ class _Track:
             taken |= shape.group
         free = [1 << bit for bit in range(GROUP_BITS) if not taken >> bit & 1]
         if len(free) < 2:
-            raise SpecError(f"{self.frame.name}: must find two free collision groups, got {len(free)}; use fewer tracks")
+            raise SpecError(
+                f"{self.frame.name}: must find two free collision groups, got {len(free)}; use fewer tracks"
+            )
         return free[0], free[1]
 
     def _place(self, location: Vec3) -> Frame:
@@ -333,7 +335,7 @@ def drum_radius(track: ShoeTrack) -> float:
 
 def _arm_axes(hinge: Vec3, wheel_joint: Vec3) -> Array:
     """Axes (columns) of an arm: x from the wheel's end to the hinge, y along the hinge."""
-    along = finite_vector("arm", "hinge", hinge, 3) - finite_vector("arm", "wheel_joint", wheel_joint, 3)
+    along = np.subtract(hinge, wheel_joint)
     along[1] = 0.0
     x = along / np.linalg.norm(along)
     y = np.array([0.0, 1.0, 0.0])

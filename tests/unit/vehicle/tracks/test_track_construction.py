@@ -45,8 +45,8 @@ def test_what_is_built():
     com = np.sum([body.mass * body.pose.position for body in builder.bodies], axis=0) / 11342.94
     # printed by the recorded run, whose origin stands at x = -60, z = 0.62
     np.testing.assert_allclose(com, (-1.99754, -0.00171496, 0.62 + 0.232234), atol=2e-4)
-    for name, coordinate in (("pin1", 0.0), ("pin40", 0.0)):
-        assert sim.joint_position(f"left.{name}") == coordinate
+    angles = [sim.joint_position(f"left.pin{k}") for k in range(1, 63)]
+    np.testing.assert_allclose(angles, 0.0, atol=1e-14)  # of float64 poses
 
 
 def test_paths_through_a_chain_are_short():
@@ -62,20 +62,26 @@ def test_a_shoe_has_two_contacts_with_each_partner_at_most():
         sim.step(10)
         contacts = sim.contacts
         count = int(contacts.contact_count.numpy()[0])
-        pairs = contacts.contact_shape.numpy()[0, :count]
+        pairs = np.stack(
+            [contacts.contact_shape0.numpy()[0, :count], contacts.contact_shape1.numpy()[0, :count]], axis=1
+        )
         bodies = [tuple(sorted(shapes[shape].body for shape in pair)) for pair in pairs.tolist()]
-        assert bodies and max(collections.Counter(bodies).values()) <= 2
+        assert bodies
+        assert max(collections.Counter(bodies).values()) <= 2
         shoes = {*parts.left.shoes, *parts.right.shoes}
         assert all(len(shoes & set(pair)) == 1 for pair in bodies), "shoes meet wheels and the ground, and nothing else"
 
 
 def test_the_joints_hold_while_the_tensioners_snap():
-    """270 kN are let go at once. A joint's error in a step is a third of h² w² r / 2; shoes turn with up to 50 rad/s,
-    which makes 3.2e-5 m, and ten times as much is left for the shock itself."""
+    """270 kN are let go at once, and shoes turn with up to 100 rad/s. A step follows the curvature of its start: what
+    it misses is at most h²/2 r w² for each of the two shoes of a pin, w being all the rate that comes and goes in it."""
     sim, _ = vehicle()
+    lever, before = 0.5 * SPEC.left.shoe.pitch, 0.0
     for _ in range(60):
         sim.step()
-        assert sim.diagnostics.position_error.numpy().max() < 5e-4
+        rate = float(np.linalg.norm(sim.state.body_omega.numpy()[0], axis=1).max())
+        assert sim.diagnostics.position_error.numpy().max() < sim.dt**2 * lever * (before + rate) ** 2 + 1e-6
+        before = rate
 
 
 def test_no_momentum_comes_from_nowhere():
@@ -134,8 +140,8 @@ def test_what_is_not_there_is_refused_by_name(case):
 @pytest.mark.slow
 def test_it_stands_as_recorded():
     """Project Chrono, penalty contacts, 10 s at rest. Compliances are secants of its law of Hertz at the loads of the
-    recorded run. 15 % of the pins' forces, 2 cm and 0.05 rad are what the drum in the place of teeth and two contacts in
-    the place of eight change: a tensioner's force is 1 kN for each millimetre of the chain."""
+    recorded run. 15 % of the pins' forces, 2 cm and 0.05 rad are what the drum in the place of teeth, and two contacts
+    in the place of eight, change: a tensioner's force is 1 kN for each millimetre of the chain."""
     sim, parts = vehicle(wheel_compliance=7.6e-7, ground_compliance=1.9e-6)
     sim.step(4000)
     pins = {"left": [], "right": []}
