@@ -74,7 +74,7 @@ def test_a_shoe_has_two_contacts_with_each_partner_at_most():
 
 def test_the_joints_hold_while_the_tensioners_snap():
     """270 kN are let go at once, and shoes turn with up to 100 rad/s. A step follows the curvature of its start: what
-    it misses is at most h²/2 r w² for each of the two shoes of a pin, w being all the rate that comes and goes in it."""
+    it misses is at most h²/2 r w² for each of the two shoes of a pin, w being all the rate that comes and goes."""
     sim, _ = vehicle()
     lever, before = 0.5 * SPEC.left.shoe.pitch, 0.0
     for _ in range(60):
