@@ -18,7 +18,7 @@ import warp as wp
 import simwarp as sw
 from simwarp.bench.machine import describe
 from simwarp.core.rotation import rotate
-from simwarp.vehicle.tracks import SprocketContact, TrackedVehicleParts, add_tracked_vehicle, load_tracked_vehicle
+from simwarp.vehicle import SprocketContact, TrackedVehicleParts, add_tracked_vehicle, load_tracked_vehicle
 
 WHEEL_COMPLIANCE: Final = 7.6e-7
 """Sink over load [m/N] of a recorded box on an idler under 25 kN: 19 mm, by Hertz's law with the recorded moduli."""

@@ -16,7 +16,7 @@ import pytest
 from simwarp.importers.chrono_tracks import load_chrono_tracked_vehicle
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.track_parts import BrakedDifferential, DoublePinShoe, DoublePinSprocket
-from simwarp.vehicle.tracks import load_tracked_vehicle
+from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 
 VALUES = json.loads((Path(__file__).parent / "chrono_track_files.json").read_text(encoding="utf-8"))
 SINGLE, DOUBLE = (f"M113/vehicle/M113_Vehicle_{name}.json" for name in ("SinglePin", "DoublePin_BDS"))

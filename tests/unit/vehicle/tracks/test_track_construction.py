@@ -10,7 +10,8 @@ import simwarp as sw
 from simwarp.core.rotation import rotate
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
-from simwarp.vehicle.tracks import SprocketContact, add_tracked_vehicle, load_tracked_vehicle
+from simwarp.vehicle.tracks.track_construction import SprocketContact, add_tracked_vehicle
+from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from tests.unit.vehicle.tracks.test_track_specs import DOUBLE
 
 SOLVER = sw.SolverOptions(max_iterations=100, fallback=False, refinement=0)
