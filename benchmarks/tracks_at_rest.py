@@ -48,8 +48,10 @@ def vehicle(compliant: bool) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
     left, right = (dataclasses.replace(track, brake=None) for track in (spec.left, spec.right))
     spec = dataclasses.replace(spec, left=left, right=right, driveline=None)
     builder = sw.ModelBuilder()
-    compliance = {"wheel_compliance": WHEEL_COMPLIANCE, "ground_compliance": GROUND_COMPLIANCE} if compliant else {}
-    parts = add_tracked_vehicle(builder, spec, sprocket=SprocketContact.DRUM, **compliance)
+    wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
+    parts = add_tracked_vehicle(
+        builder, spec, sprocket=SprocketContact.DRUM, wheel_compliance=wheels, ground_compliance=ground
+    )
     builder.add_shape_plane(material=sw.Material(friction=0.9))
     return builder, parts
 
@@ -63,7 +65,7 @@ def simulation(model: sw.Model, iterations: int, dt: float = 1.0e-3, **options: 
 def readings(sim: sw.Simulation, parts: TrackedVehicleParts) -> dict[str, Any]:
     """What the recorded run tells, now."""
     force = np.linalg.norm(sim.diagnostics.joint_reaction_force.numpy()[0], axis=1)
-    x, q = sim.body_position("chassis"), sim.body_rotation("chassis")
+    x, q = (np.asarray(value, np.float64) for value in (sim.body_position("chassis"), sim.body_rotation("chassis")))
     found: dict[str, Any] = {
         "z [m]": (x + rotate(q, parts.reference))[2], "pitch [rad]": 2.0 * (q[3] * q[1] - q[0] * q[2]),
     }  # fmt: skip

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_shoes_that_lie_in_each_other():
         lay_chain(LEFT, pitch=PITCH, shoes=80)
 
 
-MISTAKES = {
+MISTAKES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "no pitch": ({}, {"pitch": 0.0}, "pitch must be > 0 m, got 0"),
     "an endless pitch": ({}, {"pitch": math.inf}, "pitch must be > 0 m, got inf"),
     "two shoes": ({}, {"shoes": 2}, "shoes must be a whole number >= 3, got 2"),
@@ -131,5 +132,6 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes(mistake):
     course, arguments, message = MISTAKES[mistake]
+    given: dict[str, Any] = {"pitch": PITCH, "shoes": 63, **arguments}
     with pytest.raises(SpecError, match=f"track: {message}"):
-        lay_chain(dataclasses.replace(LEFT, **course), **{"pitch": PITCH, "shoes": 63, **arguments})
+        lay_chain(dataclasses.replace(LEFT, **course), **given)

@@ -145,7 +145,7 @@ def test_it_stands_as_recorded():
     in the place of eight, change: a tensioner's force is 1 kN for each millimetre of the chain."""
     sim, parts = vehicle(wheel_compliance=7.6e-7, ground_compliance=1.9e-6)
     sim.step(4000)
-    pins = {"left": [], "right": []}
+    pins: dict[str, list[float]] = {"left": [], "right": []}
     for _ in range(50):
         sim.step(10)
         force = np.linalg.norm(sim.diagnostics.joint_reaction_force.numpy()[0], axis=1)

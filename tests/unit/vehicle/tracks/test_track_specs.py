@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from typing import Any
 
 import pytest
 
@@ -52,7 +53,7 @@ def test_a_file_and_back(tmp_path):
     assert load_tracked_vehicle(path) == M113
 
 
-MISTAKES = {
+MISTAKES: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no teeth": (SPROCKET, {"teeth": 0}, "teeth: must be at least 3, got 0"),
     "two teeth": (SPROCKET, {"teeth": 2}, "teeth: must be at least 3, got 2"),
     "a profile without gaps": (SPROCKET, {"tip_radius": 0.2}, "tip_radius: must be above the bottom of the gaps"),
