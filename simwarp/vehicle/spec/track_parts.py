@@ -264,7 +264,17 @@ class SlidingIdler(Spec):
     slide_angle: float = 0.0
     """Of the slide above the horizontal, about -y [rad]."""
     tensioner: Tensioner
+    """Along the slide."""
     wheel: TrackWheel
+
+    def check(self) -> None:
+        """A tensioner along the slide."""
+        first, second = self.tensioner.carrier_point, self.tensioner.chassis_point
+        along = (second[0] - first[0]) * math.cos(self.slide_angle) + (second[2] - first[2]) * math.sin(
+            self.slide_angle
+        )
+        if not math.isclose(abs(along), math.dist(first, second), rel_tol=1e-6):
+            raise refuse("tensioner", f"along the slide, at {self.slide_angle:g} rad", (first, second))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

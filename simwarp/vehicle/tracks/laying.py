@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.spec.parts import SpecError
 
 Array = npt.NDArray[np.float64]
 

@@ -149,6 +149,8 @@ def add_tracked_vehicle(
 
 
 def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> None:
+    if not isinstance(sprocket, SprocketContact):
+        raise refuse("sprocket", "a SprocketContact", sprocket, "write SprocketContact.DRUM")
     if sprocket is not SprocketContact.DRUM:
         raise SpecError("sprocket: 'teeth' is not there yet: contacts with a profile are missing; use 'drum'")
     if spec.driveline is not None:
@@ -163,6 +165,11 @@ def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> N
             raise SpecError(f"{name}.brake: is not there yet; leave it out (dataclasses.replace)")
         if track.pin_stiffness > 0.0 or track.pin_damping > 0.0:
             raise SpecError(f"{name}.pin_stiffness: springs at pins are not there yet; leave them out")
+        try:
+            lay_track(track)
+            drum_radius(track)
+        except SpecError as error:
+            raise SpecError(f"{name}.{error}") from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -246,9 +253,6 @@ class _Track:
         along = frame.along((math.cos(idler.slide_angle), 0.0, math.sin(idler.slide_angle)))
         tensioner = idler.tensioner
         line = frame.at(tensioner.chassis_point) - frame.at(tensioner.carrier_point)
-        length = float(np.linalg.norm(line))
-        if not math.isclose(abs(float(line @ along)), length, rel_tol=1e-6):
-            raise refuse("idler.tensioner", "along the slide", (*tensioner.carrier_point, *tensioner.chassis_point))
         sign = math.copysign(1.0, float(line @ along))  # moving towards the chassis' point shortens it
         slide = builder.add_joint_prismatic(
             f"{frame.name}.tensioner", self.chassis, carrier, axis=along, anchor=frame.at(idler.slide),

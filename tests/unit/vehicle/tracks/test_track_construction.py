@@ -2,14 +2,15 @@
 
 import collections
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 import simwarp as sw
 from simwarp.core.rotation import rotate
-from simwarp.vehicle.spec.parts import SpecError
-from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
+from simwarp.vehicle.spec.parts import RigidPart, SpecError
+from simwarp.vehicle.spec.track_parts import DoublePinShoe, TrackedVehicleSpec
 from simwarp.vehicle.tracks.track_construction import SprocketContact, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from tests.unit.vehicle.tracks.test_track_specs import DOUBLE
@@ -116,16 +117,34 @@ def test_two_vehicles_have_groups_of_their_own():
         add_tracked_vehicle(builder, SPEC, sprocket=SprocketContact.DRUM, prefix="v0_")
 
 
+PAD = SPEC.left.shoe.wheel_pad
+TWO_PINS = DoublePinShoe(
+    mass=18.02, inertia=(0.22, 0.04, 0.25), length=0.0984, width=0.2781, height=0.06, ground_pad=PAD, wheel_pad=PAD,
+    guide=(0.045, 0.0, 0.0375), friction=0.8, connector=RigidPart(mass=2.0, inertia=(0.1, 0.1, 0.1)),
+    connector_length=0.054, connector_radius=0.02, connector_width=0.02,
+)  # fmt: skip
+
+
 def with_left(**changes):
     return dataclasses.replace(SPEC, left=dataclasses.replace(SPEC.left, **changes))
 
 
-REFUSED = {
+REFUSED: dict[str, tuple[TrackedVehicleSpec, Any, str]] = {
+    "a word": (SPEC, "drum", "sprocket: must be a SprocketContact, got 'drum'; write SprocketContact.DRUM"),
+    "shoes with two pins": (
+        with_left(shoe=TWO_PINS, sprocket=DOUBLE),
+        SprocketContact.DRUM,
+        "left.shoe: 'track-double-pin'",
+    ),
     "teeth": (SPEC, SprocketContact.TEETH, "sprocket: 'teeth' is not there yet"),
     "driveline": (load_tracked_vehicle("m113"), SprocketContact.DRUM, "driveline: 'simple-tracks' is not there yet"),
     "brakes": (with_left(brake=load_tracked_vehicle("m113").left.brake), SprocketContact.DRUM, "left.brake: is not"),
     "springs at pins": (with_left(pin_stiffness=1.0), SprocketContact.DRUM, "left.pin_stiffness: springs at pins"),
-    "an open chain": (with_left(shoes=61), SprocketContact.DRUM, "61 shoes of 0.154 m does not close"),
+    "an open chain": (
+        with_left(shoes=61),
+        SprocketContact.DRUM,
+        "left.track: a chain of 61 shoes of 0.154 m does not close",
+    ),
 }
 
 
@@ -135,7 +154,7 @@ def test_what_is_not_there_is_refused_by_name(case):
     builder = sw.ModelBuilder()
     with pytest.raises(SpecError, match=message):
         add_tracked_vehicle(builder, spec, sprocket=sprocket)
-    assert DOUBLE.template == "sprocket-double-pin"
+    assert not builder.bodies
 
 
 @pytest.mark.slow

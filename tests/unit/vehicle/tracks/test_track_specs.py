@@ -63,6 +63,7 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], str]] = {
     "a tensioner without length": (
         IDLER.tensioner, {"carrier_point": (0.5, -0.2, 0.0)}, "carrier_point: must be apart from chassis_point",
     ),
+    "a tensioner across the slide": (IDLER, {"slide_angle": 0.1}, "tensioner: must be along the slide, at 0.1 rad"),
     "shoes that overlap": (SHOE, {"pitch": 0.1}, "ground_pad.size: must be shorter than the pitch of 0.1 m"),
     "rollers the wrong way round": (SHOE, {"roller_front": -0.1}, "roller_rear: must be behind roller_front -0.1 m"),
     "a gap as wide as the wheel": (WHEEL, {"gap": 0.2}, "gap: must be less than the width of 0.181 m, got 0.2"),
