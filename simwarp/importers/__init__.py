@@ -7,6 +7,7 @@ spec = sw.importers.load_chrono_vehicle("HMMWV_Vehicle.json")
 from __future__ import annotations
 
 from simwarp.importers.chrono_sensors import load_chrono_sensor
+from simwarp.importers.chrono_tracks import load_chrono_tracked_vehicle
 from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.importers.imported import Imported
 from simwarp.importers.mjcf.mjcf_reader import load_mjcf
@@ -22,6 +23,7 @@ __all__ = [
     "Imported",
     "ImportedWarning",
     "load_chrono_sensor",
+    "load_chrono_tracked_vehicle",
     "load_chrono_vehicle",
     "load_mjcf",
     "load_robot",

@@ -1,4 +1,4 @@
-"""Wheeled vehicles: descriptions, assembly into a model, tires, powertrain, drivers, recorded runs.
+"""Vehicles: descriptions, assembly into a model, tires, tracks, powertrain, drivers, recorded runs.
 
 spec = sw.vehicle.load("hmmwv")
 builder = sw.ModelBuilder()
@@ -24,12 +24,15 @@ from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.parts import SpecError
+from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
+from simwarp.vehicle.tracks.track_construction import SprocketContact, TrackedVehicleParts, add_tracked_vehicle
+from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
 
@@ -54,10 +57,13 @@ __all__ = [
     "ScriptSpec",
     "ScriptedDriver",
     "SpecError",
+    "SprocketContact",
     "Stanley",
     "Tire",
     "Tires",
     "TmeasyTire",
+    "TrackedVehicleParts",
+    "TrackedVehicleSpec",
     "TravelTable",
     "Vehicle",
     "VehicleParts",
@@ -65,12 +71,14 @@ __all__ = [
     "Vehicles",
     "add_chassis_box",
     "add_payload",
+    "add_tracked_vehicle",
     "add_vehicle",
     "bezier",
     "circle",
     "ground",
     "ground_of",
     "load",
+    "load_tracked_vehicle",
     "load_vehicle",
     "look_ahead_for",
     "maneuver",
@@ -78,10 +86,12 @@ __all__ = [
     "per_world",
     "place_vehicle",
     "read_path",
+    "save_tracked_vehicle",
     "save_vehicle",
     "set_payload",
     "set_up",
     "set_up_convoy",
+    "tracked_vehicle_names",
     "travel_table",
     "vehicle_names",
     "with_options",

@@ -1,0 +1,42 @@
+"""Tracked vehicles from files and by name, and back into files (`simwarp.vehicle.spec.vehicle_files`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from simwarp.core import files
+from simwarp.core.types import formatted
+from simwarp.core.wording import nearest
+from simwarp.vehicle.spec.parts import SpecError
+from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
+from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, to_json
+
+TRACKED: Final = DATA / "tracked"
+"""The shipped tracked vehicles: NAME.json."""
+
+
+def tracked_vehicle_names() -> list[str]:
+    """Names of the shipped tracked vehicles."""
+    return sorted(path.stem for path in TRACKED.glob("*.json"))
+
+
+def load_tracked_vehicle(path_or_name: str | Path) -> TrackedVehicleSpec:
+    """The tracked vehicle of a file, or the shipped one of that name.
+
+    Raises:
+        SpecError: unknown name, unreadable file, or a value that breaks a rule.
+    """
+    text = str(path_or_name)
+    if isinstance(path_or_name, str) and not text.endswith(".json") and "/" not in text and "\\" not in text:
+        names = tracked_vehicle_names()
+        if text not in names:
+            known = ", ".join(names)
+            raise SpecError(f"tracked vehicle {formatted(text)}: not shipped{nearest(text, names)}; known: {known}")
+        path_or_name = TRACKED / f"{text}.json"
+    return read_spec(TrackedVehicleSpec, path_or_name)
+
+
+def save_tracked_vehicle(spec: TrackedVehicleSpec, path: str | Path) -> None:
+    """Writes a tracked vehicle to one file; `load_tracked_vehicle` gives back an equal one."""
+    files.write_file(path, to_json(spec))
