@@ -541,7 +541,7 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _arrays(self) -> list[wp.array]:
         """Arrays of a snapshot, in its order."""
         groups = (self.state, self.control, self.contacts)
-        return [*(getattr(part, name) for part in groups for name in part.NAMES), *self.memory]
+        return [*(array for part in groups for array in part.in_files().values()), *self.memory]
 
     def _mask(self, call: str, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device; `call` is what errors name."""
