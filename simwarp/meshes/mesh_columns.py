@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import WORLD
+from simwarp.core.types import WORLD, ModelError, formatted
 from simwarp.kernels.meshes.mesh_loads import GlueTables, MeshTables
 from simwarp.meshes.block_structure import BlockStructure, analyse, element_blocks
 from simwarp.meshes.mesh_costs import MeshCost, cost_of
@@ -238,7 +238,15 @@ def mesh_cost(mesh: FlexibleMesh) -> MeshCost:
 
     Args:
         mesh: that `add_solid_mesh` or `add_shell` gave.
+
+    Raises:
+        ModelError: it is none.
     """
+    if not isinstance(mesh, FlexibleMesh):
+        raise ModelError(
+            f"mesh_cost: mesh must be a FlexibleMesh, got {formatted(mesh)}; pass what add_shell or add_solid_mesh "
+            "returned"
+        )
     return costs_of([mesh], mesh_columns([mesh]))
 
 

@@ -286,9 +286,11 @@ def _held_nodes(
                 f"{thing}: glue must name a body that turns, got '{builder.bodies[body].name}', a node of "
                 f"'{of_meshes[int(body)].name}'; join nodes by add_joint_spherical"
             )
-        owner = int(body) if owner is None else owner
+        chosen = _chosen(thing, "glue", count, sets, nodes)
+        if owner is None and chosen:
+            owner = int(body)
         place = held if body == owner else joined
-        for node in _chosen(thing, "glue", count, sets, nodes):
+        for node in chosen:
             if node in held or node in joined:
                 raise ModelError(f"{thing}: a node must be held once, got node {node} twice; leave it out of one set")
             place[node] = int(body)

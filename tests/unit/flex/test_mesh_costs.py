@@ -136,3 +136,9 @@ def test_costs_and_models_print_them():
     plain = sw.ModelBuilder()
     plain.add_body("ball", mass=1.0, inertia=(1.0, 1.0, 1.0))
     assert "meshes" not in repr(plain.finalize(1, "cpu"))
+
+
+@pytest.mark.parametrize("thing", ["pad", None, 3])
+def test_what_is_no_mesh_has_no_cost(thing):
+    with pytest.raises(sw.ModelError, match=r"mesh_cost: mesh must be a FlexibleMesh, got .*; pass what add_shell"):
+        sw.flex.mesh_cost(thing)

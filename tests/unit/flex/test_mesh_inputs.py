@@ -148,3 +148,15 @@ def test_a_mesh_may_have_several_kinds_and_materials():
     mesh = make_mesh("mesh", points, parts, device="cpu")
     assert mesh.tables.node_mass.numpy().sum() == pytest.approx(1000.0 * 0.002 + 900.0 * 0.02 * 1e-3, rel=1e-6)
     assert mesh.sizes.shares == 2 * 8 + 4 * 6
+
+
+def test_a_body_that_nothing_is_glued_to_does_not_own_the_mesh():
+    """Nodes of the other one are its own then, without a ball at each."""
+    builder = sw.ModelBuilder()
+    for name in ("a", "b"):
+        builder.add_body(name, mass=1.0, inertia=(0.01, 0.01, 0.01))
+    rubber = sw.flex.Rubber(young=1e5, poisson=0.4, density=1000.0)
+    glue = {"a": [], "b": "z_max"}
+    mesh = builder.add_solid_mesh("pad", sw.flex.box((0.1, 0.1, 0.1), 1), material=rubber, glue=glue)
+    assert mesh.owner == 1
+    assert not builder.joints
