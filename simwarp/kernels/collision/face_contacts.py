@@ -2,13 +2,14 @@
 
 A face is a triangle between nodes, as thick as the spheres of these. Near a shape it is listed, searched and cut as a
 triangle of the ground is (ground.py); contacts that the surface as a whole does not have are dropped, and those at its
-corners, which the spheres have. What remains lies on an edge, which counts once for both its faces, or inside.
+corners, which the spheres have. What remains lies on an edge, which counts once for both its faces, or inside. Contacts
+of these spheres are dropped where their normal leans over an edge: what slides over a flat surface meets no bumps.
 """
 
 import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates
-from simwarp.kernels.collision.collide import FACES, contact_reach
+from simwarp.kernels.collision.collide import FACES, FORMULA, SEARCHED, contact_reach
 from simwarp.kernels.collision.contact_lists import FoundContact, FoundContacts, ListState, Search, Searches
 from simwarp.kernels.collision.ground import clip_triangle
 from simwarp.kernels.collision.placement import CollisionScratch, near_distance, pair_origin, placed, reach_time
@@ -39,6 +40,9 @@ AT_CORNER = wp.constant(1.0e-3)
 SAME_PLACE = wp.constant(1.0e-2)
 """Of an edge: contacts on it that are nearer to each other are one, if the square of the difference of their normals is
 less than this too."""
+OVER_EDGE = wp.constant(5.0e-2)
+"""Sine of the angle by which the normal of a node's contact may lean over an edge that begins there: of a flat surface
+it stands upright, and what deforms is never quite flat."""
 
 
 @wp.func
@@ -252,6 +256,53 @@ def add_on_face(
 
 
 @wp.func
+def leans_over_edge(c: FoundContact, k: int, topology: Topology, searches: Searches) -> bool:
+    """True if a contact of a node's sphere leans over an edge of a listed face that begins at the node."""
+    s = searches.search[k]
+    t = searches.facing[k].t
+    face = t.index // 2
+    flipped = t.index % 2
+    convex = s.shape0 + s.shape1 - topology.face[face, OWNER]
+    sphere = c.shape0
+    n = c.normal
+    if convex == c.shape0:
+        sphere = c.shape1
+        n = -n
+    elif convex != c.shape1:
+        return False
+    for corner in range(3):
+        own = corner
+        if flipped == 1 and corner > 0:
+            own = 3 - corner
+        if topology.face_point[topology.face[face, own], 1] == sphere:
+            a = corner_of(t, corner)
+            for side in range(2):
+                e = corner_of(t, (corner + 1 + side) % 3) - a
+                if wp.dot(n, e) > OVER_EDGE * wp.length(e):
+                    return True
+    return False
+
+
+@wp.func
+def drop_leaning(way: int, topology: Topology, searches: Searches, found: FoundContacts):
+    """Takes those contacts of nodes out of a list that the surface as a whole does not have: its normals at a node lean
+    away from all edges there.
+    """
+    kept = int(0)
+    for place in range(found.list[way].count):
+        c = found.contact[way, place]
+        leans = bool(False)
+        for k in range(searches.list[0].count):
+            if leans_over_edge(c, k, topology, searches):
+                leans = True
+        if not leans:
+            if kept < place:
+                found.contact[way, kept] = c
+            kept += 1
+    found.list[way].count = kept
+
+
+@wp.func
 def clip_faces(
     world: int, scratch_slot: int, topology: Topology, assets: Assets, state: StateArrays, scratch: CollisionScratch,
     triangles: Searches, manifold: Manifold, found: FoundContacts,
@@ -262,6 +313,8 @@ def clip_faces(
         contacts = clip_triangle(k, assets, triangles, manifold)
         if contacts > 0:
             keep_on_face(world, scratch_slot, k, contacts, topology, assets, state, scratch, triangles, manifold, found)
+    for way in range(2):
+        drop_leaning(wp.where(way == 0, FORMULA, SEARCHED), topology, triangles, found)
 
 
 @wp.func
