@@ -31,12 +31,15 @@ PROGRAMS = ("simwarp", "python", "torchrun", "make", "pip", "pytest", "pre-commi
 
 RECORDER = """#!/bin/bash
 name="$(basename "$0")"
-{ printf '%s\\x1f' "$name" "$@"; printf '\\x1e'; } >> "$RECORDED"
+line="$(printf '%s\\x1f' "$name" "$@")"
+printf '%s\\x1e' "$line" >> "$RECORDED"
 [ "$name" = scontrol ] && echo head
 [ "$name $1" = "simwarp new-task" ] && mkdir -p "$2"
 exit 0
 """
-"""Writes down what it is called with. `scontrol` names a host, and `new-task` makes the folder that a block enters."""
+"""Writes down what it is called with, in one go: a block may start two programs at once. `scontrol` names a host, and
+`new-task` makes the folder that a block enters.
+"""
 
 PLACEHOLDERS = {
     "TASK": "obstacle-avoidance", "TARGET": "ant", "RUN": "runs/ant/2026-01-31_12-00-00", "NAME": "my-robot",
