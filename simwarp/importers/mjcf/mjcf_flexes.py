@@ -90,7 +90,7 @@ def add_flexes(source: Source) -> dict[str, int]:
                 spec, mass=mass, inertia=np.asarray(spec.inertia) * (mass / spec.mass)
             )
             found[spec.name] = node
-        _tell(source, flex)
+        _report(source, flex)
     return found
 
 
@@ -261,12 +261,12 @@ def _set_masks(source: Source, flex: Flex, shapes: Sequence[int]) -> None:
         slots[shape] = dataclasses.replace(slots[shape], group=group, mask=mask)
 
 
-def _tell(source: Source, flex: Flex) -> None:
+def _report(source: Source, flex: Flex) -> None:
     """What became of a flex, and which of its equations are others."""
     model, report, index, name = source.model, source.report, flex.index, flex.name
     kind = KIND[int(model.flex_dim[index])]
-    told = f"{len(flex.own)} nodes" if kind == "rod" else mesh_cost(source.builder.flexible_meshes[-1]).summary
-    report.hold("flex", name, f"a {kind} of {told}")
+    size = f"{len(flex.own)} nodes" if kind == "rod" else mesh_cost(source.builder.flexible_meshes[-1]).summary
+    report.hold("flex", name, f"a {kind} of {size}")
     if kind == "rod":
         report.approximate("flex rod", name, "elements bend, shear and stretch between vertices (add_rod)")
         if model.flex_edgeequality[index]:
