@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.importers.chrono_json import Node
-from simwarp.importers.chrono_vehicle import Files, chassis, expect, find_root
+from simwarp.importers.chrono_vehicle import Files, chassis, open_vehicle
 from simwarp.vehicle.spec.parts import ForceLine, RigidPart
 from simwarp.vehicle.spec.track_parts import (
     BrakedDifferential,
@@ -49,11 +49,7 @@ def load_chrono_tracked_vehicle(vehicle_json: str | Path, *, root: str | Path | 
     Raises:
         SpecError: a file that cannot be read, an unknown key or template, or a value that breaks a rule.
     """
-    path = Path(vehicle_json)
-    node = Node.of_file(path)
-    expect(node, "Vehicle", ("TrackedVehicle",))
-    chassis_file = node.child("Chassis").text("Input File")
-    files = Files(find_root(path, chassis_file) if root is None else Path(root))
+    node, chassis_file, files = open_vehicle(Path(vehicle_json), "TrackedVehicle", root)
     mounts = list(node.each("Track Assemblies"))
     if len(mounts) != 2:
         raise node.place.at("Track Assemblies").error(f"must be two, left and right, got {len(mounts)}")
@@ -64,7 +60,7 @@ def load_chrono_tracked_vehicle(vehicle_json: str | Path, *, root: str | Path | 
     tracks = [files.part("TrackAssembly", ASSEMBLIES, mount.text("Input File"), files) for mount in mounts]
     spec = node.make(
         TrackedVehicleSpec,
-        name=node.text("Name") if "Name" in node else path.stem,
+        name=node.text("Name") if "Name" in node else Path(vehicle_json).stem,
         chassis=files.part("Chassis", {"RigidChassis": chassis}, chassis_file),
         left=tracks[0], right=tracks[1], track_offset=left,
         driveline=files.part("TrackDriveline", DRIVELINES, node.child("Driveline").text("Input File"))

@@ -69,11 +69,7 @@ def load_chrono_vehicle(
     Raises:
         SpecError: a file that cannot be read, an unknown key or template, or a value that breaks a rule.
     """
-    path = Path(vehicle_json)
-    node = Node.of_file(path)
-    expect(node, "Vehicle", ("WheeledVehicle",))
-    chassis_file = node.child("Chassis").text("Input File")
-    files = Files(find_root(path, chassis_file) if root is None else Path(root))
+    node, chassis_file, files = open_vehicle(Path(vehicle_json), "WheeledVehicle", root)
     # What Chrono declares for its path-following drivers; ours follow from the geometry.
     node.skip("Minimum Turning Radius", "Maximum Steering Angle (deg)", "Maximum Steering Angle")
     axles = read_axles(node, files, tire)
@@ -87,7 +83,7 @@ def load_chrono_vehicle(
     )
     spec = node.make(
         VehicleSpec,
-        name=node.text("Name") if "Name" in node else path.stem,
+        name=node.text("Name") if "Name" in node else Path(vehicle_json).stem,
         chassis=files.part("Chassis", {"RigidChassis": chassis}, chassis_file),
         axles=axles,
         steerings=steerings,
@@ -98,6 +94,18 @@ def load_chrono_vehicle(
     )
     node.finish()
     return spec
+
+
+def open_vehicle(path: Path, template: str, root: str | Path | None) -> tuple[Node, str, Files]:
+    """The object of a vehicle's file, the name of its chassis' file, and the files of its subsystems.
+
+    Raises:
+        SpecError: it cannot be read, is of another template, or there is no such chassis.
+    """
+    node = Node.of_file(path)
+    expect(node, "Vehicle", (template,))
+    chassis_file = node.child("Chassis").text("Input File")
+    return node, chassis_file, Files(find_root(path, chassis_file) if root is None else Path(root))
 
 
 def find_root(path: Path, file: str) -> Path:

@@ -41,13 +41,22 @@ def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
     Raises:
         SpecError: unknown name, unreadable file, or a value that breaks a rule.
     """
+    return read_spec(VehicleSpec, shipped_or_own("vehicle", DATA, path_or_name))
+
+
+def shipped_or_own(kind: str, folder: Path, path_or_name: str | Path) -> Path:
+    """A path, or that of the shipped vehicle of a name in a folder; `kind` is what errors call it.
+
+    Raises:
+        SpecError: there is none of that name.
+    """
     text = str(path_or_name)
-    if isinstance(path_or_name, str) and not text.endswith(".json") and "/" not in text and "\\" not in text:
-        names = vehicle_names()
-        if text not in names:
-            raise SpecError(f"vehicle {formatted(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
-        path_or_name = DATA / f"{text}.json"
-    return read_spec(VehicleSpec, path_or_name)
+    if not isinstance(path_or_name, str) or text.endswith(".json") or "/" in text or "\\" in text:
+        return Path(path_or_name)
+    names = sorted(path.stem for path in folder.glob("*.json"))
+    if text not in names:
+        raise SpecError(f"{kind} {formatted(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
+    return folder / f"{text}.json"
 
 
 def read_spec(cls: type[S], path: str | Path) -> S:

@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from simwarp.core import files
-from simwarp.core.types import formatted
-from simwarp.core.wording import nearest
-from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
-from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, to_json
+from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, shipped_or_own, to_json
 
 TRACKED: Final = DATA / "tracked"
 """The shipped tracked vehicles: NAME.json."""
@@ -27,14 +24,7 @@ def load_tracked_vehicle(path_or_name: str | Path) -> TrackedVehicleSpec:
     Raises:
         SpecError: unknown name, unreadable file, or a value that breaks a rule.
     """
-    text = str(path_or_name)
-    if isinstance(path_or_name, str) and not text.endswith(".json") and "/" not in text and "\\" not in text:
-        names = tracked_vehicle_names()
-        if text not in names:
-            known = ", ".join(names)
-            raise SpecError(f"tracked vehicle {formatted(text)}: not shipped{nearest(text, names)}; known: {known}")
-        path_or_name = TRACKED / f"{text}.json"
-    return read_spec(TrackedVehicleSpec, path_or_name)
+    return read_spec(TrackedVehicleSpec, shipped_or_own("tracked vehicle", TRACKED, path_or_name))
 
 
 def save_tracked_vehicle(spec: TrackedVehicleSpec, path: str | Path) -> None:
