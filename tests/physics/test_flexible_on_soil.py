@@ -141,7 +141,7 @@ def standing_wheel(soil, load=6250.0, *, mesh=True, steps=2400, **parameters):
     flexible = shell.add(builder, "tire", wheel, place) if mesh else None
     model = builder.finalize(1, "cpu")
     shapes = [] if mesh else [SoilWheel(body=wheel, radius=tire.radius, width=tire.width)]
-    element = Soil(model, shapes, soil, meshes=[SoilMesh(mesh=flexible)] if mesh else [])
+    element = Soil(model, shapes, soil, meshes=[] if flexible is None else [SoilMesh(mesh=flexible)])
     options = sw.flex.Options(numerical_damping=1.0)
     sim = sw.Simulation(model, 1e-3, elements=[element], threads=1, flex=options)
     force, balance = np.zeros((1, model.body_count, 3), np.float32), []
@@ -218,7 +218,7 @@ def test_meshes_of_others_twice_or_held_are_refused():
     with pytest.raises(sw.ModelError, match="got 'plate' twice"):
         Soil(model, [], "mid", meshes=[SoilMesh(mesh=mesh)] * 2)
     with pytest.raises(sw.ModelError, match="mesh"):
-        SoilMesh(mesh="plate")
+        SoilMesh(mesh="plate")  # type: ignore[arg-type]
     with pytest.raises(sw.ModelError, match="shapes must be at least one"):
         Soil(model, [])
     sim = simulated(*sheet())[0]

@@ -77,7 +77,7 @@ def test_a_free_pair_keeps_its_momenta(order):
         sim.step(round(0.3 / dt))
         sim.measure()
         p1, l1 = momenta(sim)
-        np.testing.assert_allclose(p1, p0, atol=1e-6 * np.linalg.norm(p0))
+        np.testing.assert_allclose(p1, p0, atol=1e-6 * float(np.linalg.norm(p0)))
         lost.append(np.linalg.norm(l1 - l0) / np.linalg.norm(l0))
     assert lost[0] < 3e-4
     assert lost[0] / lost[1] == pytest.approx(2.0, rel=0.05)

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,8 +26,13 @@ STILL = {
 NAMES = CraneTask.observation_names["policy"]
 
 
+def cranes(worlds=1, **options):
+    """The task in some worlds."""
+    return make("crane", worlds, **options)
+
+
 def still(worlds=1, **options):
-    return make("crane", worlds, seed=1, **{**STILL, **options})
+    return cranes(worlds, seed=1, **{**STILL, **options})
 
 
 def hang(task, length, place=None, lean=(0.0, 0.0)):
@@ -188,7 +194,7 @@ def test_a_cable_that_falls_slack_and_is_jerked_taut_makes_no_energy():
 
 def test_a_taut_cable_makes_no_jerks_of_its_own():
     """As it did with six elements at 20 ms: thousands of times the weight."""
-    task = make("crane", 16, seed=5, max_episode_steps=1000)
+    task = cranes(16, seed=5, max_episode_steps=1000)
     generator = torch.Generator().manual_seed(1)
     worst = 0.0
     for _ in range(40):
@@ -215,7 +221,7 @@ def test_steady_wind_leans_the_load_by_its_drag():
 
 
 def test_gusts_have_their_deviation_and_correlation():
-    task = make("crane", 64, seed=3, wind=8.0, gusts=0.3, cable_elements=1)
+    task = cranes(64, seed=3, wind=8.0, gusts=0.3, cable_elements=1)
     wind = task.episode.wind.numpy()
     speed = np.linalg.norm(wind, axis=1)
     assert speed.max() <= 8.0
@@ -245,7 +251,7 @@ def test_numbers_of_flexible_parts_reach_the_simulation():
 
 
 def test_observations_are_what_their_names_say():
-    task = make("crane", 16, seed=4)
+    task = cranes(16, seed=4)
     generator = torch.Generator().manual_seed(0)
     for _ in range(15):
         action = 2.0 * torch.rand(16, 3, generator=generator) - 1.0
@@ -296,13 +302,13 @@ def test_actions_are_speeds_that_rise_as_slowly_as_the_drives_allow():
         task.step(torch.eye(3))
         seen = observed(task)
         rates.append([float(seen[n][k]) for k, n in enumerate(("slewing rate", "trolley speed", "cable speed"))])
-    rates = np.array(rates)
+    found = np.array(rates)
     fastest = np.array([0.1, 1.0, 0.8])
     rise = np.array([3.0, 2.0, 1.0])
     time = 0.2 * np.arange(1, 21)
     expected = np.minimum(time[:, None] / rise, 1.0) * fastest
     # Drives lag by 30 ms at most, and the swinging load pulls at the trolley
-    np.testing.assert_allclose(rates[:15], expected[:15], atol=0.04)
+    np.testing.assert_allclose(found[:15], expected[:15], atol=0.04)
 
 
 def test_trolley_and_hoist_stop_at_the_ends_of_their_ways():
@@ -324,7 +330,7 @@ def test_trolley_and_hoist_stop_at_the_ends_of_their_ways():
 
 
 def test_what_is_mirrored_acts_mirrored():
-    task = make("crane", 2, seed=5, wind=0.0, randomise={})
+    task = cranes(2, seed=5, wind=0.0, randomise={})
     generator = torch.Generator().manual_seed(1)
     state = {name: values[:1].repeat(2, *[1] * (values.dim() - 1)) for name, values in task.extra_state().items()}
     state["target"][1, 1] *= -1.0
@@ -351,7 +357,7 @@ def test_what_is_mirrored_acts_mirrored():
 
 def test_rewards_are_their_terms_by_numpy():
     weights = CraneConfig().rewards
-    task = make("crane", 32, seed=6)
+    task = cranes(32, seed=6)
     hang(task, 12.5)  # some touch soon, every second one softly, every fourth one on its pad
     beside = load_place(task)
     beside[:, 2] = 0.0
@@ -371,7 +377,7 @@ def test_rewards_are_their_terms_by_numpy():
     for _ in range(40):
         before = away()
         actions = task.action.numpy().copy()
-        kept = {}
+        kept: dict[str, Any] = {}
 
         def keep(kept=kept):
             kept["away"] = away()
@@ -450,7 +456,7 @@ def test_a_fast_touch_and_one_beside_the_pad_end_the_episode_as_failures(speed, 
 
 
 def test_starts_fill_their_ranges():
-    task = make("crane", 600, seed=1)
+    task = cranes(600, seed=1)
     seen = {name: values.numpy() for name, values in observed(task).items()}
     assert 5.0 <= seen["cable length"].min() < 5.1
     assert 9.9 < seen["cable length"].max() <= 10.0
@@ -474,7 +480,7 @@ def test_starts_fill_their_ranges():
 
 
 def test_at_level_0_loads_hang_low_over_their_pads_in_calm_air():
-    task = make("crane", 200, seed=1)
+    task = cranes(200, seed=1)
     task.set_level(0.0)
     task.restart(seed=1)
     seen = {name: values.numpy() for name, values in observed(task).items()}
@@ -490,7 +496,7 @@ def test_at_level_0_loads_hang_low_over_their_pads_in_calm_air():
 
 
 def test_a_reset_leaves_other_worlds_alone():
-    task = make("crane", 4, seed=2)
+    task = cranes(4, seed=2)
     for _ in range(8):
         task.step(torch.full((4, 3), 0.3))
     before = {name: values.clone() for name, values in task.extra_state().items()}
@@ -510,7 +516,7 @@ def test_a_reset_leaves_other_worlds_alone():
 
 def test_the_same_seed_gives_the_same_episodes_and_worlds_do_not_depend_on_how_many_there_are():
     def roll(worlds, seed=1):
-        task = make("crane", worlds, seed=seed, max_episode_steps=10)
+        task = cranes(worlds, seed=seed, max_episode_steps=10)
         noise = torch.rand(15, 5, 3, generator=torch.Generator().manual_seed(0)) * 2 - 1
         return torch.stack([handed_out(task.step(a[:worlds])) for a in noise])
 
@@ -521,13 +527,13 @@ def test_the_same_seed_gives_the_same_episodes_and_worlds_do_not_depend_on_how_m
 
 
 def test_state_dict_continues_exactly():
-    task = make("crane", 3, seed=2, max_episode_steps=20)
+    task = cranes(3, seed=2, max_episode_steps=20)
     noise = torch.rand(30, 3, 3, generator=torch.Generator().manual_seed(0)) * 2 - 1
     for action in noise[:13]:
         task.step(action)
     state = task.state_dict()
     expected = [handed_out(task.step(action)) for action in noise[13:]]
-    other = make("crane", 3, seed=9, max_episode_steps=20)
+    other = cranes(3, seed=9, max_episode_steps=20)
     other.load_state_dict(state)
     for action, before in zip(noise[13:], expected, strict=True):
         assert torch.equal(handed_out(other.step(action)), before)
@@ -550,13 +556,13 @@ def test_methods_and_fused_physics_have_the_same_bits(rise):
 
 def test_wrong_settings_are_named():
     with pytest.raises(InputError, match=r"start.swing must be .*0\.5.*got 0\.7"):
-        make("crane", start_swing=0.7)
+        cranes(start_swing=0.7)
     with pytest.raises(InputError, match=r"cable.elements must be .* got 0"):
-        make("crane", cable_elements=0)
+        cranes(cable_elements=0)
     with pytest.raises(InputError, match=r"randomise 'joint_rest': task 'crane' writes it itself"):
-        make("crane", randomise={"joint_rest": Range(0.9, 1.1)})
+        cranes(randomise={"joint_rest": Range(0.9, 1.1)})
     with pytest.raises(InputError, match="tolerance must be positive"):
-        make("crane", tolerance=0.0)
+        cranes(tolerance=0.0)
     assert dataclasses.replace(CraneConfig(), cable_elements=20).cable_elements == 20
 
 
@@ -564,7 +570,7 @@ def test_wrong_settings_are_named():
 
 
 def shipped_result(episodes, seed, **changes):
-    task = make("crane", episodes, seed=seed, **changes)
+    task = cranes(episodes, seed=seed, **changes)
     source = find_policy("crane", SHIPPED / "crane.pt")
     return evaluate(task, network_policy(source.content, task), episodes, seed=seed)
 

@@ -18,7 +18,7 @@ from simwarp.meshes.block_structure import BlockStructure, analyse
 from simwarp.meshes.mesh_costs import check_cost
 from simwarp.meshes.mesh_parts import MeshPart, checked_part, checked_points, lumped_masses
 from simwarp.meshes.mesh_tables import ORDER, element_tables, factor_sizes, material_tables, structure_tables
-from tests.unit.flex.free_meshes_kernels import MeshMemory, MeshScratch, step_meshes
+from tests.unit.flex.free_mesh_steps import MeshMemory, MeshScratch, step_meshes
 
 LANES = 32
 """Threads of a GPU that share a world."""

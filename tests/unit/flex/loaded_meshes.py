@@ -9,7 +9,7 @@ from simwarp.kernels.meshes.flexible_laws import FlexibleStep
 from simwarp.kernels.meshes.mesh_loads import MeshTables, load_meshes
 from simwarp.meshes.block_structure import element_blocks
 from simwarp.meshes.mesh_tables import ORDER
-from tests.unit.flex.free_meshes_kernels import MeshMemory, MeshScratch, mesh_work
+from tests.unit.flex.free_mesh_steps import MeshMemory, MeshScratch, mesh_work
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -1,6 +1,7 @@
 """Faces of meshes as built: their tables, their place in files and in what a model is compared by."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +70,8 @@ def test_a_file_keeps_where_meshes_touch(tmp_path):
     sw.save_model(builder, tmp_path / "model.json")
     again = sw.load_model(tmp_path / "model.json")
     assert [mesh.contact for mesh in again.flexible_meshes] == [sw.flex.MeshContact.FACES] * 2
+    one: Any
+    other: Any
     one, other = (made.finalize(1, "cpu") for made in (builder, again))
     assert one.identity == other.identity
     assert (one.topology.face.numpy() == other.topology.face.numpy()).all()
