@@ -17,7 +17,7 @@ from simwarp.core.constraints import (
     Positive,
     Tagged,
 )
-from simwarp.vehicle.spec.parts import RigidPart, Spec, check_apart, refuse
+from simwarp.vehicle.spec.parts import RigidPart, Spec, SpecError, check_apart, refuse
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -232,3 +232,18 @@ class AutomaticCVT(Spec):
 
 
 Transmission: TypeAlias = Annotated[AutomaticMap | AutomaticShafts | ManualShafts | AutomaticCVT, Tagged("template")]
+
+
+def check_powertrain(engine: Engine | None, transmission: Transmission | None, driveline: object | None) -> None:
+    """Checks that an engine has a transmission and a driveline, and a transmission an engine.
+
+    Raises:
+        SpecError: it has not; says which part is missing.
+    """
+    if (engine is None) != (transmission is None):
+        key, rule = "transmission", "an engine"
+        if transmission is None:
+            key, rule = "engine", "a transmission"
+        raise SpecError(f"{key}: must be given together with {rule}; add one, or leave out {key}")
+    if engine is not None and driveline is None:
+        raise refuse("driveline", "given for an engine to drive", None)

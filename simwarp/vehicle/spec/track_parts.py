@@ -12,6 +12,7 @@ import math
 from typing import Annotated, Final, Literal, TypeAlias
 
 from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Positive, Tagged
+from simwarp.vehicle.spec.drivetrain_parts import Engine, Transmission, check_powertrain
 from simwarp.vehicle.spec.parts import ZERO, ForceLine, RigidPart, Spec, SpecError, check_apart, refuse
 from simwarp.vehicle.spec.vehicle_parts import Brake, Chassis
 
@@ -270,11 +271,20 @@ class SlidingIdler(Spec):
     def check(self) -> None:
         """A tensioner along the slide."""
         first, second = self.tensioner.carrier_point, self.tensioner.chassis_point
-        along = (second[0] - first[0]) * math.cos(self.slide_angle) + (second[2] - first[2]) * math.sin(
-            self.slide_angle
-        )
-        if not math.isclose(abs(along), math.dist(first, second), rel_tol=1e-6):
+        if not math.isclose(abs(self._along), math.dist(first, second), rel_tol=1e-6):
             raise refuse("tensioner", f"along the slide, at {self.slide_angle:g} rad", (first, second))
+
+    @property
+    def _along(self) -> float:
+        """From the tensioner's point on the carrier to that on the chassis, along the slide [m]."""
+        first, second = self.tensioner.carrier_point, self.tensioner.chassis_point
+        slope = self.slide_angle
+        return (second[0] - first[0]) * math.cos(slope) + (second[2] - first[2]) * math.sin(slope)
+
+    @property
+    def tightening(self) -> float:
+        """Sign of an effort along the slide that tightens the chain: 1 or -1."""
+        return -math.copysign(1.0, self._along)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -295,10 +305,15 @@ class SupportRoller(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimpleTrackDriveline(Spec):
-    """Torque in two halves, of which steering takes from the inner side."""
+    """Torque in two halves, of which steering takes from the inner side, up to all of it."""
 
     template: Literal["simple-tracks"] = "simple-tracks"
     differential_bias: Annotated[float, Ge(1.0)] = 1.0
+    gyration: bool = False
+    """Starts in the mode in which full steering turns the inner side's torque around (`TrackedVehicle.gyration`)."""
+    legacy: bool = False
+    """The transmission sees its shaft turn backwards when the vehicle drives forwards, as in Project Chrono: a
+    converter never leaves stall, and no gear is shifted. For comparison with its runs."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -358,5 +373,11 @@ class TrackedVehicleSpec(Spec):
     track_offset: Positive
     """Of the middle of each track from the vehicle's middle [m]."""
     driveline: TrackDriveline | None = None
+    engine: Engine | None = None
+    transmission: Transmission | None = None
     start_height: float = 1.0
     """Of the frame of reference above the ground at the start [m]."""
+
+    def check(self) -> None:
+        """An engine with a transmission, and a driveline behind them."""
+        check_powertrain(self.engine, self.transmission, self.driveline)

@@ -31,6 +31,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     SimpleDriveline,
     Steering,
     Transmission,
+    check_powertrain,
 )
 from simwarp.vehicle.spec.parts import (
     BUMP_STOP,
@@ -135,13 +136,7 @@ class VehicleSpec(Readable, Spec):
         Raises:
             SpecError: they do not; says which part breaks which rule.
         """
-        if (self.engine is None) != (self.transmission is None):
-            key, rule = "transmission", "an engine"
-            if self.transmission is None:
-                key, rule = "engine", "a transmission"
-            raise SpecError(f"{key}: must be given together with {rule}; add one, or leave out {key}")
-        if self.engine is not None and self.driveline is None:
-            raise refuse("driveline", "given for an engine to drive", None)
+        check_powertrain(self.engine, self.transmission, self.driveline)
         check_vehicle(self)
         self._check_wheelbase()
 

@@ -21,6 +21,8 @@ import numpy as np
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import WORLD, Material, Pose, pose
 from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.drivetrain.transmissions import TransmissionParts, add_transmission
+from simwarp.vehicle.initial_velocity import Rolling, start_of
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3, merged, refuse
 from simwarp.vehicle.spec.track_parts import (
     RoadWheelMount,
@@ -33,6 +35,7 @@ from simwarp.vehicle.spec.track_parts import (
 )
 from simwarp.vehicle.suspensions.corner import Frame
 from simwarp.vehicle.tracks.laying import LaidChain, TrackCourse, lay_chain
+from simwarp.vehicle.tracks.track_drivelines import TrackDrivelineParts, add_track_driveline
 
 SLACK: Final = 0.9
 """Share of a shoe's height by which a chain is laid off idler and road wheels."""
@@ -82,8 +85,14 @@ class TrackedVehicleParts:
     """(3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]."""
     left: ShoeTrackParts
     right: ShoeTrackParts
+    driveline: TrackDrivelineParts
+    gears: TransmissionParts
+    start: Rolling
+    """Gear and speeds of the shafts at the start."""
     bodies: range
     """All that `add_tracked_vehicle` made."""
+    prefix: str = ""
+    """Of the names of its bodies and joints."""
 
 
 def course_of(track: ShoeTrack) -> TrackCourse:
@@ -114,7 +123,7 @@ def add_tracked_vehicle(
 ) -> TrackedVehicleParts:  # fmt: skip
     """Adds a tracked vehicle that stands, its chains as laid: tensioners tighten them in the first tenths of a second.
 
-    Shoes meet shapes of the default group, 1. Torques on sprockets are the user's (`control.joint_force`).
+    Shoes meet shapes of the default group, 1. A `TrackedVehicle` drives, steers and brakes it.
 
     Args:
         sprocket: how sprockets meet shoes; only `SprocketContact.DRUM` is there.
@@ -142,9 +151,13 @@ def add_tracked_vehicle(
         middle = origin.position + rotate(origin.rotation, np.array([0.0, side * spec.track_offset, 0.0]))
         frame = Frame(builder, f"{prefix}{name}", pose(middle, origin.rotation), side)
         sides.append(_Track(frame, track, chassis, wheel_compliance, ground_compliance).add())
+    left, right = sides
+    driveline = add_track_driveline(builder, prefix, spec.driveline, (left.sprocket, right.sprocket))
+    start = start_of(spec.transmission, 0.0, 0.0, None)
+    gears = add_transmission(builder, prefix, spec.transmission, driveline.line, start)
     return TrackedVehicleParts(
-        spec=spec, chassis=chassis, reference=-com, left=sides[0], right=sides[1],
-        bodies=range(first_body, len(builder.bodies)),
+        spec=spec, chassis=chassis, reference=-com, left=left, right=right, driveline=driveline, gears=gears,
+        start=start, bodies=range(first_body, len(builder.bodies)), prefix=prefix,
     )  # fmt: skip
 
 
@@ -153,18 +166,9 @@ def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> N
         raise refuse("sprocket", "a SprocketContact", sprocket, "write SprocketContact.DRUM")
     if sprocket is not SprocketContact.DRUM:
         raise SpecError("sprocket: 'teeth' is not there yet: contacts with a profile are missing; use 'drum'")
-    if spec.driveline is not None:
-        raise SpecError(
-            f"driveline: '{spec.driveline.template}' is not there yet; leave it out (dataclasses.replace) and put "
-            "torques on the sprockets"
-        )
     for name, track in (("left", spec.left), ("right", spec.right)):
         if not isinstance(track.shoe, SinglePinShoe) or not isinstance(track.sprocket, SinglePinSprocket):
             raise SpecError(f"{name}.shoe: '{track.shoe.template}' is not there yet; use 'track-single-pin'")
-        if track.brake is not None:
-            raise SpecError(f"{name}.brake: is not there yet; leave it out (dataclasses.replace)")
-        if track.pin_stiffness > 0.0 or track.pin_damping > 0.0:
-            raise SpecError(f"{name}.pin_stiffness: springs at pins are not there yet; leave them out")
         try:
             lay_track(track)
             drum_radius(track)
@@ -252,11 +256,9 @@ class _Track:
         carrier = frame.add_body("carrier", idler.carrier)
         along = frame.along((math.cos(idler.slide_angle), 0.0, math.sin(idler.slide_angle)))
         tensioner = idler.tensioner
-        line = frame.at(tensioner.chassis_point) - frame.at(tensioner.carrier_point)
-        sign = math.copysign(1.0, float(line @ along))  # moving towards the chassis' point shortens it
         slide = builder.add_joint_prismatic(
             f"{frame.name}.tensioner", self.chassis, carrier, axis=along, anchor=frame.at(idler.slide),
-            stiffness=tensioner.stiffness, damping=tensioner.damping, preload=-sign * tensioner.force,
+            stiffness=tensioner.stiffness, damping=tensioner.damping, preload=idler.tightening * tensioner.force,
         )  # fmt: skip
         wheel = self._add_wheel(frame, "idler", idler.wheel, (wheels, tops))
         builder.add_joint_revolute(f"{frame.name}.idler", carrier, wheel, axis=self._turning())
@@ -296,8 +298,17 @@ class _Track:
         axis, pins = self._turning(), []
         for k in range(count):
             x, z = laid.pins[k].tolist()
-            add = builder.add_joint_revolute if k > 0 else builder.add_joint_point_on_line
-            pins.append(add(f"{name}.pin{k}", shoes[k - 1], shoes[k], anchor=self.frame.at((x, 0.0, z)), axis=axis))
+            pin, anchor = f"{name}.pin{k}", self.frame.at((x, 0.0, z))
+            if k == 0:  # closes the chain, without a spring
+                pins.append(builder.add_joint_point_on_line(pin, shoes[k - 1], shoes[k], anchor=anchor, axis=axis))
+                continue
+            fold = math.remainder(float(laid.angles[k] - laid.angles[k - 1]), 2.0 * math.pi)
+            pins.append(
+                builder.add_joint_revolute(
+                    pin, shoes[k - 1], shoes[k], anchor=anchor, axis=axis, stiffness=self.spec.pin_stiffness,
+                    damping=self.spec.pin_damping, rest=fold,
+                )
+            )  # fmt: skip
         return tuple(shoes), tuple(pins)
 
     def _add_shoe_shapes(self, name: str, body: int, across: float, wheels: int, tops: int) -> None:
