@@ -247,9 +247,11 @@ class _Track:
         body = frame.add_body("sprocket", RigidPart(mass=sprocket.mass, inertia=sprocket.inertia))
         radius = drum_radius(self.spec)
         self._add_drum(body, radius, 0.5 * shoe.wheel_pad.size[1], Material(friction=sprocket.friction), (wheels, tops))
+        brake = 0.0 if self.spec.brake is None else self.spec.brake.max_torque
         return frame.builder.add_joint_revolute(
-            f"{frame.name}.sprocket", self.chassis, body, axis=self._turning(), armature=sprocket.axle_inertia
-        )
+            f"{frame.name}.sprocket", self.chassis, body, axis=self._turning(), armature=sprocket.axle_inertia,
+            friction=brake,
+        )  # fmt: skip
 
     def _add_idler(self, idler: SlidingIdler, wheels: int, tops: int) -> tuple[int, int]:
         frame, builder = self._place(self.spec.idler_location), self.frame.builder
