@@ -45,8 +45,7 @@ SOLVERS: Final[dict[str, dict[str, Any]]] = {
 def vehicle(compliant: bool) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
     """The M113 on a plane, on smooth sprockets."""
     spec = load_tracked_vehicle("m113")
-    left, right = (dataclasses.replace(track, brake=None) for track in (spec.left, spec.right))
-    spec = dataclasses.replace(spec, left=left, right=right, driveline=None)
+    spec = dataclasses.replace(spec, driveline=None, engine=None, transmission=None)
     builder = sw.ModelBuilder()
     wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
     parts = add_tracked_vehicle(

@@ -33,6 +33,7 @@ from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire,
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from simwarp.vehicle.tracks.track_construction import SprocketContact, TrackedVehicleParts, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
+from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
 
@@ -41,6 +42,7 @@ load = load_vehicle
 
 __all__ = [
     "PAYLOAD",
+    "TRACK_SOLVER",
     "VEHICLE_SOLVER",
     "CommonTire",
     "Convoy",
@@ -62,6 +64,7 @@ __all__ = [
     "Tire",
     "Tires",
     "TmeasyTire",
+    "TrackedVehicle",
     "TrackedVehicleParts",
     "TrackedVehicleSpec",
     "TravelTable",

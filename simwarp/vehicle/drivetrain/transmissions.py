@@ -30,9 +30,18 @@ class TransmissionParts:
 
 
 def add_transmission(
-    builder: ModelBuilder, prefix: str, gears: Transmission | None, driveline: DrivelineParts, start: Rolling
-) -> TransmissionParts:
+    builder: ModelBuilder, prefix: str, gears: Transmission | None, driveline: DrivelineParts, start: Rolling, *,
+    exchange_time: float = EXCHANGE_TIME,
+) -> TransmissionParts:  # fmt: skip
     """Shafts between the engine and a driveline; none of transmissions whose engine turns with the drive shaft.
+
+    Args:
+        builder: of the model.
+        prefix: of the shafts' names.
+        gears: the transmission.
+        driveline: that it drives.
+        start: gear and speeds.
+        exchange_time: of the slip behind the gears [s]; see `EXCHANGE_TIME`.
 
     Raises:
         SpecError: there is no driveline.
@@ -49,7 +58,7 @@ def add_transmission(
     ratio = gear_ratio(gears, start.gear) or gears.forward_ratios[0]
     coupling = builder.add_coupling(
         f"{prefix}gears", [(inner, ratio), *((joint, -value) for joint, value in driveline.speed)], offset=0.0,
-        damping=gears.driveshaft_inertia / EXCHANGE_TIME,
+        damping=gears.driveshaft_inertia / exchange_time,
     )  # fmt: skip
     slip = -1
     if isinstance(gears, ManualShafts):

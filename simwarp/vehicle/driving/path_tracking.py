@@ -28,7 +28,7 @@ from simwarp.vehicle.path_tracking_kernels import (
 )
 from simwarp.vehicle.spec.parts import Spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
-from simwarp.vehicle.vehicle import Vehicle
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ class PathTracker(ForceElement):
         arc: (W,) its place along the path [m].
     """
 
-    def __init__(self, vehicle: Vehicle, spec: PathTrackingSpec) -> None:
+    def __init__(self, vehicle: AnyVehicle, spec: PathTrackingSpec) -> None:
         worlds, device = vehicle.model.world_count, vehicle.model.device
         self.vehicle = vehicle
         self.spec = spec
@@ -194,7 +194,7 @@ class PathTracker(ForceElement):
         ]  # fmt: skip
 
 
-def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
+def _tracker(vehicle: AnyVehicle, spec: PathTrackingSpec) -> PathTrackerTables:
     table = PathTrackerTables()
     steering = spec.steering
     table.chassis = vehicle.parts.chassis
@@ -231,7 +231,7 @@ class InteractiveDriver(ForceElement):
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: AnyVehicle,
         *,
         gain: float | Sequence[float] | None = 4.0,
         rate: float | Sequence[float] | None = None,

@@ -44,6 +44,9 @@ QUARTER_TURN: Final = (math.sin(0.25 * math.pi), 0.0, 0.0, math.cos(0.25 * math.
 DEFAULT_GROUP: Final = 1
 """Of shapes that name none: what shoes roll on."""
 GROUP_BITS: Final = 31
+EXCHANGE_TIME: Final = 1.0e-4
+"""Of the slip between gears and sprockets [s]: a tenth of that of wheels, since torques are ten times theirs. 4500 N·m
+slip by 0.9 rad/s on 0.5 kg·m²."""
 
 
 class SprocketContact(enum.Enum):
@@ -154,7 +157,7 @@ def add_tracked_vehicle(
     left, right = sides
     driveline = add_track_driveline(builder, prefix, spec.driveline, (left.sprocket, right.sprocket))
     start = start_of(spec.transmission, 0.0, 0.0, None)
-    gears = add_transmission(builder, prefix, spec.transmission, driveline.line, start)
+    gears = add_transmission(builder, prefix, spec.transmission, driveline.line, start, exchange_time=EXCHANGE_TIME)
     return TrackedVehicleParts(
         spec=spec, chassis=chassis, reference=-com, left=left, right=right, driveline=driveline, gears=gears,
         start=start, bodies=range(first_body, len(builder.bodies)), prefix=prefix,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import warp as wp
 
@@ -23,7 +23,7 @@ from simwarp.vehicle.tracks.tracked_vehicle_kernels import (
     measure_tracked_vehicle,
     run_tracked_vehicle,
 )
-from simwarp.vehicle.vehicle import check_per_world, motion_arrays
+from simwarp.vehicle.vehicle import Vehicle, check_per_world, motion_arrays
 
 TRACK_SOLVER: Final = SolverOptions(max_iterations=100, fallback=False, position_projection=0, refinement=0)
 """For simulations of tracks, shoe by shoe: more iterations, or refinement of the digits of light bodies under heavy
@@ -183,3 +183,7 @@ def _track_tables(parts: TrackedVehicleParts, model: Model) -> TrackTables:
     table.steers_by_brake = int(parts.driveline.steers_by_brake)
     table.torque_sign = parts.driveline.torque_sign
     return table
+
+
+AnyVehicle: TypeAlias = Vehicle | TrackedVehicle
+"""What drivers drive."""
