@@ -89,6 +89,7 @@ def test_steering_takes_torque_from_the_inner_side(legacy, steering, gyration, l
 
 def test_a_braked_differential_steers_by_the_inner_brake_and_a_brake_holds_both():
     sim, vehicle = simulation()
+    assert SPEC.left.brake is not None
     most = SPEC.left.brake.max_torque
     dofs = [sim.model.joint_dof_start[side.sprocket] for side in (vehicle.parts.left, vehicle.parts.right)]
     for steering, braking, left, right in (
