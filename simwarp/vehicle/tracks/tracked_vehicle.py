@@ -25,7 +25,7 @@ from simwarp.vehicle.tracks.tracked_vehicle_kernels import (
 )
 from simwarp.vehicle.vehicle import Vehicle, check_per_world, motion_arrays
 
-TRACK_SOLVER: Final = SolverOptions(max_iterations=100, fallback=False, position_projection=0, refinement=0)
+TRACK_SOLVER: Final = SolverOptions(max_iterations=100, fallback=False, position_projection=2, refinement=0)
 """For simulations of tracks, shoe by shoe: more iterations, or refinement of the digits of light bodies under heavy
 ones, change a vehicle's motion by 1e-3 of it (docs/decisions.md).
 """
