@@ -24,7 +24,6 @@ from simwarp.vehicle.tracks.track_construction import SprocketContact, add_track
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import per_world
-from simwarp.verify.check_result import CheckResult, below, near
 
 Array = npt.NDArray[np.float64]
 
@@ -48,8 +47,8 @@ REST: Final[dict[str, tuple[float, float]]] = {
     **{f"arm {k} left [rad]": (angle, 0.02) for k, angle in enumerate((0.000, -0.172, -0.206, -0.225, -0.182))},
     **{f"arm {k} right [rad]": (angle, 0.02) for k, angle in enumerate((-0.088, -0.209, -0.228, -0.254, -0.227))},
 }  # fmt: skip
-"""Means of the last 2.5 of 10 s on contacts of Hertz's law. Forces of pins: from that law to Coulomb's, 91 to 106 kN and
-66 to 71 kN, and 6 kN more."""
+"""Means of the last 2.5 of 10 s on contacts of Hertz's law. Forces of pins: from that law to Coulomb's, 91 to 106 kN
+and 66 to 71 kN, and 6 kN more."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,8 +103,8 @@ class Trial:
 
 
 def trial(
-    spec: TrackedVehicleSpec, script: ScriptSpec | None = None, *, device: str = "cpu", dt: float = 1.0e-3, iterations: int = 100,
-    compliant: bool = False, obstacle: bool = False, reactions: bool = False,
+    spec: TrackedVehicleSpec, script: ScriptSpec | None = None, *, device: str = "cpu", dt: float = 1.0e-3,
+    iterations: int = 100, compliant: bool = False, obstacle: bool = False, reactions: bool = False,
     sprocket: SprocketContact = SprocketContact.DRUM,
 ) -> Trial:  # fmt: skip
     """The vehicle as laid, on a plane of friction 0.9."""
@@ -197,7 +196,7 @@ def first_time(time: Array, values: Array, bound: float) -> float:
 
 
 def turn(steering: float, device: str = "cpu", **options: object) -> tuple[Trial, dict[str, float]]:
-    """Towards 5 m/s for 6 s on the braked differential, then the steering rises in 0.2 s; means of the last 2 of 4.5 s."""
+    """Towards 5 m/s for 6 s on the braked differential, then steering rises in 0.2 s; means of the last 2 of 4.5 s."""
     script = ScriptSpec(
         speed=((0.0, 0.0), *after(((0.0, 0.0), (0.0, 5.0)))), brake_share=0.0,
         steering=after(((6.0, 0.0), (6.2, steering))),

@@ -69,6 +69,8 @@ class SinglePinShoe(Spec):
     """What meets road wheels and idler."""
     guide: Point
     """Tip of the guide between the discs of wheels [m]."""
+    side_pads: tuple[ShoePad, ...] = ()
+    """What else sinks into soft ground."""
     friction: NotNegative
     roller_radius: Positive
     """Of the two cylinders, about y, that meet the sprocket [m]."""
@@ -103,6 +105,7 @@ class DoublePinShoe(Spec):
     ground_pad: ShoePad
     wheel_pad: ShoePad
     guide: Point
+    side_pads: tuple[ShoePad, ...] = ()
     friction: NotNegative
     connector: RigidPart
     connector_length: Positive
