@@ -86,9 +86,9 @@ class SinglePinShoe(Spec):
             raise refuse("roller_rear", f"behind roller_front {self.roller_front} m", self.roller_rear)
 
     @property
-    def parts(self) -> int:
-        """Bodies of one shoe."""
-        return 1
+    def lengths(self) -> tuple[float, ...]:
+        """Of the links of one shoe [m]."""
+        return (self.pitch,)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -126,9 +126,9 @@ class DoublePinShoe(Spec):
         return self.length + self.connector_length
 
     @property
-    def parts(self) -> int:
-        """Bodies of one shoe and its connectors as one."""
-        return 2
+    def lengths(self) -> tuple[float, ...]:
+        """Of the links of one shoe, its connectors as one body and itself [m]."""
+        return self.connector_length, self.length
 
 
 Shoe: TypeAlias = Annotated[SinglePinShoe | DoublePinShoe, Tagged("template")]

@@ -117,7 +117,7 @@ def lay_track(track: ShoeTrack) -> LaidChain:
     Raises:
         SpecError: it does not close.
     """
-    return lay_chain(course_of(track), pitch=track.shoe.pitch, shoes=track.shoes)
+    return lay_chain(course_of(track), lengths=track.shoe.lengths, shoes=track.shoes)
 
 
 def add_tracked_vehicle(
