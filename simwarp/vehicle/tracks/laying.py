@@ -51,8 +51,8 @@ class LaidChain:
     """A closed chain of N links. Link k reaches from pin k to pin k + 1, the last one to pin 0."""
 
     pins: Array
-    """(N, 2) x, z of the pins, in the frame of the course [m]; pin 0 is straight below the sprocket's axis, or the middle
-    of link 0."""
+    """(N, 2) x, z of the pins, in the frame of the course [m]; straight below the sprocket's axis is pin 0, or the
+    middle of link 0."""
     angles: Array
     """(N,) direction from a link's first pin to its second, from +x towards +z [rad]."""
 
@@ -142,8 +142,8 @@ class _Run:
         return math.fsum(self.length(first + k) for k in range(count))
 
     def around(self, radius: float, before: float, end: float) -> None:
-        """Links whose pins lie on a circle, from the pin at which its tangent has the direction `before`, until the next
-        link's direction would pass the `end`.
+        """Links whose pins lie on a circle, from the pin at which its tangent has the direction `before`, until the
+        next link's direction would pass the `end`.
         """
         while True:
             half = math.asin(0.5 * self.length(self.count) / radius)
