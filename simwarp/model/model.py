@@ -19,6 +19,7 @@ from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Mate
 from simwarp.core.warp_start import start_warp
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
+from simwarp.geometry.sprocket_profiles import add_profile_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
@@ -32,7 +33,7 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
-from simwarp.model.shapes import default_capacity, pair_ways, shape_pairs
+from simwarp.model.shapes import check_room, default_capacity, pair_ways, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,
@@ -125,6 +126,7 @@ class Model(ParameterFields):
         what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
         check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
         pairs = shape_pairs(builder, never_meet(builder))
+        check_room(builder, pairs)
         self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
@@ -153,6 +155,7 @@ class Model(ParameterFields):
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
         self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
+        add_profile_assets(self.assets, builder.sprocket_profiles, device)
         self.identity = model_identity(builder, world_count, self.contact_capacity, self.has_rolling_friction)
 
     @classmethod
