@@ -67,7 +67,9 @@ class SinglePinShoe(Spec):
     wheel_pad: ShoePad
     """What meets road wheels and idler."""
     guide: Point
-    """Tip of the guide between the discs of wheels [m]."""
+    """Where the guide between the discs of wheels meets them [m]."""
+    guide_width: Positive = 0.01
+    """Of the guide there [m]."""
     friction: NotNegative
     roller_radius: Positive
     """Of the two cylinders, about y, that meet the sprocket [m]."""
@@ -102,6 +104,7 @@ class DoublePinShoe(Spec):
     ground_pad: ShoePad
     wheel_pad: ShoePad
     guide: Point
+    guide_width: Positive = 0.01
     friction: NotNegative
     connector: RigidPart
     connector_length: Positive
