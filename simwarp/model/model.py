@@ -48,6 +48,8 @@ from simwarp.model.topology import (
 
 LISTED_PAIRS = 2000
 """Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
+MANY_SHAPES: Final = 250
+"""Shapes above which that limit grows with their number: a grid looks at each of them, however few its partners are."""
 
 BYTES_PER_PAIR: Final = 40
 """Of the host, while it is found out which shapes can meet."""
@@ -366,7 +368,8 @@ def _pair_topology(
     shapes = builder.shapes
     t.shape_count, t.pair_count = len(shapes), len(pairs)
     t.formula_pairs, t.searched_pairs, t.ground_pairs = pair_ways([shape.type for shape in shapes], pairs)
-    t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > LISTED_PAIRS else 0
+    most_listed = LISTED_PAIRS * max(1.0, len(shapes) / MANY_SHAPES)
+    t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > most_listed else 0
     t.shape_body = ints([shape.body for shape in shapes])
     t.shape_type = ints([shape.type for shape in shapes])
     t.shape_group = ints([shape.group for shape in shapes])

@@ -21,7 +21,8 @@ from typing import Final, TypedDict
 import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import WORLD, Material, Pose, pose
+from simwarp.core.types import WORLD, Material, ModelError, Pose, pose
+from simwarp.geometry.sprocket_profiles import SprocketProfile, checked_profile
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3, merged, refuse
 from simwarp.vehicle.spec.track_parts import (
@@ -170,9 +171,24 @@ def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> N
             raise SpecError(f"{name}.pin_stiffness: springs at pins are not there yet; leave them out")
         try:
             lay_track(track)
-            drum_radius(track)
-        except SpecError as error:
+            if sprocket is SprocketContact.DRUM:
+                drum_radius(track)
+            else:
+                _check_teeth(track)
+        except (SpecError, ModelError) as error:
             raise SpecError(f"{name}.{error}") from None
+
+
+def _check_teeth(track: ShoeTrack) -> None:
+    """Arcs with teeth between them, and rollers that fit in."""
+    shoe, sprocket = track.shoe, track.sprocket
+    if isinstance(shoe, SinglePinShoe) and isinstance(sprocket, SinglePinSprocket):
+        tip = sprocket.tip_radius
+        arcs = SprocketProfile(sprocket.teeth, sprocket.arc_center_radius / tip, sprocket.arc_radius / tip)
+        checked_profile("sprocket", arcs)
+        if not shoe.roller_radius < sprocket.arc_radius:
+            rule = f"less than the sprocket's arc_radius {sprocket.arc_radius:g} m"
+            raise refuse("shoe.roller_radius", rule, shoe.roller_radius)
 
 
 class _Bits(TypedDict):
@@ -186,8 +202,8 @@ class _Bits(TypedDict):
 class _Groups:
     """Who meets whom in a track: tops of shoes its wheels, rollers its sprocket, guides the grooves; and nobody else.
 
-    Three bits are enough: a shape meets those whose two bits are its own in the other order. Each of the three pairs of
-    bits has one kind of shape for either order.
+    Three bits are enough: shapes meet if the group of each is the mask of the other, and each of the three pairs of
+    bits has one kind of shape either way.
     """
 
     first: int
