@@ -42,15 +42,15 @@ SOLVERS: Final[dict[str, dict[str, Any]]] = {
 }  # fmt: skip
 
 
-def vehicle(compliant: bool) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
-    """The M113 on a plane, on smooth sprockets."""
+def vehicle(
+    compliant: bool, sprocket: SprocketContact = SprocketContact.DRUM
+) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
+    """The M113 on a plane, on smooth sprockets or toothed ones."""
     spec = load_tracked_vehicle("m113")
     spec = dataclasses.replace(spec, driveline=None, engine=None, transmission=None)
     builder = sw.ModelBuilder()
     wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
-    parts = add_tracked_vehicle(
-        builder, spec, sprocket=SprocketContact.DRUM, wheel_compliance=wheels, ground_compliance=ground
-    )
+    parts = add_tracked_vehicle(builder, spec, sprocket=sprocket, wheel_compliance=wheels, ground_compliance=ground)
     builder.add_shape_plane(material=sw.Material(friction=0.9))
     return builder, parts
 
@@ -134,10 +134,11 @@ def solvers(steps: int) -> dict[str, Any]:
 
 
 def driven() -> dict[str, Any]:
-    """Full torque from rest on smooth sprockets; speed after each half second [m/s]."""
+    """Full torque from rest on smooth and on toothed sprockets; speed after each half second [m/s]."""
     found: dict[str, Any] = {}
-    for iterations in (30, 100, 300):
-        builder, parts = vehicle(True)
+    runs = [(kind, iterations) for kind in SprocketContact for iterations in (30, 100, 300)]
+    for kind, iterations in runs:
+        builder, parts = vehicle(True, kind)
         sim = simulation(builder.finalize(1, "cpu", contact_capacity=200), iterations)
         sim.step(1500)
         force = sim.control.joint_force.numpy().copy()
@@ -148,8 +149,8 @@ def driven() -> dict[str, Any]:
         for _ in range(6):
             row = run(sim, parts, 0.5)
             rows.append({"speed [m/s]": float(sim.body_velocity("chassis")[0]), **row})
-        found[f"{iterations} iterations"] = rows
-        print(f"driven, {iterations}: {[round(row['speed [m/s]'], 3) for row in rows]}", flush=True)
+        found[f"{kind.value}, {iterations} iterations"] = rows
+        print(f"driven, {kind.value}, {iterations}: {[round(row['speed [m/s]'], 3) for row in rows]}", flush=True)
     return found
 
 

@@ -219,21 +219,25 @@ def double_pin_sprocket(node: Node) -> DoublePinSprocket:
 
 def shoe_fields(node: Node, shoe: Node, contact: Node) -> dict[str, Any]:
     """What all shoes have: the first box that meets the ground, and the first that does not, are its pads; what else
-    meets the ground is beside them.
+    meets the ground is beside them. The guide is as wide as the narrowest box around its point.
     """
     shapes = list(contact.each("Shoe Shapes"))
+    guide = node.vector("Guide Pin Center")
+    widths: list[float] = []
     pads: dict[bool, list[ShoePad]] = {True: [], False: []}
     for shape in shapes:
         shape.skip("Type", "Orientation", "Material Index")
-        size = shape.vector("Dimensions")
-        pad = shape.make(ShoePad, center=shape.vector("Location"), size=size)
-        pads[shape.flag("Ground Contact")].append(pad)
+        size, center = shape.vector("Dimensions"), shape.vector("Location")
+        pads[shape.flag("Ground Contact")].append(shape.make(ShoePad, center=center, size=size))
+        if all(abs(p - c) <= 0.5 * s for p, c, s in zip(guide, center, size, strict=True)):
+            widths.append(size[1])
     if not all(pads.values()):
         raise contact.place.at("Shoe Shapes").error("must have a box with and one without Ground Contact, got one kind")
     materials = [friction(material) for material in contact.each("Shoe Materials")]
     return {
         "mass": shoe.number("Mass", "kg"), "inertia": shoe.vector("Inertia", "kg·m²"),
-        "height": shoe.number("Height", "m"), "guide": node.vector("Guide Pin Center"),
+        "height": shoe.number("Height", "m"), "guide": guide,
+        **({"guide_width": min(widths)} if widths else {}),
         "ground_pad": pads[True][0], "side_pads": tuple(pads[True][1:]), "wheel_pad": pads[False][0],
         "friction": materials[0],
     }  # fmt: skip

@@ -105,7 +105,7 @@ class Trial:
 def trial(
     spec: TrackedVehicleSpec, script: ScriptSpec | None = None, *, device: str = "cpu", dt: float = 1.0e-3,
     iterations: int = 100, compliant: bool = False, obstacle: bool = False, reactions: bool = False,
-    sprocket: SprocketContact = SprocketContact.DRUM,
+    sprocket: SprocketContact = SprocketContact.TEETH,
 ) -> Trial:  # fmt: skip
     """The vehicle as laid, on a plane of friction 0.9."""
     builder = ModelBuilder()

@@ -7,7 +7,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.soil import PRESETS, pads_of, soil_under_tracks
-from simwarp.vehicle import TRACK_SOLVER, SprocketContact, TrackedVehicle, add_tracked_vehicle, load_tracked_vehicle
+from simwarp.vehicle import TRACK_SOLVER, TrackedVehicle, add_tracked_vehicle, load_tracked_vehicle
 from simwarp.vehicle.vehicle import per_world
 
 SPEC = load_tracked_vehicle("m113")
@@ -16,7 +16,7 @@ WEIGHT = 11342.94 * 9.81
 
 def on_soil(soil, worlds=1):
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, SPEC, sprocket=SprocketContact.DRUM)
+    parts = add_tracked_vehicle(builder, SPEC)
     model = builder.finalize(worlds, "cpu", per_world=per_world(), contact_capacity=300)
     vehicle = TrackedVehicle(parts, model)
     below = soil_under_tracks(vehicle, soil)

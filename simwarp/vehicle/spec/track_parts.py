@@ -68,7 +68,9 @@ class SinglePinShoe(Spec):
     wheel_pad: ShoePad
     """What meets road wheels and idler."""
     guide: Point
-    """Tip of the guide between the discs of wheels [m]."""
+    """Where the guide between the discs of wheels meets them [m]."""
+    guide_width: Positive = 0.01
+    """Of the guide there [m]."""
     side_pads: tuple[ShoePad, ...] = ()
     """What else sinks into soft ground."""
     friction: NotNegative
@@ -106,6 +108,7 @@ class DoublePinShoe(Spec):
     wheel_pad: ShoePad
     guide: Point
     side_pads: tuple[ShoePad, ...] = ()
+    guide_width: Positive = 0.01
     friction: NotNegative
     connector: RigidPart
     connector_length: Positive

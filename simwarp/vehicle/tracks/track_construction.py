@@ -5,8 +5,10 @@ that stays on a line closes it: two rows, where a hinge would have three more th
 
 Contacts are few. A shoe meets wheels with two balls, a quarter of the pitch before and behind its middle and one on
 each disc, and the ground with two others at opposite corners of its pad; the next shoe takes the other corners. So a
-wheel rolls over points half a pitch apart. Wheels are capsules, of which a chain sees the cylinder alone: nothing
-guides it sideways but friction.
+wheel rolls over points half a pitch apart. Wheels are capsules, of which a chain sees the cylinder alone.
+
+Two balls more are a shoe's rollers in the middle of the track, which meet the sprocket's profile alone: two gear discs
+are one. A fifth is its guide, which meets the grooves between the discs of wheels and beside the sprocket.
 """
 
 from __future__ import annotations
@@ -14,12 +16,13 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from typing import Final
+from typing import Final, TypedDict
 
 import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import WORLD, Material, Pose, pose
+from simwarp.core.types import WORLD, Material, ModelError, Pose, pose
+from simwarp.geometry.sprocket_profiles import SprocketProfile, checked_profile
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.drivetrain.transmissions import TransmissionParts, add_transmission
 from simwarp.vehicle.initial_velocity import Rolling, start_of
@@ -47,6 +50,8 @@ GROUP_BITS: Final = 31
 EXCHANGE_TIME: Final = 1.0e-4
 """Of the slip between gears and sprockets [s]: a tenth of that of wheels, since torques are ten times theirs. 4500 N·m
 slip by 0.9 rad/s on 0.5 kg·m²."""
+GAP_DOWN: Final = (-0.5, 0.5, 0.5, 0.5)
+"""Turns a shape's axis from z to y, and its x axis, on which a sprocket has its first gap, straight down."""
 
 
 class SprocketContact(enum.Enum):
@@ -55,7 +60,7 @@ class SprocketContact(enum.Enum):
     DRUM = "drum"
     """A smooth cylinder at the depth at which rollers lie in its gaps: it drives by friction alone."""
     TEETH = "teeth"
-    """Its profile; not there yet."""
+    """Its profile, which the rollers of the shoes lie in; one of its gaps points straight down at the start."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -121,15 +126,16 @@ def lay_track(track: ShoeTrack) -> LaidChain:
 
 
 def add_tracked_vehicle(
-    builder: ModelBuilder, spec: TrackedVehicleSpec, *, sprocket: SprocketContact, at: Pose | None = None,
-    prefix: str = "", wheel_compliance: float = 0.0, ground_compliance: float = 0.0, hull_fixed: bool = False,
+    builder: ModelBuilder, spec: TrackedVehicleSpec, *, sprocket: SprocketContact = SprocketContact.TEETH,
+    at: Pose | None = None, prefix: str = "", wheel_compliance: float = 0.0, ground_compliance: float = 0.0,
+    hull_fixed: bool = False,
 ) -> TrackedVehicleParts:  # fmt: skip
     """Adds a tracked vehicle that stands, its chains as laid: tensioners tighten them in the first tenths of a second.
 
     Shoes meet shapes of the default group, 1. A `TrackedVehicle` drives, steers and brakes it.
 
     Args:
-        sprocket: how sprockets meet shoes; only `SprocketContact.DRUM` is there.
+        sprocket: how sprockets meet shoes.
         at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
         prefix: of the names of its bodies and joints.
         wheel_compliance: of each contact between a shoe and a road wheel or idler [m/N].
@@ -153,7 +159,7 @@ def add_tracked_vehicle(
     for name, track, side in (("left", spec.left, 1.0), ("right", spec.right, -1.0)):
         middle = origin.position + rotate(origin.rotation, np.array([0.0, side * spec.track_offset, 0.0]))
         frame = Frame(builder, f"{prefix}{name}", pose(middle, origin.rotation), side)
-        sides.append(_Track(frame, track, chassis, wheel_compliance, ground_compliance).add())
+        sides.append(_Track(frame, track, chassis, sprocket, wheel_compliance, ground_compliance).add())
     left, right = sides
     driveline = add_track_driveline(builder, prefix, spec.driveline, (left.sprocket, right.sprocket))
     start = start_of(spec.transmission, 0.0, 0.0, None)
@@ -166,17 +172,78 @@ def add_tracked_vehicle(
 
 def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> None:
     if not isinstance(sprocket, SprocketContact):
-        raise refuse("sprocket", "a SprocketContact", sprocket, "write SprocketContact.DRUM")
-    if sprocket is not SprocketContact.DRUM:
-        raise SpecError("sprocket: 'teeth' is not there yet: contacts with a profile are missing; use 'drum'")
+        raise refuse("sprocket", "a SprocketContact", sprocket, "write SprocketContact.TEETH")
     for name, track in (("left", spec.left), ("right", spec.right)):
         if not isinstance(track.shoe, SinglePinShoe) or not isinstance(track.sprocket, SinglePinSprocket):
             raise SpecError(f"{name}.shoe: '{track.shoe.template}' is not there yet; use 'track-single-pin'")
         try:
             lay_track(track)
-            drum_radius(track)
-        except SpecError as error:
+            if sprocket is SprocketContact.DRUM:
+                drum_radius(track)
+            else:
+                _check_teeth(track)
+        except (SpecError, ModelError) as error:
             raise SpecError(f"{name}.{error}") from None
+
+
+def _check_teeth(track: ShoeTrack) -> None:
+    """Arcs with teeth between them, and rollers that fit in."""
+    shoe, sprocket = track.shoe, track.sprocket
+    if isinstance(shoe, SinglePinShoe) and isinstance(sprocket, SinglePinSprocket):
+        tip = sprocket.tip_radius
+        arcs = SprocketProfile(sprocket.teeth, sprocket.arc_center_radius / tip, sprocket.arc_radius / tip)
+        checked_profile("sprocket", arcs)
+        if not shoe.roller_radius < sprocket.arc_radius:
+            rule = f"less than the sprocket's arc_radius {sprocket.arc_radius:g} m"
+            raise refuse("shoe.roller_radius", rule, shoe.roller_radius)
+
+
+class _Bits(TypedDict):
+    """Collision bits of a shape."""
+
+    group: int
+    mask: int
+
+
+@dataclasses.dataclass(frozen=True)
+class _Groups:
+    """Who meets whom in a track: tops of shoes its wheels, rollers its sprocket, guides the grooves; and nobody else.
+
+    Three bits are enough: shapes meet if the group of each is the mask of the other, and each of the three pairs of
+    bits has one kind of shape either way.
+    """
+
+    first: int
+    second: int
+    third: int
+
+    @property
+    def wheels(self) -> _Bits:
+        return _Bits(group=self.first, mask=self.second)
+
+    @property
+    def tops(self) -> _Bits:
+        return _Bits(group=self.second, mask=self.first)
+
+    @property
+    def pads(self) -> _Bits:
+        return _Bits(group=self.second, mask=DEFAULT_GROUP)
+
+    @property
+    def sprocket(self) -> _Bits:
+        return _Bits(group=self.first, mask=self.third)
+
+    @property
+    def rollers(self) -> _Bits:
+        return _Bits(group=self.third, mask=self.first)
+
+    @property
+    def grooves(self) -> _Bits:
+        return _Bits(group=self.second, mask=self.third)
+
+    @property
+    def guides(self) -> _Bits:
+        return _Bits(group=self.third, mask=self.second)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,40 +253,41 @@ class _Track:
     frame: Frame
     spec: ShoeTrack
     chassis: int
+    sprocket: SprocketContact
     wheel_compliance: float
     ground_compliance: float
 
     def add(self) -> ShoeTrackParts:
         """All bodies, joints and shapes."""
-        wheels, tops = self._groups()
-        sprocket = self._add_sprocket(wheels, tops)
-        tensioner, idler = self._add_idler(self.spec.idler, wheels, tops)
+        groups = self._free_groups()
+        sprocket = self._add_sprocket(groups)
+        tensioner, idler = self._add_idler(self.spec.idler, groups)
         arms, road_wheels = [], []
         for index, mount in enumerate(self.spec.road_wheels):
-            arm, wheel = self._add_road_wheel(index, mount, wheels, tops)
+            arm, wheel = self._add_road_wheel(index, mount, groups)
             arms.append(arm)
             road_wheels.append(wheel)
         for index, roller in enumerate(self.spec.rollers):
             frame = self._place(roller.location)
-            body = self._add_wheel(frame, f"roller{index}", roller.wheel, (wheels, tops))
+            body = self._add_wheel(frame, f"roller{index}", roller.wheel, groups)
             frame.builder.add_joint_revolute(f"{frame.name}.roller{index}", self.chassis, body, axis=self._turning())
-        shoes, pins = self._add_chain(wheels, tops)
+        shoes, pins = self._add_chain(groups)
         return ShoeTrackParts(
             sprocket=sprocket, tensioner=tensioner, idler=idler, arms=tuple(arms), road_wheels=tuple(road_wheels),
             shoes=shoes, pins=pins,
         )  # fmt: skip
 
-    def _groups(self) -> tuple[int, int]:
-        """Bits of this track's wheels and of what its shoes show them: others' wheels and shoes pass through."""
+    def _free_groups(self) -> _Groups:
+        """Bits that no shape has: other tracks pass through this one."""
         taken = DEFAULT_GROUP
         for shape in self.frame.builder.shapes:
             taken |= shape.group
         free = [1 << bit for bit in range(GROUP_BITS) if not taken >> bit & 1]
-        if len(free) < 2:
+        if len(free) < 3:
             raise SpecError(
-                f"{self.frame.name}: must find two free collision groups, got {len(free)}; use fewer tracks"
+                f"{self.frame.name}: must find three free collision groups, got {len(free)}; use fewer tracks"
             )
-        return free[0], free[1]
+        return _Groups(*free[:3])
 
     def _place(self, location: Vec3) -> Frame:
         """The frame of a part."""
@@ -229,34 +297,51 @@ class _Track:
         """Axis of arms, wheels and pins: positive turns roll forwards on both sides."""
         return rotate(self.frame.origin.rotation, np.array([0.0, 1.0, 0.0]))
 
-    def _add_drum(
-        self, body: int, radius: float, half_length: float, material: Material, groups: tuple[int, int]
-    ) -> None:
+    def _add_drum(self, body: int, radius: float, half_length: float, material: Material, bits: _Bits) -> None:
         name = self.frame.builder.bodies[body].name
         self.frame.builder.add_shape_capsule(
             body, radius=radius, half_length=half_length, pose=pose((0.0, 0.0, 0.0), QUARTER_TURN), material=material,
-            group=groups[0], mask=groups[1], name=name,
+            name=name, **bits,
         )  # fmt: skip
 
-    def _add_wheel(self, frame: Frame, name: str, wheel: TrackWheel, groups: tuple[int, int]) -> int:
+    def _add_groove(self, body: int, radius: float, half_width: float, groups: _Groups) -> None:
+        name = f"{self.frame.builder.bodies[body].name}.groove"
+        self.frame.builder.add_shape_groove(
+            body, radius=radius, half_width=half_width, pose=pose((0.0, 0.0, 0.0), QUARTER_TURN),
+            material=Material(friction=0.0), name=name, **groups.grooves,
+        )  # fmt: skip
+
+    def _add_wheel(self, frame: Frame, name: str, wheel: TrackWheel, groups: _Groups) -> int:
         body = frame.add_body(name, RigidPart(mass=wheel.mass, inertia=wheel.inertia))
         material = Material(friction=wheel.friction, compliance=self.wheel_compliance)
-        self._add_drum(body, wheel.radius, 0.5 * wheel.width, material, groups)
+        self._add_drum(body, wheel.radius, 0.5 * wheel.width, material, groups.wheels)
+        if wheel.gap > 0.0:
+            self._add_groove(body, wheel.radius, 0.5 * wheel.gap, groups)
         return body
 
-    def _add_sprocket(self, wheels: int, tops: int) -> int:
+    def _add_sprocket(self, groups: _Groups) -> int:
         sprocket, shoe = self.spec.sprocket, self.spec.shoe
         frame = self._place(self.spec.sprocket_location)
         body = frame.add_body("sprocket", RigidPart(mass=sprocket.mass, inertia=sprocket.inertia))
-        radius = drum_radius(self.spec)
-        self._add_drum(body, radius, 0.5 * shoe.wheel_pad.size[1], Material(friction=sprocket.friction), (wheels, tops))
+        material = Material(friction=sprocket.friction)
+        if self.sprocket is SprocketContact.DRUM:
+            self._add_drum(body, drum_radius(self.spec), 0.5 * shoe.wheel_pad.size[1], material, groups.wheels)
+        elif isinstance(sprocket, SinglePinSprocket) and isinstance(shoe, SinglePinShoe):
+            frame.builder.add_shape_sprocket(
+                body, arc_center_radius=sprocket.arc_center_radius, arc_radius=sprocket.arc_radius,
+                tip_radius=sprocket.tip_radius, teeth=sprocket.teeth, half_width=0.5 * sprocket.separation,
+                pose=pose((0.0, 0.0, 0.0), GAP_DOWN), material=material, name=f"{frame.name}.sprocket",
+                **groups.sprocket,
+            )  # fmt: skip
+        room = sprocket.backlash + 0.5 * shoe.guide_width
+        self._add_groove(body, sprocket.tip_radius, room, groups)
         brake = 0.0 if self.spec.brake is None else self.spec.brake.max_torque
         return frame.builder.add_joint_revolute(
             f"{frame.name}.sprocket", self.chassis, body, axis=self._turning(), armature=sprocket.axle_inertia,
             friction=brake,
         )  # fmt: skip
 
-    def _add_idler(self, idler: SlidingIdler, wheels: int, tops: int) -> tuple[int, int]:
+    def _add_idler(self, idler: SlidingIdler, groups: _Groups) -> tuple[int, int]:
         frame, builder = self._place(self.spec.idler_location), self.frame.builder
         carrier = frame.add_body("carrier", idler.carrier)
         along = frame.along((math.cos(idler.slide_angle), 0.0, math.sin(idler.slide_angle)))
@@ -265,11 +350,11 @@ class _Track:
             f"{frame.name}.tensioner", self.chassis, carrier, axis=along, anchor=frame.at(idler.slide),
             stiffness=tensioner.stiffness, damping=tensioner.damping, preload=idler.tightening * tensioner.force,
         )  # fmt: skip
-        wheel = self._add_wheel(frame, "idler", idler.wheel, (wheels, tops))
+        wheel = self._add_wheel(frame, "idler", idler.wheel, groups)
         builder.add_joint_revolute(f"{frame.name}.idler", carrier, wheel, axis=self._turning())
         return slide, wheel
 
-    def _add_road_wheel(self, index: int, mount: RoadWheelMount, wheels: int, tops: int) -> tuple[int, int]:
+    def _add_road_wheel(self, index: int, mount: RoadWheelMount, groups: _Groups) -> tuple[int, int]:
         frame, builder, suspension = self._place(mount.location), self.frame.builder, mount.suspension
         arm = frame.add_body(f"arm{index}", suspension.arm, _arm_axes(suspension.hinge, suspension.wheel_joint))
         trailing = math.copysign(1.0, suspension.hinge[0] - suspension.wheel_joint[0])
@@ -278,13 +363,13 @@ class _Track:
             anchor=frame.at(suspension.hinge), stiffness=suspension.stiffness, damping=suspension.damping,
             rest=suspension.free_angle, preload=suspension.preload,
         )  # fmt: skip
-        wheel = self._add_wheel(frame, f"wheel{index}", suspension.wheel, (wheels, tops))
+        wheel = self._add_wheel(frame, f"wheel{index}", suspension.wheel, groups)
         builder.add_joint_revolute(f"{frame.name}.wheel{index}", arm, wheel, axis=self._turning())
         if suspension.shock is not None:
             frame.add_line(f"shock{index}", self.chassis, arm, suspension.shock)
         return joint, wheel
 
-    def _add_chain(self, wheels: int, tops: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def _add_chain(self, groups: _Groups) -> tuple[tuple[int, ...], tuple[int, ...]]:
         shoe, builder, name = self.spec.shoe, self.frame.builder, self.frame.name
         laid = lay_track(self.spec)
         count = len(laid.angles)
@@ -299,7 +384,7 @@ class _Track:
                 strict=False,
             )  # fmt: skip
         for k, body in enumerate(shoes):
-            self._add_shoe_shapes(f"{name}.shoe{k}", body, 1.0 if k % 2 == 0 else -1.0, wheels, tops)
+            self._add_shoe_shapes(f"{name}.shoe{k}", body, 1.0 if k % 2 == 0 else -1.0, groups)
         axis, pins = self._turning(), []
         for k in range(count):
             x, z = laid.pins[k].tolist()
@@ -316,7 +401,7 @@ class _Track:
             )  # fmt: skip
         return tuple(shoes), tuple(pins)
 
-    def _add_shoe_shapes(self, name: str, body: int, across: float, wheels: int, tops: int) -> None:
+    def _add_shoe_shapes(self, name: str, body: int, across: float, groups: _Groups) -> None:
         shoe, builder = self.spec.shoe, self.frame.builder
         top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
         bottom = shoe.ground_pad.center[2] - 0.5 * shoe.ground_pad.size[2]
@@ -327,12 +412,22 @@ class _Track:
         for k, sign in enumerate((1.0, -1.0)):
             builder.add_shape_sphere(
                 body, radius=radius, pose=pose((0.25 * sign * shoe.pitch, sign * across * offset, top - radius)),
-                material=Material(friction=shoe.friction), group=tops, mask=wheels, name=f"{name}.top{k}",
+                material=Material(friction=shoe.friction), name=f"{name}.top{k}", **groups.tops,
             )  # fmt: skip
             builder.add_shape_sphere(
                 body, radius=radius, pose=pose((0.5 * sign * length, 0.5 * sign * across * width, bottom + radius)),
-                material=to_ground, group=tops, mask=DEFAULT_GROUP, name=f"{name}.pad{k}",
+                material=to_ground, name=f"{name}.pad{k}", **groups.pads,
             )  # fmt: skip
+        if isinstance(shoe, SinglePinShoe) and self.sprocket is SprocketContact.TEETH:
+            for k, x in enumerate((shoe.roller_front, shoe.roller_rear)):
+                builder.add_shape_sphere(
+                    body, radius=shoe.roller_radius, pose=pose((x, 0.0, 0.0)),
+                    material=Material(friction=shoe.friction), name=f"{name}.roller{k}", **groups.rollers,
+                )  # fmt: skip
+        builder.add_shape_sphere(
+            body, radius=0.5 * shoe.guide_width, pose=pose(shoe.guide), material=Material(friction=0.0),
+            name=f"{name}.guide", **groups.guides,
+        )  # fmt: skip
 
 
 def drum_radius(track: ShoeTrack) -> float:

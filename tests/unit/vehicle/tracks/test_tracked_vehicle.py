@@ -11,7 +11,6 @@ from simwarp.vehicle import (
     TRACK_SOLVER,
     ScriptedDriver,
     ScriptSpec,
-    SprocketContact,
     TrackedVehicle,
     add_tracked_vehicle,
     load_tracked_vehicle,
@@ -29,7 +28,7 @@ LEGACY = dataclasses.replace(SPEC, driveline=SimpleTrackDriveline(legacy=True))
 
 def simulation(spec=SPEC, worlds=1, driver=None, **options):
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, spec, sprocket=SprocketContact.DRUM, **options)
+    parts = add_tracked_vehicle(builder, spec, **options)
     builder.add_shape_plane(material=sw.Material(friction=0.9))
     model = builder.finalize(worlds, "cpu", per_world=per_world(), contact_capacity=250)
     vehicle = TrackedVehicle(parts, model)
@@ -180,12 +179,12 @@ def test_it_is_placed_as_one_whole():
 
 def test_what_cannot_be_driven_is_refused():
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, SPEC, sprocket=SprocketContact.DRUM)
+    parts = add_tracked_vehicle(builder, SPEC)
     shared = builder.finalize(2, "cpu")
     with pytest.raises(ModelError, match="every world needs its own joint_friction, but the model shares it"):
         TrackedVehicle(parts, shared)
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, SPEC, sprocket=SprocketContact.DRUM, hull_fixed=True)
+    parts = add_tracked_vehicle(builder, SPEC, hull_fixed=True)
     with pytest.raises(ModelError, match="the hull is fixed; build it with hull_fixed=False"):
         TrackedVehicle(parts, builder.finalize(1, "cpu", per_world=per_world()))
     with pytest.raises(SpecError, match="transmission: must be given together with an engine"):
