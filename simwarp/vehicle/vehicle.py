@@ -23,7 +23,7 @@ from simwarp.vehicle.inputs_kernels import (
     measure_vehicle,
     run_vehicle,
 )
-from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
@@ -362,8 +362,8 @@ def _joints(parts: VehicleParts) -> list[int]:
     line = parts.driveline
     split = [joint for left, right, *_ in line.split for joint in (left, right)]
     found = [*(s.joint for s in parts.steerings), *(s.spin for s in parts.sides), *(lock.slip for lock in line.locks)]
-    return [joint for joint in (*found, *split, line.shaft, parts.motor_shaft, parts.input_shaft, parts.clutch_shaft)
-            if joint >= 0]  # fmt: skip
+    shafts = [*line.motors, line.shaft, parts.motor_shaft, parts.input_shaft, parts.clutch_shaft]
+    return [joint for joint in (*found, *split, *shafts) if joint >= 0]
 
 
 def per_world(others: Iterable[str] = ()) -> list[str]:
@@ -405,6 +405,9 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     table.lock_torque = wp.array([lock.locking for lock in locks], dtype=float, device=model.device)
     torques = [brake.max_torque for _, brake in brakes if brake is not None]
     table.brake_torque = wp.array(torques, dtype=float, device=model.device)
+    table.motor_dof = wp.array([starts[motor] for motor in parts.driveline.motors], dtype=int, device=model.device)
+    if isinstance(parts.spec.driveline, DifferentialDrive):
+        table.motor_speed = parts.spec.driveline.max_speed
     return table
 
 
