@@ -109,13 +109,12 @@ def unicycle_yaw_rate(tracker: PathTrackerTables, point: PathPoint, turn: float,
         heading: of the path seen from the vehicle [rad].
         speed: forwards [m/s].
     """
-    shrinkage = wp.max(1.0 - point.curvature * point.distance, LEAST_SHRINKAGE)
     along = wp.max(speed, 0.0)
+    shrinkage = wp.max(1.0 - point.curvature * point.distance, LEAST_SHRINKAGE)
+    curve = along * point.curvature * wp.cos(heading) / shrinkage
     # critically damped: a quarter of the length for the turn, the length for the distance
-    return (
-        along * point.curvature * wp.cos(heading) / shrinkage
-        + (along + tracker.soft_speed) * (4.0 / tracker.approach) * wp.sin(0.5 * turn) * 2.0
-    )
+    back = (along + tracker.soft_speed) * (4.0 / tracker.approach) * 2.0 * wp.sin(0.5 * turn)
+    return curve + back
 
 
 @wp.func

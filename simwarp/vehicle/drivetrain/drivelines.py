@@ -154,8 +154,8 @@ def _motor_per_side(
 ) -> DrivelineParts:
     """A motor's shaft on each side, geared to all wheels there.
 
-    The voltage, bounded, gives at most the stall torque either way, and a damper takes of it what a turning motor loses:
-    the straight line from stall torque to no-load speed. Both are implicit, however stiff they are.
+    The voltage, bounded, gives at most the stall torque either way, and a damper takes of it what a turning motor
+    loses: the straight line from stall torque to no-load speed. Both are implicit, however stiff they are.
     """
     drive: Drive = VelocityMotor(effort_limit=spec.stall_torque)
     if spec.gain is not None:

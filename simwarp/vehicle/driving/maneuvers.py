@@ -15,7 +15,7 @@ from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.schema import fault_text
 from simwarp.core.wording import suggestions
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
-from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
+from simwarp.vehicle.driving.drivers import HELD, ScriptSpec, read_script
 from simwarp.vehicle.driving.path_tracking import (
     LookAhead,
     PathTrackingSpec,
@@ -66,10 +66,12 @@ def _speed_gains(spec: VehicleSpec) -> PIDGains:
     return PIDGains(proportional=0.5, integral=0.1)
 
 
-def _script(spec: VehicleSpec, **channels: Points) -> ScriptSpec:
+def _script(spec: VehicleSpec, *, speed: Points, braking: Points, steering: Points = HELD) -> ScriptSpec:
     """A script that holds its speeds by the vehicle's gains."""
     gains = _speed_gains(spec)
-    return ScriptSpec(**channels, proportional=gains.proportional, integral=gains.integral)
+    return ScriptSpec(
+        steering=steering, braking=braking, speed=speed, proportional=gains.proportional, integral=gains.integral
+    )
 
 
 def _steering_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) -> LookAhead | Unicycle:

@@ -74,8 +74,8 @@ class Stanley(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Unicycle(Spec):
-    """Steers by yaw rate, for vehicles that turn on the spot: that of the path's curve, and that of the way back, towards
-    the path by atan(distance / approach). `unicycle_for` makes one for a vehicle.
+    """Steers by yaw rate, for vehicles that turn on the spot: that of the path's curve, and that of the way back, which
+    leads towards the path by atan(distance / approach). `unicycle_for` makes one for a vehicle.
 
     Where the path leads back, the vehicle turns on the spot first.
     """
