@@ -191,6 +191,19 @@ def test_rigid_tires_turn_between_the_bounds_of_coulomb_friction():
     assert 0.999 * bounds[0] < robot.yaw[0] < 1.001 * bounds[1]
 
 
+@pytest.mark.parametrize("gain", [None, 0.5, 1.0e6])
+def test_long_steps_and_stiff_controllers_give_the_same_motion(gain):
+    spec = dataclasses.replace(SPEC, driveline=dataclasses.replace(LINE, gain=gain))
+    inputs = (AHEAD, SPOT, (0.5, 0.7, 0.0, 0.0))
+    fine, coarse = (Robot(*inputs, spec=spec, dt=dt).after(3.0) for dt in (1.0e-3, 1.0e-2))
+    # steady: nothing depends on the step but the bristles' damping, which long steps reduce
+    assert coarse.yaw == pytest.approx(fine.yaw, rel=1e-3, abs=1e-5)
+    assert coarse.vehicle.velocity_b.numpy()[:, 0] == pytest.approx(
+        fine.vehicle.velocity_b.numpy()[:, 0], rel=1e-3, abs=1e-4
+    )
+    assert coarse.speeds == pytest.approx(fine.speeds, rel=2e-3)
+
+
 # ---- motors ----------------------------------------------------------------------------------------------------------
 
 
