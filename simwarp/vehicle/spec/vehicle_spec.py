@@ -175,7 +175,7 @@ class VehicleSpec(Readable, Spec):
                 raise SpecError(f"{key}: must be {rule}; leave it out, or take another driveline")
         radii = sorted({axle.tire.radius for axle in self.axles})
         if radii[-1] > 1.02 * radii[0]:
-            rule = f"given tires of one radius within 2 % by the driveline '{driveline.template}', which turns them alike"
+            rule = f"given tires of one radius within 2 % beside '{driveline.template}', which turns them alike"
             raise refuse("axles", rule, radii)
 
     def _check_wheelbase(self) -> None:

@@ -117,7 +117,7 @@ def test_what_does_not_fit_a_differential_drive_is_named(tmp_path):
     for changes, words in (
         ({"engine": gator["engine"], "transmission": gator["transmission"]}, f"engine: {beside}"),
         (steered, f"steerings: {beside}"),
-        ({"axles": small}, "axles: must be given tires of one radius within 2 % by the driveline"),
+        ({"axles": small}, "axles: must be given tires of one radius within 2 % beside 'differential-drive'"),
         ({"driveline": line | {"max_speed": 701.0}}, "driveline.max_speed: must be at most no_load_speed, 700 rad/s"),
         ({"driveline": line | {"stall_torque": 0.0}}, "driveline.stall_torque: must be positive, got 0"),
         ({"driveline": line | {"gear_ratio": -0.1}}, "driveline.gear_ratio: must be positive, got -0.1"),
