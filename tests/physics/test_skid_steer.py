@@ -232,24 +232,21 @@ def test_torques_stay_within_what_the_motors_give():
     """Full reversals on the ground, and a stall against too little torque."""
     weak = dataclasses.replace(SPEC, driveline=dataclasses.replace(LINE, stall_torque=0.2))
     for spec in (SPEC, weak):
-        robot = Robot(AHEAD, SPOT, (1.0, 1.0, 0.0, 0.0), spec=spec)
+        robot = Robot(AHEAD, SPOT, (1.0, 1.0, 0.0, 0.0), spec=spec, dt=2.0e-3)
         line: Any = spec.driveline
         reached = 0.0
-        for step in range(900):
-            if step in (300, 600):
-                robot.vehicle.gear.fill_(-1 if step == 300 else 1)
+        for step in range(450):
+            if step in (150, 300):
+                robot.vehicle.gear.fill_(-1 if step == 150 else 1)
                 robot.vehicle.input[:, 0].assign(-robot.vehicle.input.numpy()[:, 0])
             robot.sim.step()
-            given = robot.voltage_torques
+            given, speeds = robot.voltage_torques, robot.speeds
             assert np.abs(given).max() <= line.stall_torque * (1.0 + 1.0e-5)
             reached = max(reached, float(np.abs(given).max()))
-            driving = np.sign(robot.speeds) * given > 0.0
-            torque = given - line.stall_torque * robot.speeds / line.no_load_speed
-            room = line.stall_torque * (1.0 - np.abs(robot.speeds) / line.no_load_speed)
-            assert (np.abs(torque)[driving] <= room[driving] + np.abs(torque[driving] - given[driving]) + 1e-6).all()
-            assert (
-                np.abs(torque) <= line.stall_torque * (1.0 + np.abs(robot.speeds) / line.no_load_speed) + 1e-6
-            ).all()
+            # along the motor's turning: up to its line; against it: the line of the other voltage
+            torque = np.sign(speeds) * given - line.stall_torque * np.abs(speeds) / line.no_load_speed
+            assert (torque <= line.stall_torque * (1.0 - np.abs(speeds) / line.no_load_speed) + 1.0e-5).all()
+            assert (torque >= -line.stall_torque * (1.0 + np.abs(speeds) / line.no_load_speed) - 1.0e-5).all()
         assert reached == pytest.approx(line.stall_torque, rel=1e-4)
 
 
@@ -298,12 +295,12 @@ def test_weak_motors_roll_back_where_their_stall_torque_ends():
 
 @pytest.mark.parametrize("inputs", [AHEAD, SPOT, (0.7, 0.5, 0.0, 0.0)])
 def test_what_the_motors_give_is_stored_or_dissipated(inputs):
-    dt = 5.0e-4
+    dt = 1.0e-3
     robot = Robot(inputs, dt=dt)
     ledger = Ledger(robot.builder)
     before = sample(robot.sim)
     first, given, lost = ledger.stored(before), 0.0, 0.0
-    for _ in range(3000):
+    for _ in range(1500):
         robot.sim.step()
         after = sample(robot.sim)
         middle = 0.5 * (before.joint_qd + after.joint_qd)[robot.motors]
@@ -313,8 +310,8 @@ def test_what_the_motors_give_is_stored_or_dissipated(inputs):
         before = after
     assert given > 50.0
     assert lost < 0.0
-    # rounding of 3000 steps in single precision
-    assert abs(ledger.stored(before) - first - given - lost) < 2.0e-3 * given
+    # found: 3e-8, which is single precision of what is summed here
+    assert abs(ledger.stored(before) - first - given - lost) < 1.0e-5 * given
 
 
 def test_a_robot_that_rolls_freely_never_gains_energy():

@@ -33,7 +33,7 @@ class TwistGains(Spec):
     """Pedal per speed asked for [s/m]."""
     speed_proportional: NotNegative = 0.5
     """Pedal per error of the speed [s/m]."""
-    speed_integral: NotNegative = 0.1
+    speed_integral: NotNegative = 0.2
     """Pedal per integral of the error [1/m]."""
     yaw_feedforward: NotNegative = 0.0
     """Steering per yaw rate asked for [s/rad]."""

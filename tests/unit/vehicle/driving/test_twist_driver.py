@@ -233,7 +233,9 @@ def wave() -> Path:
 
 
 def test_it_follows_a_sinusoidal_path():
-    """At 0.5 m/s; it starts 38 degrees off the path. Found: 15 mm and 32 mm at most, on firm and on slippery ground."""
+    """At 0.5 m/s; it starts 38 degrees off the path. Found: 15 mm and 37 mm at most later on, on firm and on
+    slippery ground.
+    """
     distance, vehicle = follow(wave(), 0.5, 24.0, (0.9, 0.4))
     assert vehicle.position.numpy()[:, 0].min() > 8.0
     assert np.abs(distance).max() < 0.13
@@ -273,7 +275,7 @@ def test_manoeuvres_along_paths_take_its_own_steering():
     what = maneuver("constant-radius", ROBOT, duration=14.0)
     assert what.follow is not None
     assert isinstance(what.follow.steering, Unicycle)
-    run = Drive(set_up(ROBOT, what, device="cpu", dt=2e-3)).run()
+    run = Drive(set_up(ROBOT, what, device="cpu", dt=5e-3)).run()
     off = np.abs(np.hypot(run["x_m"], run["y_m"] - 2.0) - 2.0)
     assert off.max() < 0.03
     assert run["speed_mps"][-1] == pytest.approx(0.5, abs=0.01)
