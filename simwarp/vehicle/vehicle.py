@@ -221,7 +221,7 @@ class Vehicle(ForceElement):
         bodies: (N,) int32, indices of its bodies in the model, the chassis first; with the loads that joints hold, and
             the nodes of flexible tires.
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
-            driver do so.
+            driver do so. Of a differential drive they are speeds of its motors (docs/vehicles.md).
         lock: (W, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
         tires: forces, loads, slips and parameters of the tires, (W, wheels) in the order of `parts.sides`.
         position: (W,) vec3d of the point, world [m].
