@@ -151,7 +151,9 @@ class DifferentialDrive(Spec):
     max_speed: Positive
     """Of a motor at full throttle, or at full steering on the spot [rad/s]."""
     gain: Positive | None = None
-    """Motor torque per error of its speed [N·m·s/rad]; None: the speed is held exactly as long as the torque does."""
+    """Torque of the voltage per error of the speed [N·m·s/rad]; None: the speed is held exactly as long as the torque
+    does.
+    """
 
     def check(self) -> None:
         """A speed that the motor can reach."""
