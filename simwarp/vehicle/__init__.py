@@ -16,9 +16,12 @@ from simwarp.vehicle.driving.path_tracking import (
     PathTracker,
     PathTrackingSpec,
     Stanley,
+    Unicycle,
     look_ahead_for,
+    unicycle_for,
 )
 from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
+from simwarp.vehicle.driving.twist import SteeredVehicle, TwistDriver, TwistGains, twist_gains_for
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
@@ -61,6 +64,7 @@ __all__ = [
     "SpecError",
     "SprocketContact",
     "Stanley",
+    "SteeredVehicle",
     "Tire",
     "Tires",
     "TmeasyTire",
@@ -68,6 +72,9 @@ __all__ = [
     "TrackedVehicleParts",
     "TrackedVehicleSpec",
     "TravelTable",
+    "TwistDriver",
+    "TwistGains",
+    "Unicycle",
     "Vehicle",
     "VehicleParts",
     "VehicleSpec",
@@ -96,6 +103,8 @@ __all__ = [
     "set_up_convoy",
     "tracked_vehicle_names",
     "travel_table",
+    "twist_gains_for",
+    "unicycle_for",
     "vehicle_names",
     "with_options",
 ]

@@ -23,7 +23,7 @@ from simwarp.vehicle.inputs_kernels import (
     measure_vehicle,
     run_vehicle,
 )
-from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
@@ -217,7 +217,7 @@ class Vehicle(ForceElement):
         bodies: (N,) int32, indices of its bodies in the model, the chassis first; with the loads that joints hold, and
             the nodes of flexible tires.
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
-            driver do so.
+            driver do so. Of a differential drive they are speeds of its motors (docs/vehicles.md).
         lock: (W, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
         tires: forces, loads, slips and parameters of the tires, (W, wheels) in the order of `parts.sides`.
         position: (W,) vec3d of the point, world [m].
@@ -358,8 +358,8 @@ def _joints(parts: VehicleParts) -> list[int]:
     line, gears = parts.driveline, parts.gears
     split = [joint for left, right, *_ in line.split for joint in (left, right)]
     found = [*(s.joint for s in parts.steerings), *(s.spin for s in parts.sides), *(lock.slip for lock in line.locks)]
-    return [joint for joint in (*found, *split, line.shaft, gears.motor_shaft, gears.input_shaft, gears.clutch_shaft)
-            if joint >= 0]  # fmt: skip
+    shafts = [*line.motors, line.shaft, gears.motor_shaft, gears.input_shaft, gears.clutch_shaft]
+    return [joint for joint in (*found, *split, *shafts) if joint >= 0]
 
 
 def check_per_world(model: Model) -> None:
@@ -416,6 +416,9 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     table.lock_torque = wp.array([lock.locking for lock in locks], dtype=float, device=model.device)
     torques = [brake.max_torque for _, brake in brakes if brake is not None]
     table.brake_torque = wp.array(torques, dtype=float, device=model.device)
+    table.motor_dof = wp.array([starts[motor] for motor in parts.driveline.motors], dtype=int, device=model.device)
+    if isinstance(parts.spec.driveline, DifferentialDrive):
+        table.motor_speed = parts.spec.driveline.max_speed
     return table
 
 

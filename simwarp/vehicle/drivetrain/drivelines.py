@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 
+from simwarp.core.types import Drive, PositionDrive, VelocityMotor
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.spec.vehicle_spec import (
+    DifferentialDrive,
     Driveline,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
@@ -51,6 +53,8 @@ class DrivelineParts:
     """Torque on the chassis about x per torque behind the shaft."""
     wheel_reaction: float = 1.0
     """Share of the torque of `split` that acts back on the chassis."""
+    motors: tuple[int, ...] = ()
+    """Shafts of the motors of a differential drive: left, right."""
 
     @property
     def speed(self) -> list[tuple[int, float]]:
@@ -80,6 +84,8 @@ def add_driveline(
             )
             driven = tuple(axle for axle in axles if axle[2] > 0.0)
             return DrivelineParts(split=driven, wheel_reaction=spec.reaction)
+        case DifferentialDrive():
+            return _motor_per_side(builder, prefix, spec, sides)
     raise SpecError(f"driveline: template '{spec.template}' is not known")
 
 
@@ -153,3 +159,26 @@ def _four_wheels(
         *_add_axle_lock(builder, f"{prefix}driveline.rear_lock", last, spec.axle_slip_torque, axle),
     )
     return DrivelineParts(shaft, locks, inertia=spec.driveshaft_inertia, shaft_reaction=spec.reaction)
+
+
+def _motor_per_side(
+    builder: ModelBuilder, prefix: str, spec: DifferentialDrive, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    """A motor's shaft on each side, geared to all wheels there.
+
+    The voltage, bounded, gives at most the stall torque either way, and a damper takes of it what a turning motor
+    loses: the straight line from stall torque to no-load speed. Both are implicit, however stiff they are.
+    """
+    drive: Drive = VelocityMotor(effort_limit=spec.stall_torque)
+    if spec.gain is not None:
+        drive = PositionDrive(stiffness=0.0, damping=spec.gain, effort_limit=spec.stall_torque)
+    motors = []
+    for index, name in enumerate(("left", "right")):
+        label = f"{prefix}driveline.{name}"
+        motor = builder.add_shaft(
+            f"{label}_motor", inertia=spec.motor_inertia, damping=spec.stall_torque / spec.no_load_speed, drive=drive
+        )
+        for number, axle in enumerate(sides):
+            builder.add_coupling(f"{label}_gear{number}", [(axle[index].turn, 1.0), (motor, -spec.gear_ratio)])
+        motors.append(motor)
+    return DrivelineParts(motors=tuple(motors))

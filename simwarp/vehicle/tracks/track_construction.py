@@ -370,36 +370,61 @@ class _Track:
         return joint, wheel
 
     def _add_chain(self, groups: _Groups) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        shoe, builder, name = self.spec.shoe, self.frame.builder, self.frame.name
+        builder, name = self.frame.builder, self.frame.name
         laid = lay_track(self.spec)
+        parts = self._links()
         count = len(laid.angles)
-        shoes = [0] * count
+        links = [0] * count
         # Of bodies of one mass, the first one added is the root of their tree.
         for k in sorted(range(count), key=lambda k: abs(k - count // 2)):
             x, z = laid.centres[k].tolist()
             half = -0.5 * float(laid.angles[k])
             turn = quat_multiply(self.frame.origin.rotation, np.array([0.0, math.sin(half), 0.0, math.cos(half)]))
-            shoes[k] = builder.add_body(
-                f"{name}.shoe{k}", mass=shoe.mass, inertia=shoe.inertia, pose=pose(self.frame.at((x, 0.0, z)), turn),
-                strict=False,
+            kind, part = parts[k % len(parts)]
+            links[k] = builder.add_body(
+                f"{name}.{kind}{k // len(parts)}", mass=part.mass, inertia=part.inertia,
+                pose=pose(self.frame.at((x, 0.0, z)), turn), strict=False,
             )  # fmt: skip
+        shoes = links[len(parts) - 1 :: len(parts)]
         for k, body in enumerate(shoes):
             self._add_shoe_shapes(f"{name}.shoe{k}", body, 1.0 if k % 2 == 0 else -1.0, groups)
+        if self.sprocket is SprocketContact.TEETH:
+            for k, body in enumerate(links[:: len(parts)]):
+                self._add_rollers(f"{name}.{parts[0][0]}{k}", body, groups)
         axis, pins = self._turning(), []
         for k in range(count):
             x, z = laid.pins[k].tolist()
             pin, anchor = f"{name}.pin{k}", self.frame.at((x, 0.0, z))
             if k == 0:  # closes the chain, without a spring
-                pins.append(builder.add_joint_point_on_line(pin, shoes[k - 1], shoes[k], anchor=anchor, axis=axis))
+                pins.append(builder.add_joint_point_on_line(pin, links[k - 1], links[k], anchor=anchor, axis=axis))
                 continue
             fold = math.remainder(float(laid.angles[k] - laid.angles[k - 1]), 2.0 * math.pi)
             pins.append(
                 builder.add_joint_revolute(
-                    pin, shoes[k - 1], shoes[k], anchor=anchor, axis=axis, stiffness=self.spec.pin_stiffness,
+                    pin, links[k - 1], links[k], anchor=anchor, axis=axis, stiffness=self.spec.pin_stiffness,
                     damping=self.spec.pin_damping, rest=fold,
                 )
             )  # fmt: skip
         return tuple(shoes), tuple(pins)
+
+    def _links(self) -> list[tuple[str, RigidPart]]:
+        """Name and body of each link of a shoe: itself, or its connectors and itself."""
+        shoe = self.spec.shoe
+        own = ("shoe", RigidPart(mass=shoe.mass, inertia=shoe.inertia))
+        return [own] if isinstance(shoe, SinglePinShoe) else [("connector", joined_connectors(shoe)), own]
+
+    def _add_rollers(self, name: str, body: int, groups: _Groups) -> None:
+        """Balls that meet the sprocket: on a shoe with one pin, or at both ends of a connector."""
+        shoe = self.spec.shoe
+        if isinstance(shoe, SinglePinShoe):
+            radius, places = shoe.roller_radius, (shoe.roller_front, shoe.roller_rear)
+        else:
+            radius, places = shoe.connector_radius, (0.5 * shoe.connector_length, -0.5 * shoe.connector_length)
+        for k, x in enumerate(places):
+            self.frame.builder.add_shape_sphere(
+                body, radius=radius, pose=pose((x, 0.0, 0.0)), material=Material(friction=shoe.friction),
+                name=f"{name}.roller{k}", **groups.rollers,
+            )  # fmt: skip
 
     def _add_shoe_shapes(self, name: str, body: int, across: float, groups: _Groups) -> None:
         shoe, builder = self.spec.shoe, self.frame.builder
@@ -418,12 +443,6 @@ class _Track:
                 body, radius=radius, pose=pose((0.5 * sign * length, 0.5 * sign * across * width, bottom + radius)),
                 material=to_ground, name=f"{name}.pad{k}", **groups.pads,
             )  # fmt: skip
-        if isinstance(shoe, SinglePinShoe) and self.sprocket is SprocketContact.TEETH:
-            for k, x in enumerate((shoe.roller_front, shoe.roller_rear)):
-                builder.add_shape_sphere(
-                    body, radius=shoe.roller_radius, pose=pose((x, 0.0, 0.0)),
-                    material=Material(friction=shoe.friction), name=f"{name}.roller{k}", **groups.rollers,
-                )  # fmt: skip
         builder.add_shape_sphere(
             body, radius=0.5 * shoe.guide_width, pose=pose(shoe.guide), material=Material(friction=0.0),
             name=f"{name}.guide", **groups.guides,
