@@ -53,7 +53,7 @@ def checked_profile(thing: str, profile: SprocketProfile) -> SprocketProfile:
             f"{thing}: the arcs' bottom, arc_center_radius - arc_radius, must lie between 0 and tip_radius, got "
             f"{center - arc:.4g} of it; change one of them"
         )
-    if not center + arc >= 1.0:
+    if offset == 0.0 and not center + arc >= 1.0:  # of two arcs, the room between them leads to the tips
         raise ModelError(
             f"{thing}: the arcs must reach the tips: arc_center_radius + arc_radius >= tip_radius, got "
             f"{center + arc:.4g} of it; lower the tips"

@@ -16,7 +16,8 @@ TURN = wp.constant(2.0 * math.pi)
 @wp.func
 def sphere_sprocket(a: Shape, b: Shape, reach: float, flip: int, assets: Assets, out: Manifold) -> int:
     """A ball and the arc of a sprocket whose centre is nearest to it, as if the ball's centre were in the sprocket's
-    middle plane; none beyond the half width, the arcs' centres, or the tips. The feature is the arc's number.
+    middle plane; none beyond the half width, the arcs' centres, or the tips, nor where the ball's centre is behind the
+    arc. The feature is the arc's number.
     """
     p = (a.x - b.x) * b.rot
     teeth = assets.sprocket_teeth[b.asset]
@@ -34,7 +35,8 @@ def sphere_sprocket(a: Shape, b: Shape, reach: float, flip: int, assets: Assets,
     d = wp.vec3(p[0], p[1], 0.0) - centre * radial
     away = safe_direction(d, -radial)
     gap = radius - b.margin - a.size[0] - a.margin - wp.length(d)
-    if gap >= reach or wp.length(centre * radial + radius * away) > b.size[0]:
+    behind = wp.length(d) >= radius
+    if gap >= reach or behind or wp.length(centre * radial + radius * away) > b.size[0]:
         return 0
     feature = 2 * ((int(tooth) + teeth) % teeth)
     if arc[2] > 0.0 and side < 0.0:

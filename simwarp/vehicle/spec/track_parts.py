@@ -92,6 +92,16 @@ class SinglePinShoe(Spec):
         """Of the links of one shoe [m]."""
         return (self.pitch,)
 
+    @property
+    def links(self) -> tuple[tuple[str, RigidPart], ...]:
+        """Name and body of each."""
+        return (("shoe", RigidPart(mass=self.mass, inertia=self.inertia)),)
+
+    @property
+    def rollers(self) -> tuple[float, tuple[float, float]]:
+        """Radius of what meets the sprocket, and its places along the last link [m]."""
+        return self.roller_radius, (self.roller_front, self.roller_rear)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DoublePinShoe(Spec):
@@ -130,8 +140,21 @@ class DoublePinShoe(Spec):
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """Of the links of one shoe, its connectors as one body and itself [m]."""
-        return self.connector_length, self.length
+        """Of the links of one shoe, itself and its connectors as one body [m]."""
+        return self.length, self.connector_length
+
+    @property
+    def links(self) -> tuple[tuple[str, RigidPart], ...]:
+        """Name and body of each. Two connectors lie at the shoe's sides."""
+        one, (x, y, z) = self.connector, self.connector.inertia
+        aside = one.mass * (0.5 * self.width) ** 2
+        both = RigidPart(mass=2.0 * one.mass, inertia=(2.0 * (x + aside), 2.0 * y, 2.0 * (z + aside)))
+        return ("shoe", RigidPart(mass=self.mass, inertia=self.inertia)), ("connector", both)
+
+    @property
+    def rollers(self) -> tuple[float, tuple[float, float]]:
+        """Radius of what meets the sprocket, and its places along the last link [m]."""
+        return self.connector_radius, (0.5 * self.connector_length, -0.5 * self.connector_length)
 
 
 Shoe: TypeAlias = Annotated[SinglePinShoe | DoublePinShoe, Tagged("template")]
@@ -179,6 +202,11 @@ class SinglePinSprocket(Spec):
         """Radius of the bottom of the gaps [m]."""
         return self.arc_center_radius - self.arc_radius
 
+    @property
+    def arc_centers(self) -> tuple[float, float]:
+        """Radius of the circle of the arcs' centres [m], and their angle from the middle of their gap [rad]."""
+        return self.arc_center_radius, 0.0
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DoublePinSprocket(Spec):
@@ -199,6 +227,12 @@ class DoublePinSprocket(Spec):
     arc_center_offset: Positive
     """Of the arcs' centres from that line [m]."""
     friction: NotNegative
+
+    @property
+    def arc_centers(self) -> tuple[float, float]:
+        """Radius of the circle of the arcs' centres [m], and their angle from the middle of their gap [rad]."""
+        height, offset = self.arc_center_height, self.arc_center_offset
+        return math.hypot(height, offset), math.atan2(offset, height)
 
 
 TrackSprocket: TypeAlias = Annotated[SinglePinSprocket | DoublePinSprocket, Tagged("template")]

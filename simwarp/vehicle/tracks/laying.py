@@ -1,6 +1,6 @@
 """How a chain is laid around sprocket, idler and road wheels: pins in the plane of the track.
 
-A link reaches from a pin to the next one: a shoe, or, of shoes with two pins, a connector or a shoe in turn.
+A link reaches from a pin to the next one: a shoe, or, of shoes with two pins, a shoe or a connector in turn.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def lay_chain(course: TrackCourse, *, lengths: Sequence[float], shoes: int) -> L
 
     Args:
         course: what it runs around.
-        lengths: distances of the two pins of the links of a shoe, in their order [m]: one, or connector and shoe. A
-            shoe alone begins straight below the sprocket, a connector lies level there.
+        lengths: distances of the two pins of the links of a shoe, in their order [m]: one, or shoe and connector.
+            With one pin, a shoe begins straight below the sprocket; with two, the first one lies level there, in a gap.
         shoes: how many there are.
 
     Raises:

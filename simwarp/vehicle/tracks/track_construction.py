@@ -41,7 +41,8 @@ from simwarp.vehicle.tracks.laying import LaidChain, TrackCourse, lay_chain
 from simwarp.vehicle.tracks.track_drivelines import TrackDrivelineParts, add_track_driveline
 
 SLACK: Final = 0.9
-"""Share of a shoe's height by which a chain is laid off idler and road wheels."""
+"""Share of a shoe's height by which a chain of shoes with one pin is laid off idler and road wheels; with two, whose
+folds are sharper, it lies on them."""
 QUARTER_TURN: Final = (math.sin(0.25 * math.pi), 0.0, 0.0, math.cos(0.25 * math.pi))
 """Turns a shape's axis from z to -y."""
 DEFAULT_GROUP: Final = 1
@@ -107,7 +108,9 @@ def course_of(track: ShoeTrack) -> TrackCourse:
     """What the chain of a track is laid around, from the track's origin."""
     first, last = track.road_wheels[0], track.road_wheels[-1]
     (sx, _, sz), (ix, _, iz) = track.sprocket_location, track.idler_location
-    away = SLACK * track.shoe.height
+    shoe = track.shoe
+    top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
+    away = SLACK * shoe.height if isinstance(shoe, SinglePinShoe) else top
     return TrackCourse(
         sprocket=(sx, sz), sprocket_radius=track.sprocket.assembly_radius,
         idler=(ix, iz), idler_radius=track.idler.wheel.radius + away,
@@ -174,8 +177,6 @@ def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> N
     if not isinstance(sprocket, SprocketContact):
         raise refuse("sprocket", "a SprocketContact", sprocket, "write SprocketContact.TEETH")
     for name, track in (("left", spec.left), ("right", spec.right)):
-        if not isinstance(track.shoe, SinglePinShoe) or not isinstance(track.sprocket, SinglePinSprocket):
-            raise SpecError(f"{name}.shoe: '{track.shoe.template}' is not there yet; use 'track-single-pin'")
         try:
             lay_track(track)
             if sprocket is SprocketContact.DRUM:
@@ -188,14 +189,11 @@ def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> N
 
 def _check_teeth(track: ShoeTrack) -> None:
     """Arcs with teeth between them, and rollers that fit in."""
-    shoe, sprocket = track.shoe, track.sprocket
-    if isinstance(shoe, SinglePinShoe) and isinstance(sprocket, SinglePinSprocket):
-        tip = sprocket.tip_radius
-        arcs = SprocketProfile(sprocket.teeth, sprocket.arc_center_radius / tip, sprocket.arc_radius / tip)
-        checked_profile("sprocket", arcs)
-        if not shoe.roller_radius < sprocket.arc_radius:
-            rule = f"less than the sprocket's arc_radius {sprocket.arc_radius:g} m"
-            raise refuse("shoe.roller_radius", rule, shoe.roller_radius)
+    (roller, _), sprocket = track.shoe.rollers, track.sprocket
+    (centers, offset), tip = sprocket.arc_centers, sprocket.tip_radius
+    checked_profile("sprocket", SprocketProfile(sprocket.teeth, centers / tip, sprocket.arc_radius / tip, offset))
+    if not roller < sprocket.arc_radius:
+        raise refuse("shoe.roller_radius", f"less than the sprocket's arc_radius {sprocket.arc_radius:g} m", roller)
 
 
 class _Bits(TypedDict):
@@ -326,9 +324,10 @@ class _Track:
         material = Material(friction=sprocket.friction)
         if self.sprocket is SprocketContact.DRUM:
             self._add_drum(body, drum_radius(self.spec), 0.5 * shoe.wheel_pad.size[1], material, groups.wheels)
-        elif isinstance(sprocket, SinglePinSprocket) and isinstance(shoe, SinglePinShoe):
+        else:
+            centers, offset = sprocket.arc_centers
             frame.builder.add_shape_sprocket(
-                body, arc_center_radius=sprocket.arc_center_radius, arc_radius=sprocket.arc_radius,
+                body, arc_center_radius=centers, arc_radius=sprocket.arc_radius, arc_offset=offset,
                 tip_radius=sprocket.tip_radius, teeth=sprocket.teeth, half_width=0.5 * sprocket.separation,
                 pose=pose((0.0, 0.0, 0.0), GAP_DOWN), material=material, name=f"{frame.name}.sprocket",
                 **groups.sprocket,
@@ -372,7 +371,7 @@ class _Track:
     def _add_chain(self, groups: _Groups) -> tuple[tuple[int, ...], tuple[int, ...]]:
         builder, name = self.frame.builder, self.frame.name
         laid = lay_track(self.spec)
-        parts = self._links()
+        parts = self.spec.shoe.links
         count = len(laid.angles)
         links = [0] * count
         # Of bodies of one mass, the first one added is the root of their tree.
@@ -385,12 +384,12 @@ class _Track:
                 f"{name}.{kind}{k // len(parts)}", mass=part.mass, inertia=part.inertia,
                 pose=pose(self.frame.at((x, 0.0, z)), turn), strict=False,
             )  # fmt: skip
-        shoes = links[len(parts) - 1 :: len(parts)]
+        shoes = links[:: len(parts)]
         for k, body in enumerate(shoes):
             self._add_shoe_shapes(f"{name}.shoe{k}", body, 1.0 if k % 2 == 0 else -1.0, groups)
         if self.sprocket is SprocketContact.TEETH:
-            for k, body in enumerate(links[:: len(parts)]):
-                self._add_rollers(f"{name}.{parts[0][0]}{k}", body, groups)
+            for k, body in enumerate(links[len(parts) - 1 :: len(parts)]):
+                self._add_rollers(f"{name}.{parts[-1][0]}{k}", body, groups)
         axis, pins = self._turning(), []
         for k in range(count):
             x, z = laid.pins[k].tolist()
@@ -407,19 +406,10 @@ class _Track:
             )  # fmt: skip
         return tuple(shoes), tuple(pins)
 
-    def _links(self) -> list[tuple[str, RigidPart]]:
-        """Name and body of each link of a shoe: itself, or its connectors and itself."""
-        shoe = self.spec.shoe
-        own = ("shoe", RigidPart(mass=shoe.mass, inertia=shoe.inertia))
-        return [own] if isinstance(shoe, SinglePinShoe) else [("connector", joined_connectors(shoe)), own]
-
     def _add_rollers(self, name: str, body: int, groups: _Groups) -> None:
         """Balls that meet the sprocket: on a shoe with one pin, or at both ends of a connector."""
         shoe = self.spec.shoe
-        if isinstance(shoe, SinglePinShoe):
-            radius, places = shoe.roller_radius, (shoe.roller_front, shoe.roller_rear)
-        else:
-            radius, places = shoe.connector_radius, (0.5 * shoe.connector_length, -0.5 * shoe.connector_length)
+        radius, places = shoe.rollers
         for k, x in enumerate(places):
             self.frame.builder.add_shape_sphere(
                 body, radius=radius, pose=pose((x, 0.0, 0.0)), material=Material(friction=shoe.friction),
@@ -457,7 +447,7 @@ def drum_radius(track: ShoeTrack) -> float:
     """
     shoe, sprocket = track.shoe, track.sprocket
     if not isinstance(shoe, SinglePinShoe) or not isinstance(sprocket, SinglePinSprocket):
-        raise SpecError(f"shoe: '{shoe.template}' is not there yet; use 'track-single-pin'")
+        raise SpecError(f"shoe: '{shoe.template}' has no drum; use SprocketContact.TEETH")
     half = 0.5 * (shoe.roller_front - shoe.roller_rear)
     seat = sprocket.roller_seat + shoe.roller_radius
     top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]

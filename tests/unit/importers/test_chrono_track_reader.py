@@ -84,7 +84,7 @@ def test_double_pins(tmp_path):
     assert isinstance(track.sprocket, DoublePinSprocket)
     assert math.isclose(track.shoe.pitch, 0.1524)
     assert track.shoe.joined
-    assert track.shoe.lengths == (0.054, 0.0984)
+    assert track.shoe.lengths == (0.0984, 0.054)
     assert (track.pin_stiffness, track.pin_damping) == (1000.0, 10.0)
     assert isinstance(spec.driveline, BrakedDifferential)
     assert spec.driveline.bevel_ratio == 0.5
