@@ -1,4 +1,4 @@
-"""Tracked vehicles in a model: what is built, contacts of a shoe, laws of motion, statics as recorded, driving by teeth."""
+"""Tracked vehicles in a model: what is built, contacts of a shoe, laws of motion, statics as recorded, teeth."""
 
 import collections
 import dataclasses
