@@ -49,6 +49,8 @@ def ball_in_sprocket(profile: Profile, p: np.ndarray, radius: float) -> Touch | 
     feature, c = min(profile.centers(), key=lambda each: float(np.linalg.norm(flat - each[1])))
     d = float(np.linalg.norm(flat - c))
     away = (flat - c) / d
+    if d >= profile.arc:  # behind the arc
+        return None
     if np.linalg.norm(c + profile.arc * away) > profile.tip:
         return None
     normal = np.array([*away, 0.0])
