@@ -81,6 +81,7 @@ LONGEST_MOVE = wp.constant(0.05)  # of an idler in one step: far from the soluti
 LEAST_LEVER = wp.constant(0.2)  # of the tension along the slide; less only where idler and wheels have met
 LEAST_STIFFNESS = wp.constant(1.0)  # of a slack span [N/m]
 SOIL_STEPS = wp.constant(4)  # of Newton for a sinkage; it comes from one side and cannot pass
+SLOW = wp.constant(0.05)  # speed of a belt below which points slide as where they are [m/s]
 SHEAR_ENOUGH = wp.constant(6.0)  # lengths after which soil has its full shear but 0.2 %
 
 
@@ -109,6 +110,7 @@ class BeltMemory:
 
     idler: wp.array2d[float]  # coordinate along the slide, positive as the slide's [m]
     loss_way: wp.array2d[float]  # [m]
+    bulge: wp.array2d[float]  # by which the lift lengthens the way around [m]
     lift: wp.array3d[float]  # of the belt by the ground, off the wheels' common tangents [m]
     shear: wp.array3d[wp.vec2]  # way over the ground since it was touched: forwards, to the left [m]
     sinkage: wp.array3d[float]  # deepest of the soil below [m]
@@ -266,7 +268,7 @@ def place_circles(
 def tighten(world: int, belt: int, p: wp.array[float], tables: BeltTables, memory: BeltMemory, work: BeltWork) -> float:
     """One step of Newton for the idler's place, at which the belt has its length; returns the tension."""
     last = tables.wheels[belt] + 1
-    excess = -p[BeltParameter.LENGTH]
+    excess = memory.bulge[world, belt] - p[BeltParameter.LENGTH]
     pushed = float(0.0)  # rate of the way around by the wheels' motion
     for circle in range(last + 1):
         before = work.along[world, belt, wp.where(circle == 0, last, circle - 1)]
@@ -354,22 +356,6 @@ def bridged_normal(world: int, belt: int, point: int, tables: BeltTables, work: 
         return normal
     line = wp.normalize(work.ground[world, belt, point + 1] - work.ground[world, belt, point - 1])
     return wp.normalize(normal - wp.dot(normal, line) * line)
-
-
-@wp.func
-def bridged_rise(world: int, belt: int, point: int, tables: BeltTables, work: BeltWork, reports: BeltReports) -> float:
-    """Height of the ground above a point: half its own, half that of the line through both neighbours' [m]."""
-    here = work.ground[world, belt, point][2]
-    rise = here - reports.point_arm[world, belt, point][2]
-    if point == 0 or point == tables.points[belt] - 1:
-        return rise
-    if work.normal[world, belt, point - 1][2] == 0.0 or work.normal[world, belt, point + 1][2] == 0.0:
-        return rise
-    x0 = work.place[world, belt, point - 1][0]
-    x1 = work.place[world, belt, point + 1][0]
-    share = wp.clamp((work.place[world, belt, point][0] - x0) / wp.min(x1 - x0, -1.0e-3), 0.0, 1.0)
-    line = (1.0 - share) * work.ground[world, belt, point - 1][2] + share * work.ground[world, belt, point + 1][2]
-    return rise + 0.5 * (line - here)
 
 
 @wp.func
@@ -543,8 +529,8 @@ def press_point(
     if point == 0 or point == last:
         length = wp.where(point == 0, to_after, to_before)
     normal = bridged_normal(world, belt, point, tables, work)
-    depth = bridged_rise(world, belt, point, tables, work, reports) * normal[2]
     arm = reports.point_arm[world, belt, point]
+    depth = (work.ground[world, belt, point][2] - arm[2]) * normal[2]
     velocity = frame.v + wp.cross(frame.omega, arm)
     swing = wheels_motion(world, belt, point, tables, work)
     forward = tables.forward[belt]
@@ -574,6 +560,8 @@ def press_point(
     else:
         pressed = press_hard(depth, rate, pulled / backing, backing, length, p)
     memory.lift[world, belt, point] = pressed.lift
+    risen = pressed.lift - memory.lift[world, belt, before]
+    memory.bulge[world, belt] += 0.5 * risen * risen / to_before
     work.pull[world, belt, point] = 0.0
     if pressed.force <= 0.0 or normal[2] == 0.0:
         memory.shear[world, belt, point] = wp.vec2()
@@ -581,12 +569,16 @@ def press_point(
     axis = wp.normalize(frame.ahead - wp.dot(frame.ahead, normal) * normal)
     across = wp.cross(normal, axis)
     slip = wp.vec2(wp.dot(velocity, axis) - now.speed, wp.dot(velocity, across))
-    # what the belt has slid comes along with it from the point before
+    # what the belt has slid comes along with it from the point before; on the way it slides as midways, so that the sum
+    # over points is of second order
     step = wp.abs(now.speed) * dt / to_upstream
+    midways = 0.5 * wp.abs(now.speed) / (wp.abs(now.speed) + SLOW)
+    between = frame.v + wp.cross(frame.omega, arm + midways * (reports.point_arm[world, belt, upstream] - arm))
+    slid = dt * wp.vec2(wp.dot(between, axis) - now.speed, wp.dot(between, across))
     arriving = wp.vec2()
     if upstream != point:
         arriving = memory.shear[world, belt, upstream]
-    shear = (memory.shear[world, belt, point] + dt * slip + step * arriving) / (1.0 + step)
+    shear = (memory.shear[world, belt, point] + slid + step * arriving) / (1.0 + step)
     most = p[BeltParameter.SHEAR_LENGTH]
     if tables.soft == 1:
         most = SHEAR_ENOUGH * law.shear_length
@@ -682,6 +674,7 @@ def run_belts(
         joint_force[world, tables.arm[belt, wheel]] = 0.0
         reports.load[world, belt, wheel] = 0.0
     count = tables.points[belt]
+    memory.bulge[world, belt] = 0.0
     onwards = wp.where(tables.forward[belt] * now.speed >= 0.0, 1, -1)
     for k in range(count):
         point = wp.where(onwards > 0, k, count - 1 - k)
