@@ -1,6 +1,6 @@
 """From the description of tracks by belt to bodies and joints of a ModelBuilder: a chassis, arms, and a shaft each.
 
-The belt is no body. Its mass is where it travels with the vehicle: the lower run's in the road wheels' arms, the rest in
+The belt is no body. Its mass travels with the vehicle: the lower run's in the road wheels' arms, the rest in
 the chassis, which has sprockets, idlers and rollers too. What turns with it is the inertia of the shaft.
 """
 
@@ -17,9 +17,9 @@ from simwarp.core.types import Pose, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.spec.belt_parts import BeltTrack
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, inertia_matrix, merged
-from simwarp.vehicle.spec.track_parts import RoadWheelMount, TrackedVehicleSpec, TrackWheel
+from simwarp.vehicle.spec.track_parts import RoadWheelMount, TrackedVehicleSpec, TrackSprocket, TrackWheel
 from simwarp.vehicle.suspensions.corner import Frame
-from simwarp.vehicle.tracks.belt_path import RestingBelt, rest_belt, way_around
+from simwarp.vehicle.tracks.belt_path import RestingBelt, rest_belt
 from simwarp.vehicle.tracks.track_construction import trailing_arm_axes
 
 THIN: Final = 1.0e-3
@@ -68,46 +68,37 @@ def chassis_parts(track: BeltTrack, track_offset: float, side: float) -> tuple[R
         SpecError: its belt does not go around.
     """
     resting = rest_belt(track)
-    shoe, sprocket, idler = track.shoe, track.sprocket, track.idler
-    per_length = shoe.mass / shoe.pitch
-    across = side * track_offset
-    at_idler = np.array([resting.forward, 1.0]) * resting.centers[-1]
-    idler_x, idler_z = at_idler.tolist()
-    top = 0.5 * (resting.radii[0] + resting.radii[-1] + resting.centers[-1][1])
+    sprocket, idler = track.sprocket, track.idler
+    per_length = track.shoe.mass / track.shoe.pitch
+    idler_x, idler_z = (np.array([resting.forward, 1.0]) * resting.centers[-1]).tolist()
     upper = per_length * abs(idler_x)
-    turned = [math.pi * per_length * resting.radii[k] for k in (0, -1)]  # half a turn around sprocket and idler
+    # The arms hold the lower run at their wheels' centres; the upper one makes up for its height below them
+    fallen = lower_run_mass(track) * float(np.mean(resting.radii[1:-1])) / upper
+    height = 0.5 * (resting.radii[0] + resting.radii[-1] + idler_z) - fallen
     rod = upper * idler_x**2 / 12.0 + THIN
     x0, y0, z0 = track.sprocket_location
 
-    def part(mass: float, com: tuple[float, float, float], inertia: tuple[float, float, float]) -> RigidPart:
-        return RigidPart(mass=mass, com=(x0 + com[0], across + side * (y0 + com[1]), z0 + com[2]), inertia=inertia)
+    def part(mass: float, place: tuple[float, float, float], inertia: tuple[float, float, float]) -> RigidPart:
+        x, y, z = place
+        com = (x0 + x, side * (track_offset + y0 + y), z0 + z)
+        return RigidPart(mass=mass, com=com, inertia=inertia)
 
-    def still(wheel: TrackWheel | None, mass: float, radius: float, inertia: Array) -> tuple[float, float, float]:
-        """Moments of a wheel and of the belt around half of it, but for the spin of both."""
-        return inertia[0] + 0.5 * mass * radius**2, THIN, inertia[2] + 0.5 * mass * radius**2
+    def still(wheel: TrackWheel | TrackSprocket, radius: float, x: float, z: float) -> RigidPart:
+        """A wheel with the belt around half of it, but for the spin of both."""
+        arc = math.pi * radius * per_length
+        own = 0.5 * arc * radius**2
+        return part(wheel.mass + arc, (x, 0.0, z), (wheel.inertia[0] + own, THIN, wheel.inertia[2] + own))
 
+    carrier = idler.carrier
+    beside = (idler_x + carrier.com[0], carrier.com[1], idler_z + carrier.com[2])
     carried = [
-        part(
-            sprocket.mass + turned[0],
-            (0.0, 0.0, 0.0),
-            still(None, turned[0], resting.radii[0], np.array(sprocket.inertia)),
-        ),
-        part(
-            idler.wheel.mass + turned[1],
-            (idler_x, 0.0, idler_z),
-            still(None, turned[1], resting.radii[-1], np.array(idler.wheel.inertia)),
-        ),
-        part(
-            idler.carrier.mass,
-            (idler_x + idler.carrier.com[0], idler.carrier.com[1], idler_z + idler.carrier.com[2]),
-            idler.carrier.inertia,
-        ),
-        part(upper, (0.5 * idler_x, 0.0, top), (THIN, rod, rod)),
-    ]
+        still(sprocket, resting.radii[0], 0.0, 0.0), still(idler.wheel, resting.radii[-1], idler_x, idler_z),
+        part(carrier.mass, beside, carrier.inertia), part(upper, (0.5 * idler_x, 0.0, height), (THIN, rod, rod)),
+    ]  # fmt: skip
     carried += [
         RigidPart(
             mass=roller.wheel.mass, inertia=(roller.wheel.inertia[0], THIN, roller.wheel.inertia[2]),
-            com=(roller.location[0], across + side * roller.location[1], roller.location[2]),
+            com=(roller.location[0], side * (track_offset + roller.location[1]), roller.location[2]),
         )
         for roller in track.rollers
     ]  # fmt: skip
@@ -132,15 +123,13 @@ def belt_inertia(track: BeltTrack) -> float:
     return own + track.shoes * track.shoe.mass * pitch_radius**2 + spins
 
 
-def add_belt_track(frame: Frame, spec: BeltTrack, chassis: int, reference: Array) -> BeltTrackParts:
+def add_belt_track(frame: Frame, spec: BeltTrack, chassis: int) -> BeltTrackParts:
     """Adds a track by belt to a chassis, whose mass has `chassis_parts` already.
 
     Args:
         frame: of the track: its builder, the prefix of its names, its origin in the world, its side.
         spec: described as a left one.
         chassis: body.
-        reference: (3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]; the
-            track's own is `frame.side` times its offset beside it.
 
     Raises:
         SpecError: the belt does not go around.
@@ -150,7 +139,7 @@ def add_belt_track(frame: Frame, spec: BeltTrack, chassis: int, reference: Array
     sprocket = builder.add_shaft(f"{frame.name}.sprocket", inertia=belt_inertia(spec))
     run = lower_run_mass(spec) / len(spec.road_wheels)
     arms = tuple(_add_arm(frame, index, mount, chassis, run) for index, mount in enumerate(spec.road_wheels))
-    body = builder.bodies[chassis].pose if chassis >= 0 else pose((0.0, 0.0, 0.0))
+    body = builder.bodies[chassis].pose
     back = np.array([-body.rotation[0], -body.rotation[1], -body.rotation[2], body.rotation[3]])
     origin = rotate(back, frame.at(spec.sprocket_location) - body.position)
     return BeltTrackParts(
@@ -218,8 +207,8 @@ def add_belt_vehicle(
     sides = []
     for name, track, side in (("left", left, 1.0), ("right", right, -1.0)):
         middle = origin.position + rotate(origin.rotation, np.array([0.0, side * spec.track_offset, 0.0]))
-        sides.append(add_belt_track(Frame(builder, f"{prefix}{name}", pose(middle, origin.rotation), side), track,
-                                    chassis, -com))  # fmt: skip
+        frame = Frame(builder, f"{prefix}{name}", pose(middle, origin.rotation), side)
+        sides.append(add_belt_track(frame, track, chassis))
     return BeltVehicleParts(
         spec=spec, chassis=chassis, reference=-com, left=sides[0], right=sides[1],
         bodies=range(first_body, len(builder.bodies)),

@@ -65,7 +65,9 @@ def way_around(centers: Array, radii: Array) -> tuple[float, Array, Array]:
     drop = radii - np.roll(radii, -1)
     square = np.maximum(np.sum(way * way, axis=1), SOLVED)
     length = np.sqrt(np.maximum(square - drop * drop, 0.0))
-    along = np.stack([way[:, 0] * length + way[:, 1] * drop, way[:, 1] * length - way[:, 0] * drop], 1) / square[:, None]
+    along = (
+        np.stack([way[:, 0] * length + way[:, 1] * drop, way[:, 1] * length - way[:, 0] * drop], 1) / square[:, None]
+    )
     before = np.roll(along, 1, axis=0)
     turns = -np.arctan2(before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0], np.sum(before * along, axis=1))
     for end in (0, -1):

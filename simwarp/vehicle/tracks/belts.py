@@ -21,7 +21,7 @@ from simwarp.vehicle.spec.track_parts import SinglePinShoe
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane
 from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
-from simwarp.vehicle.tracks.belts_kernels import (
+from simwarp.vehicle.tracks.belt_tables_kernels import (
     COLUMNS,
     WHEEL_COLUMNS,
     BeltMemory,
@@ -31,9 +31,8 @@ from simwarp.vehicle.tracks.belts_kernels import (
     BeltWork,
     PointKind,
     WheelColumn,
-    run_belts,
-    sum_belts,
 )
+from simwarp.vehicle.tracks.belts_kernels import run_belts, sum_belts
 
 Array = npt.NDArray[np.float64]
 
@@ -100,8 +99,9 @@ class Belts(ForceElement):
         self._memory: Any = _zeros(BeltMemory(), shape, {"lift": points, "shear": points, "sinkage": points}, device)
         self._memory.idler.assign(np.tile([each.resting.idler for each in self.parts], (model.world_count, 1)))
         on_points = dict.fromkeys(("place", "ground", "normal", "pull"), points)
-        on_circles = {name: wheels + 2 for name in BeltWork.vars if name not in on_points}
-        self._work: Any = _zeros(BeltWork(), shape, on_points | on_circles, device)
+        work: Any = BeltWork()
+        on_circles = {name: wheels + 2 for name in work._cls.vars if name not in on_points}
+        self._work: Any = _zeros(work, shape, on_points | on_circles, device)
         lengths = {"load": wheels, "point_force": points, "point_arm": points}
         self._reports: Any = _zeros(BeltReports(), shape, lengths, device)
         self.tension: wp.array = self._reports.tension
@@ -126,7 +126,7 @@ class Belts(ForceElement):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
-        return {name: getattr(self._memory, name) for name in BeltMemory.vars}
+        return {name: getattr(self._memory, name) for name in self._memory._cls.vars}
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: each belt, then the sums on chassis."""

@@ -6,8 +6,6 @@ end on) and the idler (n + 1); span c leads from circle c to circle c + 1, the l
 Points are those of the belt that may touch the ground, from the sprocket to the idler.
 """
 
-from enum import IntEnum
-
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
@@ -17,135 +15,35 @@ from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.soil.bekker_janosi_kernels import Law, law_of
 from simwarp.vehicle.tires.ground_kernels import TerrainTables, friction_at, ground_below
+from simwarp.vehicle.tracks.belt_contact_kernels import (
+    Pressed,
+    press_hard,
+    press_soil,
+    soil_traction_of,
+    traction_of,
+)
+from simwarp.vehicle.tracks.belt_tables_kernels import (
+    BeltMemory,
+    BeltParameter,
+    BeltReports,
+    BeltTables,
+    BeltWork,
+    PointKind,
+    WheelColumn,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
-class BeltParameter(IntEnum):
-    """Columns of `Belts.parameter`."""
-
-    FRICTION = 0
-    WIDTH = 1  # [m]
-    DEPTH = 2  # of the ground's side below the pins [m]
-    GROUND_STIFFNESS = 3  # per length [N/m²]
-    GROUND_DAMPING = 4  # time [s]
-    SHEAR_LENGTH = 5  # [m]
-    SHEAR_DAMPING = 6  # time [s]
-    WHEEL_SINK = 7  # of a wheel in the belt, per force [m/N]
-    LENGTH = 8  # of the belt [m]
-    STRETCH = 9  # of the belt, per tension [m/N]
-    SPROCKET_RADIUS = 10  # of the belt's path [m]
-    IDLER_RADIUS = 11
-    PITCH_RADIUS = 12  # speed of the belt per sprocket's speed [m]
-    IDLER_X = 13  # of the idler as built [m]
-    IDLER_Z = 14
-    SLIDE_X = 15  # direction in which its coordinate grows
-    SLIDE_Z = 16
-    TENSIONER_FORCE = 17  # as built, against that direction [N]
-    TENSIONER_STIFFNESS = 18  # [N/m]
-    TENSIONER_DAMPING = 19  # [N·s/m]
-    LOSS_DRY = 20  # resistance per tension
-    LOSS_LINEAR = 21  # [s/m]
-    LOSS_SQUARE = 22  # [s²/m²]
-    LOSS_WAY = 23  # over which the dry resistance comes up [m]
-
-
-class WheelColumn(IntEnum):
-    """Columns of `BeltTables.wheel`, in the belt's plane."""
-
-    HINGE_X = 0
-    HINGE_Z = 1
-    ARM_X = 2  # from the hinge to the wheel's centre, as built [m]
-    ARM_Z = 3
-    RADIUS = 4  # of the belt's path [m]
-    SENSE = 5  # 1: the arm's coordinate turns from z to x
-
-
-class PointKind(IntEnum):
-    """Where a point of the belt lies."""
-
-    SPAN = 0
-    """On a straight part: `place` is the span, `share` the way along it."""
-    WHEEL = 1
-    """Under the wheel of circle `place`."""
-    SPROCKET = 2
-    """Before the sprocket: `share` of the turn from the lower span to straight ahead."""
-    IDLER = 3
-
-
-COLUMNS = wp.constant(len(BeltParameter))
-WHEEL_COLUMNS = wp.constant(len(WheelColumn))
 PI = wp.constant(3.14159265)
 LIFT = wp.constant(0.5)  # above a point from where a mesh is looked for [m]
 LONGEST_MOVE = wp.constant(0.05)  # of an idler in one step: far from the solution its equation is not linear [m]
 LEAST_LEVER = wp.constant(0.2)  # of the tension along the slide; less only where idler and wheels have met
 LEAST_STIFFNESS = wp.constant(1.0)  # of a slack span [N/m]
-SOIL_STEPS = wp.constant(4)  # of Newton for a sinkage; it comes from one side and cannot pass
+SHORTEST = wp.constant(1.0e-3)  # of the way between two points [m]
+LEAST_SINK = wp.constant(1.0e-9)  # of a wheel in the belt [m/N]: 0.1 mm under 100 kN
 SLOW = wp.constant(0.05)  # speed of a belt below which points slide as where they are [m/s]
 SHEAR_ENOUGH = wp.constant(6.0)  # lengths after which soil has its full shear but 0.2 %
-
-
-@wp.struct
-class BeltTables:
-    """Constants, shared by all worlds. First axis: belt."""
-
-    chassis: wp.array[int]  # body
-    shaft: wp.array[int]  # degree of freedom
-    arm: wp.array2d[int]  # degrees of freedom, wheel by wheel
-    wheels: wp.array[int]  # how many
-    points: wp.array[int]  # how many
-    origin_b: wp.array[wp.vec3]  # of the track from the chassis' centre of mass, body axes [m]
-    forward: wp.array[float]
-    wheel: wp.array3d[float]  # (belts, wheels, WheelColumn)
-    kind: wp.array2d[int]  # (belts, points) PointKind
-    place: wp.array2d[int]
-    share: wp.array2d[float]
-    add: int  # 1: another element writes chassis and shafts before
-    soft: int  # 1: on soil
-
-
-@wp.struct
-class BeltMemory:
-    """What outlives a step, (W, belts) and (W, belts, points)."""
-
-    idler: wp.array2d[float]  # coordinate along the slide, positive as the slide's [m]
-    loss_way: wp.array2d[float]  # [m]
-    bulge: wp.array2d[float]  # by which the lift lengthens the way around [m]
-    lift: wp.array3d[float]  # of the belt by the ground, off the wheels' common tangents [m]
-    shear: wp.array3d[wp.vec2]  # way over the ground since it was touched: forwards, to the left [m]
-    sinkage: wp.array3d[float]  # deepest of the soil below [m]
-
-
-@wp.struct
-class BeltWork:
-    """A step's own numbers, (W, belts, circles) and (W, belts, points)."""
-
-    center: wp.array3d[wp.vec2]  # of circles [m]
-    lever: wp.array3d[wp.vec2]  # motion of a wheel's centre per rate of its arm [m]
-    motion: wp.array3d[wp.vec2]  # of circles' centres in the chassis [m/s]
-    radius: wp.array3d[float]  # of the path [m]
-    start: wp.array3d[wp.vec2]  # of spans [m]
-    along: wp.array3d[wp.vec2]  # unit, of spans
-    length: wp.array3d[float]  # of spans [m]
-    place: wp.array3d[wp.vec2]  # of points, on the ground's side [m]
-    ground: wp.array3d[wp.vec3]  # below points, from the chassis' centre of mass, world axes [m]
-    normal: wp.array3d[wp.vec3]  # of the ground; zero: there is none
-    pull: wp.array3d[float]  # of the ground on points, towards the sprocket [N]
-
-
-@wp.struct
-class BeltReports:
-    """Outputs, (W, belts) but for the last three."""
-
-    tension: wp.array2d[float]  # at the idler [N]
-    speed: wp.array2d[float]  # of the belt around the wheels, positive forwards [m/s]
-    traction: wp.array2d[float]  # of the ground, forwards [N]
-    resistance: wp.array2d[float]  # of the belt to its motion, positive forwards [N]
-    force: wp.array2d[wp.vec3]  # of the ground on the belt, world axes [N]
-    torque: wp.array2d[wp.vec3]  # about the chassis' centre of mass [N·m]
-    load: wp.array3d[float]  # (W, belts, wheels) of the ground on wheels, from the sprocket's end on [N]
-    point_force: wp.array3d[wp.vec3]  # (W, belts, points) [N]
-    point_arm: wp.array3d[wp.vec3]  # (W, belts, points) from the chassis' centre of mass, world axes [m]
 
 
 @wp.struct
@@ -170,15 +68,6 @@ class Belt:
     traction: float
     force: wp.vec3
     torque: wp.vec3
-
-
-@wp.struct
-class Pressed:
-    """A point on the ground."""
-
-    force: float  # along its normal [N]
-    lift: float  # [m]
-    sinkage: float  # deepest [m]
 
 
 @wp.func
@@ -259,8 +148,8 @@ def place_circles(
         along = wp.vec2(way[0] * length + way[1] * drop, way[1] * length - way[0] * drop) / square
         work.along[world, belt, circle] = along
         work.length[world, belt, circle] = length
-        work.start[world, belt, circle] = (
-            work.center[world, belt, circle] + work.radius[world, belt, circle] * outward(along)
+        work.start[world, belt, circle] = work.center[world, belt, circle] + work.radius[world, belt, circle] * outward(
+            along
         )
 
 
@@ -359,70 +248,6 @@ def bridged_normal(world: int, belt: int, point: int, tables: BeltTables, work: 
 
 
 @wp.func
-def press_hard(depth: float, rate: float, line: float, backing: float, length: float, p: wp.array[float]) -> Pressed:
-    """A pad on ground that does not give way, in series with the belt behind it.
-
-    Args:
-        depth: of the belt without its lift below the ground's surface [m].
-        rate: of that [m/s].
-        line: lift at which the belt pulls nowhere [m].
-        backing: stiffness of the belt against more [N/m].
-        length: of the belt that the point stands for [m].
-        p: parameters.
-    """
-    ground = p[BeltParameter.GROUND_STIFFNESS] * length
-    stiffness = ground * backing / (ground + backing)
-    found = Pressed()
-    elastic = stiffness * (depth - line)
-    found.lift = line
-    if elastic > 0.0:
-        found.lift = line + elastic / backing
-        found.force = wp.max(elastic + p[BeltParameter.GROUND_DAMPING] * stiffness * rate, 0.0)
-    return found
-
-
-@wp.func
-def press_soil(
-    depth: float, rate: float, line: float, backing: float, area: float, deepest: float, law: Law
-) -> Pressed:  # fmt: skip
-    """Bekker's soil in series with the belt: elastic above the deepest sinkage so far, plastic below.
-
-    Args:
-        depth, rate, line, backing: as of `press_hard`.
-        area: that the point stands for [m²].
-        deepest: sinkage so far [m].
-        law: of the soil.
-    """
-    found = Pressed()
-    found.lift = line
-    found.sinkage = deepest
-    reach = depth - line  # sinkage, if the belt did not yield
-    limit = law.stiffness * wp.pow(wp.max(deepest, 0.0), law.exponent)
-    left = deepest - limit / law.elastic
-    if reach <= wp.max(left, 0.0):
-        return found
-    elastic = area * law.elastic
-    z = (backing * reach + elastic * left) / (backing + elastic)
-    pressure = law.elastic * (z - left)
-    if z > deepest:
-        stiff = area * law.stiffness
-        # The equation is convex for n >= 1 and concave below: this side has no turning back
-        z = wp.where(law.exponent >= 1.0, reach, wp.max(deepest, 1.0e-5))
-        for _ in range(SOIL_STEPS):
-            z = wp.max(z, 1.0e-5)
-            yielding = stiff * wp.pow(z, law.exponent)
-            z -= (yielding - backing * (reach - z)) / (law.exponent * yielding / z + backing)
-        z = wp.clamp(z, deepest, reach)
-        pressure = wp.min(law.stiffness * wp.pow(z, law.exponent), limit + law.elastic * (z - deepest))
-        found.sinkage = z
-    force = area * pressure
-    found.lift = line + force / backing
-    share = backing / (backing + elastic)
-    found.force = wp.max(force + area * law.damping * share * rate, 0.0)
-    return found
-
-
-@wp.func
 def belt_normal(world: int, belt: int, point: int, frame: Frame, tables: BeltTables, work: BeltWork) -> wp.vec3:
     """Normal of the belt at a point, towards the vehicle, world axes."""
     place = tables.place[belt, point]
@@ -461,9 +286,7 @@ def load_wheels(
         first = 1.0
         second = 0.0
     if place >= 1:
-        joint_force[world, tables.arm[belt, place - 1]] += (
-            first * force * wp.dot(along, work.lever[world, belt, place])
-        )
+        joint_force[world, tables.arm[belt, place - 1]] += first * force * wp.dot(along, work.lever[world, belt, place])
         reports.load[world, belt, place - 1] += first * force
     if second > 0.0 and place < wheels:
         joint_force[world, tables.arm[belt, place]] += (
@@ -483,30 +306,97 @@ def wheels_motion(world: int, belt: int, point: int, tables: BeltTables, work: B
     return (1.0 - share) * work.motion[world, belt, place] + share * work.motion[world, belt, place + 1]
 
 
-@wp.func
-def traction_of(shear: wp.vec2, slip: wp.vec2, load: float, friction: float, p: wp.array[float]) -> wp.vec2:
-    """Coulomb's friction with an elastic beginning, against the way that was slid; damped below the limit."""
-    limit = friction * load
-    force = -(limit / p[BeltParameter.SHEAR_LENGTH]) * (shear + p[BeltParameter.SHEAR_DAMPING] * slip)
-    size = wp.length(force)
-    if size > limit:
-        force *= limit / size
-    return force
+@wp.struct
+class Beside:
+    """A point's neighbours along the belt."""
+
+    before: int  # itself, at an end
+    after: int
+    to_before: float  # [m]
+    to_after: float
+    length: float  # of the belt that the point stands for [m]
 
 
 @wp.func
-def soil_traction_of(shear: wp.vec2, slip: wp.vec2, load: float, area: float, law: Law, time: float) -> wp.vec2:
-    """Janosi's and Hanamoto's shear of a soil that Mohr and Coulomb limit; damped by `time` below the limit."""
-    limit = law.cohesion * area + load * law.tan_phi
-    way = wp.length(shear)
-    rest = wp.exp(-way / law.shear_length)
-    force = -(limit / law.shear_length * rest * time) * slip
-    if way > 0.0:
-        force -= limit * (1.0 - rest) / way * shear
-    size = wp.length(force)
-    if size > limit:
-        force *= limit / size
-    return force
+def beside(world: int, belt: int, point: int, tables: BeltTables, work: BeltWork) -> Beside:
+    """A point's neighbours along the belt."""
+    last = tables.points[belt] - 1
+    found = Beside()
+    found.before = wp.max(point - 1, 0)
+    found.after = wp.min(point + 1, last)
+    here = work.place[world, belt, point]
+    found.to_before = wp.max(wp.length(here - work.place[world, belt, found.before]), SHORTEST)
+    found.to_after = wp.max(wp.length(work.place[world, belt, found.after] - here), SHORTEST)
+    found.length = 0.5 * (found.to_before + found.to_after)
+    if point == 0 or point == last:
+        found.length = wp.where(point == 0, found.to_after, found.to_before)
+    return found
+
+
+@wp.func
+def press_down(
+    world: int, belt: int, point: int, depth: float, rate: float, moved: float, near: Beside, p: wp.array[float],
+    law: Law, now: Belt, tables: BeltTables, memory: BeltMemory,
+) -> Pressed:  # fmt: skip
+    """The normal force on a point, and the lift of the belt, a string between its neighbours' lifts.
+
+    Args:
+        depth: of the belt without lift below the ground [m].
+        rate: of that [m/s].
+        moved: way of the vehicle in this step, towards the sprocket [m].
+        near: the point's neighbours.
+    """
+    before = now.tension / near.to_before
+    after = now.tension / near.to_after
+    backing = before + after + LEAST_STIFFNESS
+    pulled = before * memory.lift[world, belt, near.before] + after * memory.lift[world, belt, near.after]
+    share = tables.share[belt, point]
+    if tables.kind[belt, point] != PointKind.SPAN or share == 0.0 or share == 1.0:
+        backing += 1.0 / wp.max(p[BeltParameter.WHEEL_SINK], LEAST_SINK)
+    found = Pressed()
+    if tables.soft == 1:
+        # the rut stays in the ground, over which the vehicle moves
+        entering = wp.where(moved >= 0.0, point - 1, point + 1)
+        step = wp.abs(moved) / wp.where(moved >= 0.0, near.to_before, near.to_after)
+        rut = float(0.0)
+        if entering >= 0 and entering < tables.points[belt]:
+            rut = memory.sinkage[world, belt, entering]
+        deepest = (memory.sinkage[world, belt, point] + step * rut) / (1.0 + step)
+        area = p[BeltParameter.WIDTH] * near.length
+        found = press_soil(depth, rate, pulled / backing, backing, area, deepest, law)
+        memory.sinkage[world, belt, point] = found.sinkage
+    else:
+        found = press_hard(depth, rate, pulled / backing, backing, near.length, p)
+    memory.lift[world, belt, point] = found.lift
+    risen = found.lift - memory.lift[world, belt, near.before]
+    memory.bulge[world, belt] += 0.5 * risen * risen / near.to_before
+    return found
+
+
+@wp.func
+def slide(
+    world: int, belt: int, point: int, onwards: int, dt: float, most: float, axis: wp.vec3, across: wp.vec3,
+    near: Beside, frame: Frame, now: Belt, tables: BeltTables, memory: BeltMemory, reports: BeltReports,
+) -> wp.vec2:  # fmt: skip
+    """The way that the belt has slid over the ground when it comes to a point, at most `most` [m].
+
+    It brings along what it had slid at the point before, and slides on the way as midways, so that the sum over points
+    is of second order; a belt at rest slides as its points do.
+    """
+    upstream = wp.clamp(point - onwards, 0, tables.points[belt] - 1)
+    speed = wp.abs(now.speed)
+    step = speed * dt / wp.where(upstream < point, near.to_before, near.to_after)
+    arm = reports.point_arm[world, belt, point]
+    midways = 0.5 * speed / (speed + SLOW)
+    between = frame.v + wp.cross(frame.omega, arm + midways * (reports.point_arm[world, belt, upstream] - arm))
+    slid = dt * wp.vec2(wp.dot(between, axis) - now.speed, wp.dot(between, across))
+    arriving = wp.vec2()
+    if upstream != point:
+        arriving = memory.shear[world, belt, upstream]
+    shear = (memory.shear[world, belt, point] + slid + step * arriving) / (1.0 + step)
+    shear *= wp.min(most / wp.max(wp.length(shear), 1.0e-9), 1.0)
+    memory.shear[world, belt, point] = shear
+    return shear
 
 
 @wp.func
@@ -518,50 +408,16 @@ def press_point(
     """Force of the ground on a point, world axes [N]; `onwards` is 1 where the belt's lower side moves towards the
     idler, which is the direction in which points are taken, else -1.
     """
-    last = tables.points[belt] - 1
-    kind = tables.kind[belt, point]
-    here = work.place[world, belt, point]
-    before = wp.max(point - 1, 0)
-    after = wp.min(point + 1, last)
-    to_before = wp.max(wp.length(here - work.place[world, belt, before]), 1.0e-3)
-    to_after = wp.max(wp.length(work.place[world, belt, after] - here), 1.0e-3)
-    length = 0.5 * (to_before + to_after)
-    if point == 0 or point == last:
-        length = wp.where(point == 0, to_after, to_before)
+    forward = tables.forward[belt]
+    near = beside(world, belt, point, tables, work)
     normal = bridged_normal(world, belt, point, tables, work)
     arm = reports.point_arm[world, belt, point]
     depth = (work.ground[world, belt, point][2] - arm[2]) * normal[2]
     velocity = frame.v + wp.cross(frame.omega, arm)
     swing = wheels_motion(world, belt, point, tables, work)
-    forward = tables.forward[belt]
     rate = -wp.dot(velocity + forward * swing[0] * frame.ahead + swing[1] * frame.up, normal)
-    # the belt as a string between its neighbours' lifts; wheels and sprocket stand behind it
-    stiff_before = now.tension / to_before
-    stiff_after = now.tension / to_after
-    backing = stiff_before + stiff_after + LEAST_STIFFNESS
-    pulled = stiff_before * memory.lift[world, belt, before] + stiff_after * memory.lift[world, belt, after]
-    if kind != PointKind.SPAN or tables.share[belt, point] == 0.0 or tables.share[belt, point] == 1.0:
-        backing += 1.0 / wp.max(p[BeltParameter.WHEEL_SINK], 1.0e-9)
-    upstream = wp.clamp(point - onwards, 0, last)
-    to_upstream = wp.where(upstream < point, to_before, to_after)
-    pressed = Pressed()
-    area = p[BeltParameter.WIDTH] * length
-    if tables.soft == 1:
-        # the rut stays in the ground, over which the vehicle moves
-        moved = forward * wp.dot(velocity, frame.ahead) * dt
-        entering = wp.where(moved >= 0.0, point - 1, point + 1)
-        step = wp.abs(moved) / wp.where(moved >= 0.0, to_before, to_after)
-        rut = float(0.0)
-        if entering >= 0 and entering <= last:
-            rut = memory.sinkage[world, belt, entering]
-        deepest = (memory.sinkage[world, belt, point] + step * rut) / (1.0 + step)
-        pressed = press_soil(depth, rate, pulled / backing, backing, area, deepest, law)
-        memory.sinkage[world, belt, point] = pressed.sinkage
-    else:
-        pressed = press_hard(depth, rate, pulled / backing, backing, length, p)
-    memory.lift[world, belt, point] = pressed.lift
-    risen = pressed.lift - memory.lift[world, belt, before]
-    memory.bulge[world, belt] += 0.5 * risen * risen / to_before
+    moved = forward * wp.dot(velocity, frame.ahead) * dt
+    pressed = press_down(world, belt, point, depth, rate, moved, near, p, law, now, tables, memory)
     work.pull[world, belt, point] = 0.0
     if pressed.force <= 0.0 or normal[2] == 0.0:
         memory.shear[world, belt, point] = wp.vec2()
@@ -569,34 +425,22 @@ def press_point(
     axis = wp.normalize(frame.ahead - wp.dot(frame.ahead, normal) * normal)
     across = wp.cross(normal, axis)
     slip = wp.vec2(wp.dot(velocity, axis) - now.speed, wp.dot(velocity, across))
-    # what the belt has slid comes along with it from the point before; on the way it slides as midways, so that the sum
-    # over points is of second order
-    step = wp.abs(now.speed) * dt / to_upstream
-    midways = 0.5 * wp.abs(now.speed) / (wp.abs(now.speed) + SLOW)
-    between = frame.v + wp.cross(frame.omega, arm + midways * (reports.point_arm[world, belt, upstream] - arm))
-    slid = dt * wp.vec2(wp.dot(between, axis) - now.speed, wp.dot(between, across))
-    arriving = wp.vec2()
-    if upstream != point:
-        arriving = memory.shear[world, belt, upstream]
-    shear = (memory.shear[world, belt, point] + slid + step * arriving) / (1.0 + step)
     most = p[BeltParameter.SHEAR_LENGTH]
     if tables.soft == 1:
         most = SHEAR_ENOUGH * law.shear_length
-    shear *= wp.min(most / wp.max(wp.length(shear), 1.0e-9), 1.0)
-    memory.shear[world, belt, point] = shear
+    shear = slide(world, belt, point, onwards, dt, most, axis, across, near, frame, now, tables, memory, reports)
     pull = wp.vec2()
     push = normal
     if tables.soft == 1:
+        area = p[BeltParameter.WIDTH] * near.length
         pull = soil_traction_of(shear, slip, pressed.force, area, law, p[BeltParameter.SHEAR_DAMPING])
         push = belt_normal(world, belt, point, frame, tables, work)
     else:
         road = friction_at(world, frame.x + to_double(arm), friction, terrain)
         pull = traction_of(shear, slip, pressed.force, wp.min(road, p[BeltParameter.FRICTION]), p)
     work.pull[world, belt, point] = forward * pull[0]
-    load_wheels(
-        world, belt, point, pressed.force, wp.vec2(forward * wp.dot(push, frame.ahead), wp.dot(push, frame.up)),
-        tables, work, reports, joint_force,
-    )  # fmt: skip
+    in_plane = wp.vec2(forward * wp.dot(push, frame.ahead), wp.dot(push, frame.up))
+    load_wheels(world, belt, point, pressed.force, in_plane, tables, work, reports, joint_force)
     return pressed.force * push + pull[0] * axis + pull[1] * across
 
 
@@ -617,9 +461,7 @@ def pull_wheels(
             circle = tables.place[belt, point]
             there = wp.max(tension - pulled - 0.5 * pull, 0.0)
             bend = work.along[world, belt, circle] - work.along[world, belt, circle - 1]
-            joint_force[world, tables.arm[belt, circle - 1]] += there * wp.dot(
-                bend, work.lever[world, belt, circle]
-            )
+            joint_force[world, tables.arm[belt, circle - 1]] += there * wp.dot(bend, work.lever[world, belt, circle])
         pulled += pull
     return pulled
 

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-import simwarp as sw
 from simwarp.core.rotation import matrix_of, rotate
 from simwarp.soil.soil_parameters import soil_preset
 from simwarp.vehicle.tracks.belt_path import way_around
-from simwarp.vehicle.tracks.belts_kernels import BeltParameter as P, WheelColumn as C
+from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter as P, WheelColumn as C
 from tests.reference.belts import Shape, point_places, press_bekker, tension_of
 from tests.unit.vehicle.tracks.belt_vehicles import evaluate, vehicle
 

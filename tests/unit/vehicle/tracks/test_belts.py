@@ -2,6 +2,7 @@
 recorded of the same vehicle shoe by shoe."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -100,7 +101,7 @@ def test_energy_stays_without_dampers():
 
 def test_a_drop_comes_to_rest():
     """From 10 cm above its place at rest, on the ground, with all of its dampers: nothing feeds a motion."""
-    sim, parts, belts = vehicle(at=sw.pose((0.0, 0.0, 0.8)))
+    sim, _parts, belts = vehicle(at=sw.pose((0.0, 0.0, 0.8)))
     sim.step(500)
     peaks = []
     for _ in range(6):
@@ -109,7 +110,7 @@ def test_a_drop_comes_to_rest():
             sim.step(20)
             peak = max(peak, kinetic(sim))
         peaks.append(peak)
-    assert all(after < 0.7 * before for before, after in zip(peaks, peaks[1:], strict=False))
+    assert all(after < 0.7 * before for before, after in itertools.pairwise(peaks))
     assert peaks[-1] < 1.0
     weight = mass_of(sim) * GRAVITY
     assert belts.force.numpy()[0, :, 2].sum() == pytest.approx(weight, rel=1e-3)
@@ -130,7 +131,7 @@ def test_worlds_do_not_matter_to_each_other_and_runs_repeat():
 
 
 def test_a_reset_and_a_snapshot_bring_everything_back():
-    sim, parts, _ = vehicle(soil="soft")
+    sim, _parts, _ = vehicle(soil="soft")
     sim.step(200)
     first = sim.state.body_x.numpy().copy()
     kept = sim.snapshot()
@@ -199,7 +200,7 @@ def test_it_stands_on_a_slope_without_creeping(across):
     gravity = slope(math.radians(32.0))
     if across:
         gravity = (0.0, gravity[0], gravity[2])
-    sim, parts, _ = vehicle(gravity=gravity, law=BRAKED)
+    sim, _parts, _ = vehicle(gravity=gravity, law=BRAKED)
     sim.step(20000)  # its pitching, hardly damped, is over
     there = sim.body_position("chassis").copy()
     sim.step(4000)
@@ -210,7 +211,7 @@ def test_it_stands_on_a_slope_without_creeping(across):
 def test_it_slides_down_a_steeper_slope():
     """With g (sin a - mu cos a)."""
     angle = math.radians(45.0)
-    sim, parts, _ = vehicle(gravity=slope(angle), law=BRAKED)
+    sim, _parts, _ = vehicle(gravity=slope(angle), law=BRAKED)
     sim.step(3000)
     before = float(sim.body_velocity("chassis")[0])
     sim.step(1000)
@@ -305,7 +306,7 @@ def test_a_slack_belt_pulls_nowhere():
 
     with pytest.raises(sw.vehicle.SpecError, match="must be tightened by its tensioner"):
         vehicle(track=slack)
-    sim, parts, belts = vehicle()
+    sim, _parts, belts = vehicle()
     belts.parameter[:, :, 17] = 0.0
     belts.parameter[:, :, 18] = 1.0
     sim.step(4000)
