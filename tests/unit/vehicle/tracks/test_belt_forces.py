@@ -9,10 +9,10 @@ from simwarp.core.rotation import matrix_of, rotate
 from simwarp.soil.soil_parameters import soil_preset
 from simwarp.vehicle.tracks.belt_path import way_around
 from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter as P, WheelColumn as C
-from tests.reference.belts import Shape, point_places, press_bekker, tension_of
+from tests.reference.belts import BeltForces, Shape
 from tests.unit.vehicle.tracks.belt_vehicles import evaluate, vehicle
 
-SPAN, WHEEL = 0, 1
+WHEEL = 1
 
 
 def shape_of(belts, belt):
@@ -35,7 +35,7 @@ def random_state(sim, parts, belts, rng, lower):
     q = np.array([*(0.5 * turn[:2]), math.sin(0.5 * turn[2]), math.cos(0.5 * turn[2])])
     q /= np.linalg.norm(q)
     for name, value in (
-        ("body_x", np.array([*rng.normal(size=2) * 20.0, rng.uniform(0.85, 1.0) - lower])), ("body_rot", q),
+        ("body_x", np.array([*rng.normal(size=2) * 20.0, rng.uniform(0.8, 0.95) - lower])), ("body_rot", q),
         ("body_v", rng.normal(size=3) * (2.0, 0.3, 0.1)), ("body_omega", rng.normal(size=3) * 0.2),
     ):  # fmt: skip
         array = getattr(state, name).numpy().copy()
@@ -67,124 +67,24 @@ def angles_of(sim, side):
 
 
 def expected(sim, parts, belts, belt, remembered, soil):
-    """Force and torque on the chassis, torques on arms and shaft of a belt on the plane z = 0."""
+    """The reference of a belt on the plane z = 0."""
     builder, state = sim.model.builder, sim.state
     side = (parts.left, parts.right)[belt]
     p, shape = shape_of(belts, belt)
-    angles = angles_of(sim, side)
-    rates = state.joint_qd.numpy()[0, [builder.dof_start(arm) for arm in side.arms]].astype(float)
-    x, q = state.body_x.numpy()[0, parts.chassis], state.body_rot.numpy()[0, parts.chassis]
+    rates = state.joint_qd.numpy()[0].astype(float)
     v, w = (getattr(state, name).numpy()[0, parts.chassis].astype(float) for name in ("body_v", "body_omega"))
-    axes = matrix_of(q)
-    place = float(remembered["idler"][0, belt])
-    centers, headings = shape.centers(angles, place), shape.headings(shape.centers(angles, place))
-    tension = tension_of(shape, angles, rates, place)
-    speed = p[P.PITCH_RADIUS] * state.joint_qd.numpy()[0, builder.dof_start(side.sprocket)]
     kinds = [getattr(belts._tables, name).numpy()[belt] for name in ("kind", "place", "share")]
-    points = [(int(kind), int(at), float(share)) for kind, at, share in zip(*kinds, strict=True)]
-    places = point_places(shape, angles, place, points)
-    levers = np.array([
-        (shape.centers(angles + d, place) - shape.centers(angles - d, place))[k + 1] / 2e-6
-        for k, d in enumerate(1e-6 * np.eye(len(angles)))
-    ])  # fmt: skip
-    motion = np.zeros_like(centers)
-    motion[1:-1] = levers * rates[:, None]
-    normal, count = np.array([0.0, 0.0, 1.0]), len(points)
-    lift, shear = remembered["lift"][0, belt].astype(float), remembered["shear"][0, belt].astype(float)
-    sinkage = remembered["sinkage"][0, belt].astype(float)
-    gaps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    order = range(count) if shape.forward * speed >= 0.0 else range(count - 1, -1, -1)
-    onwards = 1 if shape.forward * speed >= 0.0 else -1
-    force, torque, arms, pulls = np.zeros(3), np.zeros(3), np.zeros(len(angles)), np.zeros(count)
-    for i in order:
-        kind, at, share = points[i]
-        arm = axes @ (side.origin + np.array([shape.forward * places[i][0], 0.0, places[i][1]]))
-        velocity = v + np.cross(w, arm)
-        before, after = max(i - 1, 0), min(i + 1, count - 1)
-        near = [gaps[i - 1] if i > 0 else 1e-3, gaps[i] if i < count - 1 else 1e-3]
-        length = gaps[0] if i == 0 else gaps[-1] if i == count - 1 else 0.5 * sum(near)
-        swing = motion[at] if kind != SPAN else (1 - share) * motion[at] + share * motion[at + 1]
-        rate = -(velocity + axes @ np.array([shape.forward * swing[0], 0.0, swing[1]])) @ normal
-        backing = tension / near[0] + tension / near[1] + 1.0
-        line = tension / near[0] * lift[before] + tension / near[1] * lift[after]
-        if kind != SPAN or share in (0.0, 1.0):
-            backing += 1.0 / p[P.WHEEL_SINK]
-        line /= backing
-        depth, area, load = -(x + arm)[2], p[P.WIDTH] * length, 0.0
-        lift[i] = line
-        if soil is None:
-            ground = p[P.GROUND_STIFFNESS] * length
-            k = ground * backing / (ground + backing)
-            elastic = k * (depth - line)
-            if elastic > 0.0:
-                lift[i] = line + elastic / backing
-                load = max(elastic + p[P.GROUND_DAMPING] * k * rate, 0.0)
-        else:
-            stiffness = soil.k_phi + soil.k_c / p[P.WIDTH]
-            moved = shape.forward * (velocity @ axes[:, 0]) * sim.dt
-            entering = i - 1 if moved >= 0.0 else i + 1
-            share_in = abs(moved) / (near[0] if moved >= 0.0 else near[1])
-            deepest = (sinkage[i] + share_in * (sinkage[entering] if 0 <= entering < count else 0.0)) / (1.0 + share_in)
-            elastic, sinkage[i] = press_bekker(
-                depth - line, backing, area, deepest, stiffness, soil.exponent, soil.elastic
-            )
-            if elastic > 0.0:
-                lift[i] = line + elastic / backing
-                share_of = backing / (backing + area * soil.elastic)
-                load = max(elastic + area * soil.damping * share_of * rate, 0.0)
-        if load <= 0.0:
-            shear[i] = 0.0
-            continue
-        axis = axes[:, 0] - (axes[:, 0] @ normal) * normal
-        axis /= np.linalg.norm(axis)
-        across = np.cross(normal, axis)
-        slip = np.array([velocity @ axis - speed, velocity @ across])
-        source = i - onwards
-        step = abs(speed) * sim.dt / (near[0] if source < i else near[1])
-        arriving = shear[source] if 0 <= source < count else np.zeros(2)
-        other = axes @ (side.origin + np.array([shape.forward * places[min(max(source, 0), count - 1)][0], 0.0,
-                                                places[min(max(source, 0), count - 1)][1]]))  # fmt: skip
-        there = v + np.cross(w, arm + 0.5 * abs(speed) / (abs(speed) + 0.05) * (other - arm))
-        slid = sim.dt * np.array([there @ axis - speed, there @ across])
-        shear[i] = (shear[i] + slid + step * arriving) / (1.0 + step)
-        most = p[P.SHEAR_LENGTH] if soil is None else 6.0 * soil.shear_length
-        shear[i] *= min(1.0, most / max(np.linalg.norm(shear[i]), 1e-9))
-        push = normal
-        if soil is None:
-            limit = min(0.9, p[P.FRICTION]) * load
-            pull = -limit / p[P.SHEAR_LENGTH] * (shear[i] + p[P.SHEAR_DAMPING] * slip)
-        else:
-            limit = soil.cohesion * area + load * math.tan(soil.friction_angle)
-            rest = math.exp(-np.linalg.norm(shear[i]) / soil.shear_length)
-            pull = -limit / soil.shear_length * rest * p[P.SHEAR_DAMPING] * slip
-            pull -= limit * (1.0 - rest) * shear[i] / np.linalg.norm(shear[i])
-            heading = headings[0] if kind == 2 else headings[-2] if kind == 3 else headings[at]
-            if kind == WHEEL:
-                both = [np.array([math.cos(a), math.sin(a)]) for a in headings[[at - 1, at]]]
-                heading = math.atan2(*(both[0] + both[1])[::-1])
-            push = axes @ np.array([shape.forward * math.sin(heading), 0.0, -math.cos(heading)])
-        pull *= min(1.0, limit / np.linalg.norm(pull))
-        pulls[i] = shape.forward * pull[0]
-        there = load * push + pull[0] * axis + pull[1] * across
-        force, torque = force + there, torque + np.cross(arm, there)
-        in_plane = np.array([shape.forward * (push @ axes[:, 0]), push @ axes[:, 2]])
-        if kind in (SPAN, WHEEL):
-            first, second = (1.0, 0.0) if kind == WHEEL else (1.0 - share, share)
-            for circle, part in ((at, first), (at + 1, second)):
-                if 1 <= circle <= len(angles):
-                    arms[circle - 1] += part * load * in_plane @ levers[circle - 1]
-    for i in range(count):
-        if points[i][0] == WHEEL:
-            at = points[i][1]
-            there = max(tension - pulls[i + 1 :].sum() - 0.5 * pulls[i], 0.0)
-            bend = [math.cos(headings[at]) - math.cos(headings[at - 1]),
-                    math.sin(headings[at]) - math.sin(headings[at - 1])]  # fmt: skip
-            arms[at - 1] += there * levers[at - 1] @ bend
-    way = np.clip(remembered["loss_way"][0, belt] + sim.dt * speed, -p[P.LOSS_WAY], p[P.LOSS_WAY])
-    resistance = -tension * (p[P.LOSS_DRY] * way / p[P.LOSS_WAY] + p[P.LOSS_LINEAR] * speed
-                             + p[P.LOSS_SQUARE] * abs(speed) * speed)  # fmt: skip
-    shaft = p[P.PITCH_RADIUS] * (resistance - shape.forward * pulls.sum())
-    return force, torque, arms, shaft, tension
+    return BeltForces(
+        shape=shape, law={name.name.lower(): float(p[name]) for name in P}, soil=soil, dt=sim.dt,
+        x=state.body_x.numpy()[0, parts.chassis], axes=matrix_of(state.body_rot.numpy()[0, parts.chassis]), v=v, w=w,
+        origin=side.origin, angles=angles_of(sim, side),
+        rates=rates[[builder.dof_start(arm) for arm in side.arms]],
+        speed=float(p[P.PITCH_RADIUS] * rates[builder.dof_start(side.sprocket)]),
+        place=float(remembered["idler"][0, belt]), loss_way=float(remembered["loss_way"][0, belt]),
+        lift=remembered["lift"][0, belt].astype(float), shear=remembered["shear"][0, belt].astype(float),
+        sinkage=remembered["sinkage"][0, belt].astype(float),
+        points=[(int(kind), int(at), float(share)) for kind, at, share in zip(*kinds, strict=True)],
+    ).run()  # fmt: skip
 
 
 @pytest.mark.parametrize("preset", [None, "soft", "clay"])
@@ -202,9 +102,8 @@ def test_forces_are_those_of_the_reference(preset, seed):
     joint_force = sim.control.element_joint_force.numpy()[0]
     total, moment = np.zeros(3), np.zeros(3)
     for belt, side in enumerate((parts.left, parts.right)):
-        force, torque, arms, shaft, tension = expected(
-            sim, parts, belts, belt, remembered, None if preset is None else soil_preset(preset)
-        )
+        there = expected(sim, parts, belts, belt, remembered, None if preset is None else soil_preset(preset))
+        force, torque, arms, shaft, tension = there.force, there.torque, there.arms, there.shaft, there.tension
         size = max(np.linalg.norm(force), 1e4)
         assert belts.tension.numpy()[0, belt] == pytest.approx(tension, abs=10.0)
         np.testing.assert_allclose(belts.force.numpy()[0, belt], force, atol=1e-3 * size)
