@@ -95,7 +95,7 @@ def at_rest() -> dict[str, Any]:
         arms = [[sim.joint_position(arm) for arm in side.arms] for side in (parts.left, parts.right)]
         rows.append([(x + rotate(q, parts.reference))[2], 2.0 * (q[3] * q[1] - q[0] * q[2]), *idler, *tension,
                      *arms[0], *arms[1]])  # fmt: skip
-    means = np.round(np.mean(rows, axis=0), 4).tolist()
+    means: list[float] = np.array(rows).mean(axis=0).round(4).tolist()
     names = list(RECORDED)
     found["belt"] = {**dict(zip(names[:6], means[:6], strict=True)), names[6]: means[6:11], names[7]: means[11:]}
     print(f"rest: {found['belt']}", flush=True)

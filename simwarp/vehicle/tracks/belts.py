@@ -128,6 +128,11 @@ class Belts(ForceElement):
         """State that a reset restores and a snapshot keeps."""
         return {name: getattr(self._memory, name) for name in self._memory._cls.vars}
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Chassis, if no other element writes their forces."""
+        return tuple(sorted({each.chassis for each in self.parts})) if self._tables.add == 0 else ()
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: each belt, then the sums on chassis."""
         model, control = simulation.model, simulation.control.arrays
