@@ -26,6 +26,7 @@ from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import option_names, with_options
@@ -34,6 +35,9 @@ from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
+from simwarp.vehicle.tracks.belt_construction import BeltTrackParts, BeltVehicleParts, add_belt_vehicle
+from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter
+from simwarp.vehicle.tracks.belts import Belts
 from simwarp.vehicle.tracks.track_construction import SprocketContact, TrackedVehicleParts, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
@@ -47,6 +51,12 @@ __all__ = [
     "PAYLOAD",
     "TRACK_SOLVER",
     "VEHICLE_SOLVER",
+    "BeltLaw",
+    "BeltParameter",
+    "BeltTrack",
+    "BeltTrackParts",
+    "BeltVehicleParts",
+    "Belts",
     "CommonTire",
     "Convoy",
     "Drive",
@@ -79,10 +89,12 @@ __all__ = [
     "VehicleParts",
     "VehicleSpec",
     "Vehicles",
+    "add_belt_vehicle",
     "add_chassis_box",
     "add_payload",
     "add_tracked_vehicle",
     "add_vehicle",
+    "belt_of",
     "bezier",
     "circle",
     "ground",

@@ -355,7 +355,7 @@ class _Track:
 
     def _add_road_wheel(self, index: int, mount: RoadWheelMount, groups: _Groups) -> tuple[int, int]:
         frame, builder, suspension = self._place(mount.location), self.frame.builder, mount.suspension
-        arm = frame.add_body(f"arm{index}", suspension.arm, _arm_axes(suspension.hinge, suspension.wheel_joint))
+        arm = frame.add_body(f"arm{index}", suspension.arm, trailing_arm_axes(suspension.hinge, suspension.wheel_joint))
         trailing = math.copysign(1.0, suspension.hinge[0] - suspension.wheel_joint[0])
         joint = builder.add_joint_revolute(
             f"{frame.name}.arm{index}", self.chassis, arm, axis=trailing * self._turning(),
@@ -457,7 +457,7 @@ def drum_radius(track: ShoeTrack) -> float:
     return radius
 
 
-def _arm_axes(hinge: Vec3, wheel_joint: Vec3) -> Array:
+def trailing_arm_axes(hinge: Vec3, wheel_joint: Vec3) -> Array:
     """Axes (columns) of an arm: x from the wheel's end to the hinge, y along the hinge."""
     along = np.subtract(hinge, wheel_joint)
     along[1] = 0.0
