@@ -7,6 +7,7 @@ same starts and turns shoe by shoe, on smooth sprockets
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 import time
@@ -30,9 +31,8 @@ from simwarp.core.rotation import rotate
 from simwarp.vehicle import (
     VEHICLE_SOLVER,
     Belts,
-    BeltVehicleParts,
-    add_belt_vehicle,
-    belt_of,
+    TrackedVehicleParts,
+    add_tracked_vehicle,
     load_tracked_vehicle,
 )
 
@@ -46,11 +46,11 @@ CASES: Final = {"straight": (TORQUE, TORQUE), "uneven": (500.0, 4000.0), "pivot"
 
 def vehicle(
     worlds: int = 1, dt: float = 1e-3, soil: str | None = None, **law: Any
-) -> tuple[sw.Simulation, BeltVehicleParts, Belts]:
+) -> tuple[sw.Simulation, TrackedVehicleParts, Belts]:
     """The M113 on belts, on a plane, on one thread."""
-    spec = load_tracked_vehicle("m113")
+    spec = dataclasses.replace(load_tracked_vehicle("m113"), driveline=None, engine=None, transmission=None)
     builder = sw.ModelBuilder()
-    parts = add_belt_vehicle(builder, spec, left=belt_of(spec.left, **law), right=belt_of(spec.right, **law))
+    parts = add_tracked_vehicle(builder, with_belts(spec, **law))
     model = builder.finalize(worlds, "cpu")
     belts = Belts([parts.left, parts.right], model, soil=soil, alone=True)
     sim = sw.Simulation(model, dt, elements=[belts], solver=VEHICLE_SOLVER, check_start=False, threads=1)

@@ -29,9 +29,9 @@ from simwarp.vehicle.spec.track_parts import (
     SupportRoller,
     Tensioner,
     TorsionArm,
-    TrackedVehicleSpec,
     TrackWheel,
 )
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_parts import Brake
 from simwarp.vehicle.spec.vehicle_spec import Vec3
 

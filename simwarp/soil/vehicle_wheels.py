@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from simwarp.soil.soil_sheets import SoilMesh
 from simwarp.vehicle.spec.track_parts import ShoePad
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
-from simwarp.vehicle.tracks.tracked_vehicle import TrackedVehicle
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
+
+if TYPE_CHECKING:
+    from simwarp.vehicle.tracks.tracked_vehicle import TrackedVehicle
 
 
 def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
@@ -50,7 +52,7 @@ def pads_of(vehicle: TrackedVehicle) -> list[SoilBox]:
         ModelError: the vehicle has no shoes.
     """
     parts, boxes = vehicle.parts, []
-    for side, track in ((parts.left, parts.spec.left), (parts.right, parts.spec.right)):
+    for side, track in zip(parts.chains, (parts.spec.left, parts.spec.right), strict=bool(parts.chains)):
         shapes = [_spanned([track.shoe.ground_pad])]
         if track.shoe.side_pads:
             shapes.append(_spanned(track.shoe.side_pads))

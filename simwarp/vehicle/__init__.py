@@ -28,17 +28,18 @@ from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SpecError
-from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_belts
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
-from simwarp.vehicle.tracks.belt_construction import BeltTrackParts, BeltVehicleParts, add_belt_vehicle
+from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
 from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter
 from simwarp.vehicle.tracks.belts import Belts
-from simwarp.vehicle.tracks.track_construction import SprocketContact, TrackedVehicleParts, add_tracked_vehicle
+from simwarp.vehicle.tracks.shoe_construction import ShoeTrackParts, SprocketContact
+from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
@@ -55,7 +56,6 @@ __all__ = [
     "BeltParameter",
     "BeltTrack",
     "BeltTrackParts",
-    "BeltVehicleParts",
     "Belts",
     "CommonTire",
     "Convoy",
@@ -71,6 +71,7 @@ __all__ = [
     "Run",
     "ScriptSpec",
     "ScriptedDriver",
+    "ShoeTrackParts",
     "SpecError",
     "SprocketContact",
     "Stanley",
@@ -89,7 +90,6 @@ __all__ = [
     "VehicleParts",
     "VehicleSpec",
     "Vehicles",
-    "add_belt_vehicle",
     "add_chassis_box",
     "add_payload",
     "add_tracked_vehicle",
@@ -118,5 +118,6 @@ __all__ = [
     "twist_gains_for",
     "unicycle_for",
     "vehicle_names",
+    "with_belts",
     "with_options",
 ]

@@ -18,9 +18,11 @@ from simwarp.core.types import WORLD, Material, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline, TrackedVehicleSpec
+from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import Points
-from simwarp.vehicle.tracks.track_construction import SprocketContact, add_tracked_vehicle
+from simwarp.vehicle.tracks.shoe_construction import SprocketContact
+from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import per_world
@@ -86,6 +88,7 @@ class Trial:
         }  # fmt: skip
         for name, side in (("left", parts.left), ("right", parts.right)):
             found[f"arms {name}"] = np.array([sim.joint_position(arm) for arm in side.arms])
+        for name, side in zip(("left", "right"), parts.chains, strict=bool(parts.chains)):
             found[f"idler {name}"] = sim.joint_position(side.tensioner)
             if sim.diagnostics.joint_reaction_force.size:
                 force = sim.diagnostics.joint_reaction_force.numpy()[0, list(side.pins)]

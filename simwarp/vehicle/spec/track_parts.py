@@ -12,9 +12,8 @@ import math
 from typing import Annotated, Final, Literal, TypeAlias
 
 from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Positive, Tagged
-from simwarp.vehicle.spec.drivetrain_parts import Engine, Transmission, check_powertrain
 from simwarp.vehicle.spec.parts import ZERO, ForceLine, RigidPart, Spec, SpecError, check_apart, refuse
-from simwarp.vehicle.spec.vehicle_parts import Brake, Chassis
+from simwarp.vehicle.spec.vehicle_parts import Brake
 
 FEWEST_TEETH: Final = 3
 """Of a sprocket."""
@@ -397,27 +396,3 @@ class ShoeTrack(Spec):
         if not 0.5 * self.shoe.pitch < self.sprocket.assembly_radius:
             rule = f"more than half the pitch of {self.shoe.pitch:g} m"
             raise refuse("sprocket.assembly_radius", rule, self.sprocket.assembly_radius)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TrackedVehicleSpec(Spec):
-    """A whole tracked vehicle: a chassis between two tracks. Its frame of reference is that of the left track, in the
-    middle.
-    """
-
-    name: str
-    chassis: Chassis
-    left: ShoeTrack
-    right: ShoeTrack
-    """Described as a left one."""
-    track_offset: Positive
-    """Of the middle of each track from the vehicle's middle [m]."""
-    driveline: TrackDriveline | None = None
-    engine: Engine | None = None
-    transmission: Transmission | None = None
-    start_height: float = 1.0
-    """Of the frame of reference above the ground at the start [m]."""
-
-    def check(self) -> None:
-        """An engine with a transmission, and a driveline behind them."""
-        check_powertrain(self.engine, self.transmission, self.driveline)

@@ -13,14 +13,13 @@ from typing import Final
 import numpy as np
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import Pose, pose
-from simwarp.model.builder import ModelBuilder
+from simwarp.core.types import pose
 from simwarp.vehicle.spec.belt_parts import BeltTrack
-from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, inertia_matrix, merged
-from simwarp.vehicle.spec.track_parts import RoadWheelMount, TrackedVehicleSpec, TrackSprocket, TrackWheel
+from simwarp.vehicle.spec.parts import Array, RigidPart, inertia_matrix, merged
+from simwarp.vehicle.spec.track_parts import RoadWheelMount, TrackSprocket, TrackWheel
 from simwarp.vehicle.suspensions.corner import Frame
 from simwarp.vehicle.tracks.belt_path import RestingBelt, rest_belt
-from simwarp.vehicle.tracks.track_construction import trailing_arm_axes
+from simwarp.vehicle.tracks.shoe_construction import trailing_arm_axes
 
 THIN: Final = 1.0e-3
 """Least moment of inertia of a part that has none about an axis [kg·m²]: descriptions ask for positive ones."""
@@ -40,20 +39,6 @@ class BeltTrackParts:
     """Joint, a shaft; its coordinate is positive in forward drive [rad]."""
     arms: tuple[int, ...]
     """Joints, from front to rear; coordinates are positive with the wheel up [rad]."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BeltVehicleParts:
-    """Indices, in the builder, of what a vehicle on belts is made of."""
-
-    spec: TrackedVehicleSpec
-    chassis: int
-    reference: Array
-    """(3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]."""
-    left: BeltTrackParts
-    right: BeltTrackParts
-    bodies: range
-    """All that `add_belt_vehicle` made."""
 
 
 def chassis_parts(track: BeltTrack, track_offset: float, side: float) -> tuple[RigidPart, ...]:
@@ -136,7 +121,8 @@ def add_belt_track(frame: Frame, spec: BeltTrack, chassis: int) -> BeltTrackPart
     """
     resting = rest_belt(spec)
     builder = frame.builder
-    sprocket = builder.add_shaft(f"{frame.name}.sprocket", inertia=belt_inertia(spec))
+    brake = 0.0 if spec.brake is None else spec.brake.max_torque
+    sprocket = builder.add_shaft(f"{frame.name}.sprocket", inertia=belt_inertia(spec), friction=brake)
     run = lower_run_mass(spec) / len(spec.road_wheels)
     arms = tuple(_add_arm(frame, index, mount, chassis, run) for index, mount in enumerate(spec.road_wheels))
     body = builder.bodies[chassis].pose
@@ -172,44 +158,3 @@ def _add_arm(frame: Frame, index: int, mount: RoadWheelMount, chassis: int, run:
     if suspension.shock is not None:
         place.add_line(f"shock{index}", chassis, body, suspension.shock)
     return joint
-
-
-def add_belt_vehicle(
-    builder: ModelBuilder, spec: TrackedVehicleSpec, *, left: BeltTrack, right: BeltTrack, at: Pose | None = None,
-    prefix: str = "",
-) -> BeltVehicleParts:  # fmt: skip
-    """Adds a tracked vehicle on two belts: a chassis, its arms, and a shaft for each sprocket.
-
-    `Belts` makes their forces. Torques on sprockets are the user's; chassis and arms have no shapes.
-
-    Args:
-        spec: of the vehicle; its own tracks have no effect.
-        left, right: its belts (`belt_of`).
-        at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
-        prefix: of the names of its bodies and joints.
-
-    Raises:
-        SpecError: a belt does not go around, or another vehicle has this prefix.
-    """
-    if any(body.name == f"{prefix}chassis" for body in builder.bodies):
-        raise SpecError(f"prefix: must be one that no other vehicle has, got {prefix!r} again; number them")
-    first_body = len(builder.bodies)
-    parts = list(spec.chassis.components)
-    for name, track, side in (("left", left, 1.0), ("right", right, -1.0)):
-        try:
-            parts += chassis_parts(track, spec.track_offset, side)
-        except SpecError as error:
-            raise SpecError(f"{name}.{error}") from None
-    origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
-    mass, com, inertia = merged(parts)
-    center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
-    chassis = builder.add_body(f"{prefix}chassis", mass=mass, inertia=inertia, pose=center)
-    sides = []
-    for name, track, side in (("left", left, 1.0), ("right", right, -1.0)):
-        middle = origin.position + rotate(origin.rotation, np.array([0.0, side * spec.track_offset, 0.0]))
-        frame = Frame(builder, f"{prefix}{name}", pose(middle, origin.rotation), side)
-        sides.append(add_belt_track(frame, track, chassis))
-    return BeltVehicleParts(
-        spec=spec, chassis=chassis, reference=-com, left=sides[0], right=sides[1],
-        bodies=range(first_body, len(builder.bodies)),
-    )  # fmt: skip

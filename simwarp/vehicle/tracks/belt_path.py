@@ -11,7 +11,7 @@ import numpy as np
 from simwarp.vehicle.spec.belt_parts import BeltTrack
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.track_parts import SinglePinShoe
-from simwarp.vehicle.tracks.track_construction import drum_radius
+from simwarp.vehicle.tracks.shoe_construction import drum_radius
 
 SOLVED: Final = 1.0e-9
 """Of lengths [m]."""

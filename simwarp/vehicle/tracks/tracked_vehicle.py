@@ -13,10 +13,13 @@ from simwarp.core.types import WORLD, ModelError, Vec3, finite_vector
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.solver_options import SolverOptions
+from simwarp.soil.soil_parameters import SoilSpec
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
 from simwarp.vehicle.inputs_kernels import VehicleTables
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
-from simwarp.vehicle.tracks.track_construction import TrackedVehicleParts
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
+from simwarp.vehicle.tracks.belts import Belts
+from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts
 from simwarp.vehicle.tracks.tracked_vehicle_kernels import (
     TrackTables,
     measure_set_tracked_vehicle,
@@ -32,14 +35,19 @@ ones, change a vehicle's motion by 1e-3 of it (docs/decisions.md).
 
 
 class TrackedVehicle(ForceElement):
-    """Powertrain, brakes and steering of one tracked vehicle, in every world: a `ForceElement`.
+    """Powertrain, brakes, steering and belts of one tracked vehicle, in every world: a `ForceElement`.
 
-    Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=TRACK_SOLVER)`.
+    Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=TRACK_SOLVER)`, on belts with
+    `VEHICLE_SOLVER`.
 
     Args:
         parts: from `add_tracked_vehicle`.
         model: made with `per_world=per_world()` at least.
         point: whose motion `position` to `acceleration_b` tell, in the vehicle's frame of reference [m].
+        ground: surface under belts (`ground`); the plane z = 0 when None. Chains meet shapes.
+        soil: deformable ground under belts: a `SoilSpec` or the name of a preset; None: it is hard. For chains there is
+            `simwarp.soil.soil_under_tracks`.
+        randomised: True if every world has rows of its own in `belts.parameter`, `soil` and `ground_friction`.
 
     Attributes:
         bodies: (N,) int32, indices of its bodies in the model, the chassis first.
@@ -58,16 +66,28 @@ class TrackedVehicle(ForceElement):
             transmission on the drive shaft [N·m].
         sprocket_speed: (W, 2) left and right, positive forwards [rad/s].
         tension: (W, 2) half the force of each tensioner: of each of the chain's two runs around the idler [N].
+        belts: both belts, with their readings, parameters and ground; None of a vehicle with chains.
 
     Raises:
-        ModelError: the model shares an array that each world's vehicle has to write, or the hull is fixed.
+        ModelError: the model shares an array that each world's vehicle has to write, the hull is fixed, or chains get
+            a ground of belts.
     """
 
-    def __init__(self, parts: TrackedVehicleParts, model: Model, *, point: Vec3 = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self, parts: TrackedVehicleParts, model: Model, *, point: Vec3 = (0.0, 0.0, 0.0),
+        ground: TerrainTables | None = None, soil: SoilSpec | str | None = None, randomised: bool = False,
+    ) -> None:  # fmt: skip
         check_per_world(model)
         if parts.chassis == WORLD:
             raise ModelError("TrackedVehicle: the hull is fixed; build it with hull_fixed=False")
+        if parts.chains and (ground is not None or soil is not None):
+            name = "ground" if ground is not None else "soil"
+            raise ModelError(
+                f"TrackedVehicle: {name} is that of belts, and '{parts.spec.name}' has chains, which meet shapes and "
+                "soil_under_tracks; leave it out, or build with_belts(spec)"
+            )
         self.parts, self.model = parts, model
+        self.belts = Belts(parts.belts, model, ground=ground, soil=soil, randomised=randomised) if parts.belts else None
         worlds, device = model.world_count, model.device
         bodies = [parts.chassis, *(body for body in parts.bodies if body != parts.chassis)]
         self.bodies: wp.array = wp.array(bodies, dtype=int, device=device)
@@ -94,16 +114,17 @@ class TrackedVehicle(ForceElement):
         self.engine_torque: wp.array = self._powertrain_state.engine_torque[:, 0]
         self.drive_torque: wp.array = self._powertrain_state.drive_torque[:, 0]
         self.sprocket_speed: wp.array = wp.zeros((worlds, 2), dtype=float, device=device)
-        self.tension: wp.array = wp.zeros((worlds, 2), dtype=float, device=device)
+        chains = wp.zeros((worlds, 2), dtype=float, device=device)
+        self.tension: wp.array = chains if self.belts is None else self.belts.tension
 
     def _readable_title(self) -> str:
         return f" '{self.parts.spec.name}': {plural(self.model.world_count, 'world')} on {self.model.device}"
 
     def _readable_rows(self) -> dict[str, Row]:
-        shoes = [len(side.shoes) for side in (self.parts.left, self.parts.right)]
+        spec = self.parts.spec
         return {
             "chassis": self.model.body_names[self.parts.chassis],
-            "shoes": f"{shoes[0]} left, {shoes[1]} right",
+            "tracks": f"{spec.left.shoes} and {spec.right.shoes} shoes{', as belts' if spec.on_belts else ''}",
             "input": f"{array_text(self.input)}: steering, throttle, braking, clutch",
         }
 
@@ -120,6 +141,8 @@ class TrackedVehicle(ForceElement):
             "last_input": state.last_input,
             "last_drive": state.last_drive,
         }
+        if self.belts is not None:
+            arrays |= {f"belt_{name}": array for name, array in self.belts.memory.items()}
         return {name: array for name, array in arrays.items() if array.size}
 
     @property
@@ -128,8 +151,9 @@ class TrackedVehicle(ForceElement):
         return (self.parts.chassis,)
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launch that turns inputs into torques and bounds."""
+        """The launch that turns inputs into torques and bounds, then those of belts."""
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
+        belts = [] if self.belts is None else self.belts.record(simulation, dt)
         return [
             simulation.shares.record(
                 run_tracked_vehicle, 1,
@@ -138,7 +162,8 @@ class TrackedVehicle(ForceElement):
                     state,
                 ],
                 outputs=[self._powertrain_state, self._motion, control],
-            )
+            ),
+            *belts,
         ]  # fmt: skip
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
@@ -174,11 +199,11 @@ def _vehicle_tables(parts: TrackedVehicleParts, model: Model) -> VehicleTables:
 
 def _track_tables(parts: TrackedVehicleParts, model: Model) -> TrackTables:
     table, starts = TrackTables(), model.joint_dof_start
-    sides = ((parts.left, parts.spec.left), (parts.right, parts.spec.right))
-    table.sprocket_dof = wp.vec2i(*(starts[side.sprocket] for side, _ in sides))
-    table.tensioner_dof = wp.vec2i(*(starts[side.tensioner] for side, _ in sides))
-    table.tensioner_sign = wp.vec2(*(track.idler.tightening for _, track in sides))
-    table.brake_torque = wp.vec2(*(0.0 if track.brake is None else track.brake.max_torque for _, track in sides))
+    tracks = (parts.spec.left, parts.spec.right)
+    table.sprocket_dof = wp.vec2i(*(starts[side.sprocket] for side in (parts.left, parts.right)))
+    table.tensioner_dof = wp.vec2i(*([starts[side.tensioner] for side in parts.chains] or [-1, -1]))
+    table.tensioner_sign = wp.vec2(*(track.idler.tightening for track in tracks))
+    table.brake_torque = wp.vec2(*(0.0 if track.brake is None else track.brake.max_torque for track in tracks))
     table.steers_by_torque = int(parts.driveline.steers_by_torque)
     table.steers_by_brake = int(parts.driveline.steers_by_brake)
     table.torque_sign = parts.driveline.torque_sign

@@ -7,12 +7,12 @@ import numpy as np
 import simwarp as sw
 from simwarp.core.rotation import rotate
 from simwarp.vehicle.spec.belt_parts import belt_of
-from simwarp.vehicle.tracks.belt_construction import add_belt_vehicle
 from simwarp.vehicle.tracks.belts import Belts
+from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER
 
-M113 = load_tracked_vehicle("m113")
+M113 = dataclasses.replace(load_tracked_vehicle("m113"), driveline=None, engine=None, transmission=None)
 GRAVITY = 9.81
 
 
@@ -33,7 +33,7 @@ def vehicle(
         sides = [track(side) for side in sides]
     left, right = (belt_of(side, **(law or {})) for side in sides)
     builder = sw.ModelBuilder(gravity=gravity)
-    parts = add_belt_vehicle(builder, spec, left=left, right=right, at=at)
+    parts = add_tracked_vehicle(builder, dataclasses.replace(spec, left=left, right=right), at=at)
     name = None if terrain is None else terrain(builder)
     model = builder.finalize(worlds, "cpu")
     if name is not None:

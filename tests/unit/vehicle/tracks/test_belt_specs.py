@@ -12,9 +12,10 @@ import simwarp as sw
 from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_files import read_spec, to_json
-from simwarp.vehicle.tracks.belt_construction import add_belt_vehicle, belt_inertia
+from simwarp.vehicle.tracks.belt_construction import belt_inertia
 from simwarp.vehicle.tracks.belt_path import rest_belt
 from simwarp.vehicle.tracks.belts import Belts
+from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from tests.unit.vehicle.tracks.belt_vehicles import M113, drive, mass_of, reference_point, vehicle
 from tests.unit.vehicle.tracks.test_track_construction import TWO_PINS
 from tests.unit.vehicle.tracks.test_track_specs import DOUBLE
@@ -131,11 +132,11 @@ def test_a_side_is_named_and_nothing_is_built():
     builder = sw.ModelBuilder()
     short = dataclasses.replace(TRACK, shoes=58)
     with pytest.raises(SpecError, match=r"right\.belt: 58 shoes"):
-        add_belt_vehicle(builder, M113, left=TRACK, right=short)
+        add_tracked_vehicle(builder, dataclasses.replace(M113, left=TRACK, right=short))
     assert not builder.bodies
-    add_belt_vehicle(builder, M113, left=TRACK, right=TRACK)
+    add_tracked_vehicle(builder, dataclasses.replace(M113, left=TRACK, right=TRACK))
     with pytest.raises(SpecError, match="prefix: must be one that no other vehicle has, got '' again"):
-        add_belt_vehicle(builder, M113, left=TRACK, right=TRACK)
+        add_tracked_vehicle(builder, dataclasses.replace(M113, left=TRACK, right=TRACK))
 
 
 def test_belts_of_nothing_and_of_one_track_twice():

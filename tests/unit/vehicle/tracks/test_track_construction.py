@@ -13,8 +13,10 @@ import simwarp as sw
 from simwarp.core.rotation import rotate
 from simwarp.model.model import meeting_pairs
 from simwarp.vehicle.spec.parts import RigidPart, SpecError
-from simwarp.vehicle.spec.track_parts import DoublePinShoe, TrackedVehicleSpec
-from simwarp.vehicle.tracks.track_construction import SprocketContact, add_tracked_vehicle, lay_track
+from simwarp.vehicle.spec.track_parts import DoublePinShoe
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
+from simwarp.vehicle.tracks.shoe_construction import SprocketContact, lay_track
+from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from tests.reference.sprockets import Profile, ball_in_sprocket
 from tests.unit.vehicle.tracks.test_track_specs import DOUBLE
@@ -123,7 +125,7 @@ def test_two_vehicles_have_groups_of_their_own():
     assert met == {"top": {"wheel", "idler"}, "roller": {"sprocket"},
                    "guide": {"wheel.groove", "idler.groove", "sprocket.groove"}}  # fmt: skip
     assert len({shape.group for shape in builder.shapes if shape.name.endswith("wheel0")}) == len(tracks)
-    with pytest.raises(SpecError, match="prefix: must be one that no other tracked vehicle has, got 'v0_' again"):
+    with pytest.raises(SpecError, match="prefix: must be one that no other vehicle has, got 'v0_' again"):
         add_tracked_vehicle(builder, SPEC, prefix="v0_")
     builder.add_shape_plane(mask=0, group=2**31 - 1)
     with pytest.raises(SpecError, match="v3_left: must find three free collision groups, got 0; use fewer tracks"):
@@ -158,7 +160,7 @@ def with_left(**changes):
 
 
 REFUSED: dict[str, tuple[TrackedVehicleSpec, Any, str]] = {
-    "a word": (SPEC, "drum", "sprocket: must be a SprocketContact, got 'drum'; write SprocketContact.TEETH"),
+    "a word": (SPEC, "drum", "left.sprocket: must be a SprocketContact, got 'drum'; write SprocketContact.TEETH"),
     "shoes with two pins": (
         with_left(shoe=TWO_PINS, sprocket=DOUBLE),
         SprocketContact.DRUM,

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from simwarp.vehicle.spec.parts import SpecError, merged
-from simwarp.vehicle.spec.track_parts import DoublePinSprocket, ShoeTrack, TrackedVehicleSpec
-from simwarp.vehicle.tracks.track_construction import drum_radius, lay_track
+from simwarp.vehicle.spec.track_parts import DoublePinSprocket, ShoeTrack
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
+from simwarp.vehicle.tracks.shoe_construction import drum_radius, lay_track
 from simwarp.vehicle.tracks.tracked_files import (
     TRACKED,
     load_tracked_vehicle,

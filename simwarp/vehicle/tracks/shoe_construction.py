@@ -1,4 +1,4 @@
-"""From the description of a tracked vehicle to bodies, joints and shapes of a ModelBuilder, shoe by shoe.
+"""From the description of a track to bodies, joints and shapes of a ModelBuilder, shoe by shoe.
 
 A chain is a tree of hinges that starts at the shoe half way around, so that paths through it are short, and one point
 that stays on a line closes it: two rows, where a hinge would have three more that its neighbours keep already.
@@ -21,24 +21,19 @@ from typing import Final, TypedDict
 import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import WORLD, Material, ModelError, Pose, pose
+from simwarp.core.types import Material, ModelError, pose
 from simwarp.geometry.sprocket_profiles import SprocketProfile, checked_profile
-from simwarp.model.builder import ModelBuilder
-from simwarp.vehicle.drivetrain.transmissions import TransmissionParts, add_transmission
-from simwarp.vehicle.initial_velocity import Rolling, start_of
-from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3, merged, refuse
+from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3, refuse
 from simwarp.vehicle.spec.track_parts import (
     RoadWheelMount,
     ShoeTrack,
     SinglePinShoe,
     SinglePinSprocket,
     SlidingIdler,
-    TrackedVehicleSpec,
     TrackWheel,
 )
 from simwarp.vehicle.suspensions.corner import Frame
 from simwarp.vehicle.tracks.laying import LaidChain, TrackCourse, lay_chain
-from simwarp.vehicle.tracks.track_drivelines import TrackDrivelineParts, add_track_driveline
 
 SLACK: Final = 0.9
 """Share of a shoe's height by which a chain of shoes with one pin is laid off idler and road wheels; with two, whose
@@ -48,9 +43,6 @@ QUARTER_TURN: Final = (math.sin(0.25 * math.pi), 0.0, 0.0, math.cos(0.25 * math.
 DEFAULT_GROUP: Final = 1
 """Of shapes that name none: what shoes roll on."""
 GROUP_BITS: Final = 31
-EXCHANGE_TIME: Final = 1.0e-4
-"""Of the slip between gears and sprockets [s]: a tenth of that of wheels, since torques are ten times theirs. 4500 N·m
-slip by 0.9 rad/s on 0.5 kg·m²."""
 GAP_DOWN: Final = (-0.5, 0.5, 0.5, 0.5)
 """Turns a shape's axis from z to y, and its x axis, on which a sprocket has its first gap, straight down."""
 
@@ -84,26 +76,6 @@ class ShoeTrackParts:
     """Joints: pin k lies between shoes k - 1 and k."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TrackedVehicleParts:
-    """Indices, in the builder, of what a tracked vehicle is made of."""
-
-    spec: TrackedVehicleSpec
-    chassis: int
-    reference: Array
-    """(3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]."""
-    left: ShoeTrackParts
-    right: ShoeTrackParts
-    driveline: TrackDrivelineParts
-    gears: TransmissionParts
-    start: Rolling
-    """Gear and speeds of the shafts at the start."""
-    bodies: range
-    """All that `add_tracked_vehicle` made."""
-    prefix: str = ""
-    """Of the names of its bodies and joints."""
-
-
 def course_of(track: ShoeTrack) -> TrackCourse:
     """What the chain of a track is laid around, from the track's origin."""
     first, last = track.road_wheels[0], track.road_wheels[-1]
@@ -128,72 +100,43 @@ def lay_track(track: ShoeTrack) -> LaidChain:
     return lay_chain(course_of(track), lengths=track.shoe.lengths, shoes=track.shoes)
 
 
-def add_tracked_vehicle(
-    builder: ModelBuilder, spec: TrackedVehicleSpec, *, sprocket: SprocketContact = SprocketContact.TEETH,
-    at: Pose | None = None, prefix: str = "", wheel_compliance: float = 0.0, ground_compliance: float = 0.0,
-    hull_fixed: bool = False,
-) -> TrackedVehicleParts:  # fmt: skip
-    """Adds a tracked vehicle that stands, its chains as laid: tensioners tighten them in the first tenths of a second.
-
-    Shoes meet shapes of the default group, 1. A `TrackedVehicle` drives, steers and brakes it.
-
-    Args:
-        sprocket: how sprockets meet shoes.
-        at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
-        prefix: of the names of its bodies and joints.
-        wheel_compliance: of each contact between a shoe and a road wheel or idler [m/N].
-        ground_compliance: of each contact between a shoe and the ground [m/N].
-        hull_fixed: builds the chassis into the world.
+def check_shoe_track(track: ShoeTrack, sprocket: SprocketContact) -> None:
+    """Checks that a chain closes, and that its rollers fit the sprocket.
 
     Raises:
-        SpecError: a chain does not close, or the description asks for what is not there yet.
+        SpecError: they do not.
     """
-    _refuse_what_lacks(spec, sprocket)
-    if any(body.name.startswith(f"{prefix}left.") for body in builder.bodies):
-        raise SpecError(f"prefix: must be one that no other tracked vehicle has, got {prefix!r} again; number them")
-    first_body = len(builder.bodies)
-    origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
-    mass, com, inertia = merged(spec.chassis.components)
-    chassis = WORLD
-    if not hull_fixed:
-        center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
-        chassis = builder.add_body(f"{prefix}chassis", mass=mass, inertia=inertia, pose=center)
-    sides = []
-    for name, track, side in (("left", spec.left, 1.0), ("right", spec.right, -1.0)):
-        middle = origin.position + rotate(origin.rotation, np.array([0.0, side * spec.track_offset, 0.0]))
-        frame = Frame(builder, f"{prefix}{name}", pose(middle, origin.rotation), side)
-        sides.append(_Track(frame, track, chassis, sprocket, wheel_compliance, ground_compliance).add())
-    left, right = sides
-    driveline = add_track_driveline(builder, prefix, spec.driveline, (left.sprocket, right.sprocket))
-    start = start_of(spec.transmission, 0.0, 0.0, None)
-    gears = add_transmission(builder, prefix, spec.transmission, driveline.line, start, exchange_time=EXCHANGE_TIME)
-    return TrackedVehicleParts(
-        spec=spec, chassis=chassis, reference=-com, left=left, right=right, driveline=driveline, gears=gears,
-        start=start, bodies=range(first_body, len(builder.bodies)), prefix=prefix,
-    )  # fmt: skip
-
-
-def _refuse_what_lacks(spec: TrackedVehicleSpec, sprocket: SprocketContact) -> None:
     if not isinstance(sprocket, SprocketContact):
         raise refuse("sprocket", "a SprocketContact", sprocket, "write SprocketContact.TEETH")
-    for name, track in (("left", spec.left), ("right", spec.right)):
-        try:
-            lay_track(track)
-            if sprocket is SprocketContact.DRUM:
-                drum_radius(track)
-            else:
-                _check_teeth(track)
-        except (SpecError, ModelError) as error:
-            raise SpecError(f"{name}.{error}") from None
+    lay_track(track)
+    if sprocket is SprocketContact.DRUM:
+        drum_radius(track)
+        return
+    (roller, _), profile = track.shoe.rollers, track.sprocket
+    (centers, offset), tip = profile.arc_centers, profile.tip_radius
+    try:
+        checked_profile("sprocket", SprocketProfile(profile.teeth, centers / tip, profile.arc_radius / tip, offset))
+    except ModelError as error:
+        raise SpecError(str(error)) from None
+    if not roller < profile.arc_radius:
+        raise refuse("shoe.roller_radius", f"less than the sprocket's arc_radius {profile.arc_radius:g} m", roller)
 
 
-def _check_teeth(track: ShoeTrack) -> None:
-    """Arcs with teeth between them, and rollers that fit in."""
-    (roller, _), sprocket = track.shoe.rollers, track.sprocket
-    (centers, offset), tip = sprocket.arc_centers, sprocket.tip_radius
-    checked_profile("sprocket", SprocketProfile(sprocket.teeth, centers / tip, sprocket.arc_radius / tip, offset))
-    if not roller < sprocket.arc_radius:
-        raise refuse("shoe.roller_radius", f"less than the sprocket's arc_radius {sprocket.arc_radius:g} m", roller)
+def add_shoe_track(
+    frame: Frame, spec: ShoeTrack, chassis: int, *, sprocket: SprocketContact = SprocketContact.TEETH,
+    wheel_compliance: float = 0.0, ground_compliance: float = 0.0,
+) -> ShoeTrackParts:  # fmt: skip
+    """Adds a track, shoe by shoe, to a chassis.
+
+    Args:
+        frame: of the track: its builder, the prefix of its names, its origin in the world, its side.
+        spec: described as a left one, and checked (`check_shoe_track`).
+        chassis: body.
+        sprocket: how it meets shoes.
+        wheel_compliance: of each contact between a shoe and a road wheel or idler [m/N].
+        ground_compliance: of each contact between a shoe and the ground [m/N].
+    """
+    return _Track(frame, spec, chassis, sprocket, wheel_compliance, ground_compliance).add()
 
 
 class _Bits(TypedDict):
