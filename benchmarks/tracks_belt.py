@@ -34,6 +34,7 @@ from simwarp.vehicle import (
     TrackedVehicleParts,
     add_tracked_vehicle,
     load_tracked_vehicle,
+    with_belts,
 )
 
 WORLDS: Final = 64
