@@ -26,6 +26,7 @@ from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import per_world
+from simwarp.verify.slip_friction import SlipFriction
 
 Array = npt.NDArray[np.float64]
 
@@ -37,6 +38,8 @@ SAMPLE: Final = 0.01
 """Between two readings [s]."""
 SETTLE: Final = 1.5
 """Before a drive [s]."""
+BALLS: Final = (".top0", ".top1", ".pad0", ".pad1", ".roller0", ".roller1")
+"""Ends of the names of shoes' shapes with friction."""
 HALF_ROUND: Final = 0.2
 """Radius of the obstacle [m]."""
 OBSTACLE_AHEAD: Final = 5.0
@@ -108,9 +111,9 @@ class Trial:
 def trial(
     spec: TrackedVehicleSpec, script: ScriptSpec | None = None, *, device: str = "cpu", dt: float = 1.0e-3,
     iterations: int = 100, compliant: bool = False, obstacle: bool = False, reactions: bool = False,
-    sprocket: SprocketContact = SprocketContact.TEETH,
+    sprocket: SprocketContact = SprocketContact.TEETH, slip_speed: float = 0.0,
 ) -> Trial:  # fmt: skip
-    """The vehicle as laid, on a plane of friction 0.9."""
+    """The vehicle as laid, on a plane of friction 0.9; `slip_speed`: that of `SlipFriction` of all shoes, 0: dry."""
     builder = ModelBuilder()
     wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
     parts = add_tracked_vehicle(
@@ -122,12 +125,14 @@ def trial(
         half = 0.5**0.5
         lying = pose((OBSTACLE_AHEAD, 0.0, 0.0), (half, 0.0, 0.0, half))
         builder.add_shape_cylinder(WORLD, radius=HALF_ROUND, half_length=2.0, pose=lying, material=rough)
-    model = builder.finalize(1, device, per_world=per_world(), contact_capacity=400)
+    model = builder.finalize(1, device, per_world=per_world(["shape_friction"]), contact_capacity=400)
     vehicle = TrackedVehicle(parts, model)
+    shoes = [k for k, shape in enumerate(builder.shapes) if shape.name.endswith(BALLS)]
+    law = [SlipFriction(model, shoes, slip_speed)] if slip_speed > 0.0 else []
     solver = dataclasses.replace(TRACK_SOLVER, max_iterations=iterations)
     drivers = [] if script is None else [ScriptedDriver(vehicle, script)]
     simulation = Simulation(
-        model, dt, elements=[*drivers, vehicle], solver=solver, check_start=False, joint_reactions=reactions
+        model, dt, elements=[*law, *drivers, vehicle], solver=solver, check_start=False, joint_reactions=reactions
     )
     return Trial(simulation, vehicle)
 
