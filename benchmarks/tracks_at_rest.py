@@ -51,9 +51,7 @@ def vehicle(
     spec = dataclasses.replace(spec, left=left, right=right, driveline=None)
     builder = sw.ModelBuilder()
     wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
-    parts = add_tracked_vehicle(
-        builder, spec, sprocket=sprocket, wheel_compliance=wheels, ground_compliance=ground
-    )
+    parts = add_tracked_vehicle(builder, spec, sprocket=sprocket, wheel_compliance=wheels, ground_compliance=ground)
     builder.add_shape_plane(material=sw.Material(friction=0.9))
     return builder, parts
 

@@ -33,7 +33,7 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
-from simwarp.model.shapes import check_room, default_capacity, pair_ways, shape_pairs
+from simwarp.model.shape_pairs import check_room, default_capacity, pair_ways, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,
