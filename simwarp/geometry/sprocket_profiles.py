@@ -61,7 +61,9 @@ def checked_profile(thing: str, profile: SprocketProfile) -> SprocketProfile:
     # where they are widest as seen from the axis, or at the tips if these are lower
     tangent = math.sqrt(center * center - arc * arc)
     half = math.asin(arc / center) if tangent < 1.0 else math.acos((center**2 + 1.0 - arc**2) / (2.0 * center))
-    if not 0.0 <= offset + half < math.pi / profile.teeth:
+    if not offset >= 0.0:
+        raise ModelError(f"{thing}: arc_offset must be >= 0 rad, got {formatted(offset)}; it is to either side")
+    if not offset + half < math.pi / profile.teeth:
         raise ModelError(
             f"{thing}: arcs must leave teeth between them: less than {math.pi / profile.teeth:.4g} rad to either side "
             f"of a gap's middle, got {offset + half:.4g}; take fewer teeth or a smaller arc_radius"

@@ -21,6 +21,7 @@ from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.geometry.sprocket_profiles import add_profile_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
+from simwarp.kernels.core.layouts import run_layouts
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
 from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, costs_of, device_meshes, mesh_topology, use_parameters
@@ -29,11 +30,10 @@ from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
-from simwarp.model.shapes import check_room, default_capacity, pair_ways, shape_pairs
+from simwarp.model.shape_pairs import check_room, default_capacity, pair_ways, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,

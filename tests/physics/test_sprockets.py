@@ -1,6 +1,7 @@
 """Sprockets and grooves at work: swings in an arc, a rack carried along, momentum, batches, what never meets."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +9,13 @@ import pytest
 import simwarp as sw
 from simwarp.model import model as model_module
 
-PROFILE = {"arc_center_radius": 0.3, "arc_radius": 0.089, "tip_radius": 0.2605, "teeth": 10, "half_width": 0.05}
+PROFILE: dict[str, Any] = {
+    "arc_center_radius": 0.3,
+    "arc_radius": 0.089,
+    "tip_radius": 0.2605,
+    "teeth": 10,
+    "half_width": 0.05,
+}
 FACING_DOWN = (-0.5, 0.5, 0.5, 0.5)
 """Turns z to y and the first gap, on x, to -z."""
 ROLLER = 0.015
@@ -192,7 +199,9 @@ def test_they_meet_spheres_only(in_grid, monkeypatch):
         kind: builder.add_body(kind, mass=1.0, inertia=(0.1, 0.1, 0.1), pose=sw.pose((0.0, 0.0, 1e-3 * number)))
         for kind, number in apart.items()
     }
-    narrow, rest, corners = {"group": 1, "mask": 2 | 1}, {"group": 2, "mask": 1}, np.vstack([np.eye(3), -np.eye(3)])
+    narrow: dict[str, Any] = {"group": 1, "mask": 2 | 1}
+    rest: dict[str, Any] = {"group": 2, "mask": 1}
+    corners = np.vstack([np.eye(3), -np.eye(3)])
     builder.add_shape_sprocket(bodies["sprocket"], **PROFILE, **narrow, name="sprocket")
     builder.add_shape_groove(bodies["groove"], radius=0.3, half_width=0.05, **narrow, name="groove")
     builder.add_shape_plane(**rest)

@@ -8,7 +8,7 @@ import pytest
 from simwarp.core.types import ShapeType
 from simwarp.geometry.sprocket_profiles import SprocketProfile, add_profile_assets
 from tests.reference.collision import Solid
-from tests.reference.sprockets import Profile, ball_in_groove, ball_in_sprocket
+from tests.reference.sprockets import Profile, Touch, ball_in_groove, ball_in_sprocket
 from tests.unit.kernels.collision.collision_pairs import Batch, Contacts, random_rotation
 
 SINGLE = Profile(center=0.3, arc=0.089, tip=0.2605, teeth=10, half_width=0.1)
@@ -59,7 +59,8 @@ def check(found: Contacts, touch, rot, x, size: float) -> None:
 @pytest.mark.parametrize("number", range(len(PROFILES)))
 def test_a_sprocket_as_its_rule_says(number):
     rng, profile = np.random.default_rng(number), PROFILES[number]
-    pairs, wanted = [], []
+    pairs: list[tuple[Solid, Solid]] = []
+    wanted: list[tuple[Touch | None, np.ndarray, np.ndarray]] = []
     while len(pairs) < 400:
         at = rng.uniform(-1.05, 1.05, 3) * (profile.center, profile.center, profile.half_width)
         radius = rng.uniform(0.1, 0.9) * profile.arc

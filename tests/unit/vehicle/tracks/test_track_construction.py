@@ -147,7 +147,8 @@ def test_springs_at_pins_straighten_the_chain():
         np.testing.assert_allclose(turned, ahead[0], atol=1e-12)
 
 
-PAD = SPEC.left.shoe.wheel_pad
+SHOE: Any = SPEC.left.shoe
+PAD = SHOE.wheel_pad
 TWO_PINS = DoublePinShoe(
     mass=18.02, inertia=(0.22, 0.04, 0.25), length=0.0984, width=0.2781, height=0.06, ground_pad=PAD, wheel_pad=PAD,
     guide=(0.045, 0.0, 0.0375), friction=0.8, connector=RigidPart(mass=2.0, inertia=(0.1, 0.1, 0.1)),
@@ -172,7 +173,7 @@ REFUSED: dict[str, tuple[TrackedVehicleSpec, Any, str]] = {
         "left.sprocket: arcs must leave teeth between them",
     ),
     "thick rollers": (
-        with_left(shoe=dataclasses.replace(SPEC.left.shoe, roller_radius=0.09)),
+        with_left(shoe=dataclasses.replace(SHOE, roller_radius=0.09)),
         SprocketContact.TEETH,
         "left.shoe.roller_radius: must be less than the sprocket's arc_radius 0.089 m, got 0.09",
     ),
