@@ -244,10 +244,10 @@ def test_worlds_of_their_own():
     sim, parts, belts = vehicle(worlds=3, gravity=slope(math.radians(45.0)), law=BRAKED, randomised=True)
     belts.ground_friction[1] = 0.3
     belts.parameter[2, :, BeltParameter.FRICTION] = 0.5
-    sim.step(2000)
+    sim.step(3000)  # its pitching changes what it gains by some percent
     before = sim.state.body_v.numpy()[:, parts.chassis, 0].copy()
-    sim.step(500)
-    gained = (sim.state.body_v.numpy()[:, parts.chassis, 0] - before) / 0.5
+    sim.step(1000)
+    gained = sim.state.body_v.numpy()[:, parts.chassis, 0] - before
     for world, friction in enumerate((0.8, 0.3, 0.5)):
         assert gained[world] == pytest.approx(-GRAVITY * math.sqrt(0.5) * (1.0 - friction), rel=0.05)
 
