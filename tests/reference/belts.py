@@ -5,6 +5,7 @@ The plane of a belt has x towards the sprocket and z up, from the track's origin
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
@@ -195,7 +196,7 @@ class BeltForces:
 
     shape: Shape
     law: dict
-    soil: object
+    soil: Any
     dt: float
     x: np.ndarray
     axes: np.ndarray

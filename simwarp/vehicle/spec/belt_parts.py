@@ -78,13 +78,17 @@ class BeltTrack(Spec):
     belt: BeltLaw = dataclasses.field(default_factory=BeltLaw)
 
     def check(self) -> None:
-        """What holds of shoes holds of the belt that stands for them; and its sprocket has one arc in a gap."""
+        """Rules of a track shoe by shoe, whose place the belt takes, and shoes with one pin.
+
+        Raises:
+            SpecError: one is broken.
+        """
         self.shoe_track()
         if not isinstance(self.shoe, SinglePinShoe) or not isinstance(self.sprocket, SinglePinSprocket):
             raise SpecError(f"shoe: '{self.shoe.template}' is not there yet for belts; use 'track-single-pin'")
 
     def shoe_track(self) -> ShoeTrack:
-        """The same track shoe by shoe."""
+        """Return the description of the same track shoe by shoe."""
         names = (field.name for field in dataclasses.fields(ShoeTrack) if field.name != "track")
         return ShoeTrack(**{name: getattr(self, name) for name in names})
 

@@ -104,7 +104,7 @@ def test_forces_are_those_of_the_reference(preset, seed):
     for belt, side in enumerate((parts.left, parts.right)):
         there = expected(sim, parts, belts, belt, remembered, None if preset is None else soil_preset(preset))
         force, torque, arms, shaft, tension = there.force, there.torque, there.arms, there.shaft, there.tension
-        size = max(np.linalg.norm(force), 1e4)
+        size = max(float(np.linalg.norm(force)), 1e4)
         assert belts.tension.numpy()[0, belt] == pytest.approx(tension, abs=10.0)
         np.testing.assert_allclose(belts.force.numpy()[0, belt], force, atol=1e-3 * size)
         np.testing.assert_allclose(belts.torque.numpy()[0, belt], torque, atol=2e-3 * size)

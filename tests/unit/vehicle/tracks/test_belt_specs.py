@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
-from simwarp.vehicle.spec.parts import SPECS, SpecError
+from simwarp.vehicle.spec.belt_parts import BeltTrack, belt_of
+from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.vehicle_files import read_spec, to_json
 from simwarp.vehicle.tracks.belt_construction import belt_inertia
 from simwarp.vehicle.tracks.belt_path import rest_belt
@@ -60,8 +60,8 @@ def mirrored(track):
     """The same track with its sprocket behind: x of all points changes its sign."""
 
     def turned(value):
-        if dataclasses.is_dataclass(value):
-            changes = {}
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            changes: dict[str, Any] = {}
             for field in dataclasses.fields(value):
                 old = getattr(value, field.name)
                 points = ("hinge", "wheel_joint", "com", "location", "chassis_point", "arm_point", "carrier_point",
@@ -146,8 +146,3 @@ def test_belts_of_nothing_and_of_one_track_twice():
             Belts(listed, sim.model)
     with pytest.raises(sw.ModelError, match="soil: preset must be"):
         Belts([parts.left], sim.model, soil="mud")
-
-
-def test_the_law_has_a_schema():
-    """Every field of it is written and read."""
-    assert SPECS.load(BeltLaw, {}, "x") == BeltLaw()
