@@ -47,7 +47,8 @@ def vehicle(
 ) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
     """The M113 on a plane, on smooth sprockets or toothed ones."""
     spec = load_tracked_vehicle("m113")
-    spec = dataclasses.replace(spec, driveline=None, engine=None, transmission=None)
+    left, right = (dataclasses.replace(track, brake=None) for track in (spec.left, spec.right))
+    spec = dataclasses.replace(spec, left=left, right=right, driveline=None, engine=None, transmission=None)
     builder = sw.ModelBuilder()
     wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
     parts = add_tracked_vehicle(builder, spec, sprocket=sprocket, wheel_compliance=wheels, ground_compliance=ground)
@@ -68,7 +69,7 @@ def readings(sim: sw.Simulation, parts: TrackedVehicleParts) -> dict[str, Any]:
     found: dict[str, Any] = {
         "z [m]": (x + rotate(q, parts.reference))[2], "pitch [rad]": 2.0 * (q[3] * q[1] - q[0] * q[2]),
     }  # fmt: skip
-    for name, side in (("left", parts.left), ("right", parts.right)):
+    for name, side in zip(("left", "right"), parts.chains, strict=True):
         idler = getattr(parts.spec, name).idler_location[0]
         found[f"idler {name} [m]"] = idler + sim.joint_position(side.tensioner)
         found[f"pins {name} [kN]"] = force[list(side.pins)].mean() / 1e3

@@ -49,11 +49,13 @@ def vehicle(
     worlds: int = 1, dt: float = 1e-3, soil: str | None = None, **law: Any
 ) -> tuple[sw.Simulation, TrackedVehicleParts, Belts]:
     """The M113 on belts, on a plane, on one thread."""
-    spec = dataclasses.replace(load_tracked_vehicle("m113"), driveline=None, engine=None, transmission=None)
+    spec = load_tracked_vehicle("m113")
+    left, right = (dataclasses.replace(track, brake=None) for track in (spec.left, spec.right))
+    spec = dataclasses.replace(spec, left=left, right=right, driveline=None, engine=None, transmission=None)
     builder = sw.ModelBuilder()
     parts = add_tracked_vehicle(builder, with_belts(spec, **law))
     model = builder.finalize(worlds, "cpu")
-    belts = Belts([parts.left, parts.right], model, soil=soil, alone=True)
+    belts = Belts(parts.belts, model, soil=soil, alone=True)
     sim = sw.Simulation(model, dt, elements=[belts], solver=VEHICLE_SOLVER, check_start=False, threads=1)
     return sim, parts, belts
 

@@ -93,8 +93,8 @@ class BeltTrack(Spec):
         return ShoeTrack(**{name: getattr(self, name) for name in names})
 
 
-def belt_of(track: ShoeTrack, **values: Any) -> BeltTrack:
-    """The belt of a track that is described shoe by shoe.
+def belt_of(track: ShoeTrack | BeltTrack, **values: Any) -> BeltTrack:
+    """The belt of a track that is described shoe by shoe, or a belt made anew.
 
     Args:
         track: its wheels, sprocket and shoes.

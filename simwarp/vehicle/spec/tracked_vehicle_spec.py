@@ -67,8 +67,4 @@ def with_belts(spec: TrackedVehicleSpec, **values: Any) -> TrackedVehicleSpec:
     Raises:
         SpecError: a value breaks a rule, or its shoes have two pins.
     """
-    left, right = (
-        belt_of(track.shoe_track() if isinstance(track, BeltTrack) else track, **values)
-        for track in (spec.left, spec.right)
-    )
-    return dataclasses.replace(spec, left=left, right=right)
+    return dataclasses.replace(spec, left=belt_of(spec.left, **values), right=belt_of(spec.right, **values))

@@ -11,8 +11,9 @@ from simwarp.vehicle.tracks.belts import Belts
 from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER
+from tests.unit.vehicle.tracks.undriven_vehicles import undriven
 
-M113 = dataclasses.replace(load_tracked_vehicle("m113"), driveline=None, engine=None, transmission=None)
+M113 = undriven(load_tracked_vehicle("m113"))
 GRAVITY = 9.81
 
 
@@ -38,7 +39,7 @@ def vehicle(
     model = builder.finalize(worlds, "cpu")
     if name is not None:
         options["ground"] = sw.vehicle.ground_of(model, name)
-    belts = Belts([parts.left, parts.right], model, alone=True, **options)
+    belts = Belts(parts.belts, model, alone=True, **options)
     sim = sw.Simulation(model, dt, elements=[belts], solver=VEHICLE_SOLVER, check_start=False, threads=1)
     return sim, parts, belts
 

@@ -20,11 +20,12 @@ from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from tests.reference.sprockets import Profile, ball_in_sprocket
 from tests.unit.vehicle.tracks.test_track_specs import DOUBLE
+from tests.unit.vehicle.tracks.undriven_vehicles import undriven
 
 SOLVER = sw.SolverOptions(max_iterations=100, fallback=False, refinement=0)
 
 
-SPEC = dataclasses.replace(load_tracked_vehicle("m113"), driveline=None, engine=None, transmission=None)
+SPEC = undriven(load_tracked_vehicle("m113"))
 
 
 def vehicle(
@@ -138,9 +139,9 @@ def test_springs_at_pins_straighten_the_chain():
     builder = sw.ModelBuilder()
     parts = add_tracked_vehicle(builder, spec, sprocket=SprocketContact.DRUM)
     for k in range(1, 63):
-        dof = builder.joints[parts.left.pins[k]].dofs[0]
+        dof = builder.joints[parts.chains[0].pins[k]].dofs[0]
         assert (dof.stiffness, dof.damping) == (50.0, 2.0)
-        joint = builder.joints[parts.left.pins[k]]
+        joint = builder.joints[parts.chains[0].pins[k]]
         before, after = (builder.bodies[body].pose.rotation for body in (joint.parent, joint.child))
         ahead = [rotate(q, np.array([1.0, 0.0, 0.0])) for q in (before, after)]
         turned = rotate(np.array([0.0, np.sin(0.5 * dof.rest), 0.0, np.cos(0.5 * dof.rest)]), ahead[1])
@@ -163,9 +164,9 @@ def with_left(**changes):
 REFUSED: dict[str, tuple[TrackedVehicleSpec, Any, str]] = {
     "a word": (SPEC, "drum", "left.sprocket: must be a SprocketContact, got 'drum'; write SprocketContact.TEETH"),
     "shoes with two pins": (
-        with_left(shoe=TWO_PINS, sprocket=DOUBLE),
+        with_left(shoe=TWO_PINS, sprocket=DOUBLE, shoes=64),
         SprocketContact.DRUM,
-        "left.shoe: 'track-double-pin'",
+        "left.shoe: 'track-double-pin' has no drum",
     ),
     "arcs without teeth": (
         with_left(sprocket=dataclasses.replace(SPEC.left.sprocket, teeth=12)),
