@@ -42,16 +42,16 @@ SOLVERS: Final[dict[str, dict[str, Any]]] = {
 }  # fmt: skip
 
 
-def vehicle(compliant: bool) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
-    """The M113 on a plane, on smooth sprockets."""
+def vehicle(
+    compliant: bool, sprocket: SprocketContact = SprocketContact.DRUM
+) -> tuple[sw.ModelBuilder, TrackedVehicleParts]:
+    """The M113 on a plane, on smooth sprockets or toothed ones."""
     spec = load_tracked_vehicle("m113")
     left, right = (dataclasses.replace(track, brake=None) for track in (spec.left, spec.right))
-    spec = dataclasses.replace(spec, left=left, right=right, driveline=None)
+    spec = dataclasses.replace(spec, left=left, right=right, driveline=None, engine=None, transmission=None)
     builder = sw.ModelBuilder()
     wheels, ground = (WHEEL_COMPLIANCE, GROUND_COMPLIANCE) if compliant else (0.0, 0.0)
-    parts = add_tracked_vehicle(
-        builder, spec, sprocket=SprocketContact.DRUM, wheel_compliance=wheels, ground_compliance=ground
-    )
+    parts = add_tracked_vehicle(builder, spec, sprocket=sprocket, wheel_compliance=wheels, ground_compliance=ground)
     builder.add_shape_plane(material=sw.Material(friction=0.9))
     return builder, parts
 
@@ -69,7 +69,7 @@ def readings(sim: sw.Simulation, parts: TrackedVehicleParts) -> dict[str, Any]:
     found: dict[str, Any] = {
         "z [m]": (x + rotate(q, parts.reference))[2], "pitch [rad]": 2.0 * (q[3] * q[1] - q[0] * q[2]),
     }  # fmt: skip
-    for name, side in (("left", parts.left), ("right", parts.right)):
+    for name, side in zip(("left", "right"), parts.chains, strict=True):
         idler = getattr(parts.spec, name).idler_location[0]
         found[f"idler {name} [m]"] = idler + sim.joint_position(side.tensioner)
         found[f"pins {name} [kN]"] = force[list(side.pins)].mean() / 1e3
@@ -135,10 +135,11 @@ def solvers(steps: int) -> dict[str, Any]:
 
 
 def driven() -> dict[str, Any]:
-    """Full torque from rest on smooth sprockets; speed after each half second [m/s]."""
+    """Full torque from rest on smooth and on toothed sprockets; speed after each half second [m/s]."""
     found: dict[str, Any] = {}
-    for iterations in (30, 100, 300):
-        builder, parts = vehicle(True)
+    runs = [(kind, iterations) for kind in SprocketContact for iterations in (30, 100, 300)]
+    for kind, iterations in runs:
+        builder, parts = vehicle(True, kind)
         sim = simulation(builder.finalize(1, "cpu", contact_capacity=200), iterations)
         sim.step(1500)
         force = sim.control.joint_force.numpy().copy()
@@ -149,8 +150,8 @@ def driven() -> dict[str, Any]:
         for _ in range(6):
             row = run(sim, parts, 0.5)
             rows.append({"speed [m/s]": float(sim.body_velocity("chassis")[0]), **row})
-        found[f"{iterations} iterations"] = rows
-        print(f"driven, {iterations}: {[round(row['speed [m/s]'], 3) for row in rows]}", flush=True)
+        found[f"{kind.value}, {iterations} iterations"] = rows
+        print(f"driven, {kind.value}, {iterations}: {[round(row['speed [m/s]'], 3) for row in rows]}", flush=True)
     return found
 
 

@@ -57,9 +57,11 @@ MANEUVER_HELP: Final = (
 UNITS: Final = {"speed": " m/s", "steering": "", "radius": " m", "slope": "", "duration": " s"}
 """Of the options of manoeuvres."""
 OWN: Final = "(default: the vehicle's own)"
-SPEEDS_HINT: Final = "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar)"
+SPEEDS_HINT: Final = (
+    "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 0.5 or 0.8 of skid-steer)"
+)
 STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep)"
-RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar)"
+RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar, 2 of skid-steer)"
 SLOPE_HINT: Final = "(default: 0.2)"
 DURATION_HINT: Final = (
     "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"

@@ -187,6 +187,11 @@ class ShapeType(IntEnum):
     """An asset's grid of heights, scaled by size."""
     MESH = 9
     """An asset's triangles, scaled by size."""
+    SPROCKET = 10
+    """An asset's profile of concave arcs; size[0]: radius of the teeth's tips, size[1]: half width [m]. Meets spheres,
+    whose centres count as in its middle plane."""
+    GROOVE = 11
+    """The room between two discs; size[0]: their radius, size[1]: half of their distance [m]. Meets spheres in it."""
 
 
 class WorldStatus(IntFlag):

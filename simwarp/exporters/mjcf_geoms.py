@@ -27,6 +27,8 @@ SIZES: Final = {
 """Numbers of a geom's size: ours have the same order."""
 ROUND: Final = (ShapeType.SPHERE, ShapeType.CAPSULE)
 """Shapes that a margin only makes thicker."""
+SPHERES_ONLY: Final = (ShapeType.SPROCKET, ShapeType.GROOVE)
+"""Shapes that are left out."""
 LEAST_RELIEF: Final = 1.0e-3
 """Height that stands for the relief of a level height field, which MJCF wants to be positive [m]."""
 LEFT_OUT: Final = {
@@ -73,6 +75,9 @@ class ShapeWriter:
     def _write_geom(self, index: int, origin: Array, element: ElementTree.Element) -> None:
         shape, rows = self.model.builder.shapes[index], self._rows
         thing = f"MJCF: shape '{shape.name}'"
+        if shape.type in SPHERES_ONLY:
+            self._note(f"shape '{shape.name}': MJCF has no {shape.type.name.lower()}")
+            return
         if shape.type not in GEOMS:
             raise ModelError(f"{thing}: a {shape.type.name} is not written; take a hull or another convex shape")
         if shape.type is ShapeType.PLANE and shape.body != WORLD:
@@ -122,7 +127,8 @@ class ShapeWriter:
 
     def write_pairs(self, element: ElementTree.Element) -> None:
         """Add the pairs of shapes that can meet."""
-        shown, shapes = set(self.enabled_shapes), self.model.builder.shapes
+        shapes = self.model.builder.shapes
+        shown = {index for index in self.enabled_shapes if shapes[index].type not in SPHERES_ONLY}
         for low, high in sorted(meeting_pairs(self.model.builder)):
             if low in shown and high in shown:
                 slide, spin, roll = self._friction(low, high)

@@ -2,7 +2,7 @@
 
     spec = load_chrono_tracked_vehicle("data/vehicle/M113/vehicle/M113_Vehicle_SinglePin.json")
 
-Bands (`TrackAssemblyBandANCF`, `TrackAssemblyBandBushing`) and engines are not read.
+Bands (`TrackAssemblyBandANCF`, `TrackAssemblyBandBushing`) are not read.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from simwarp.importers.chrono_drivetrain import ENGINES, TRANSMISSIONS
 from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_vehicle import Files, chassis, open_vehicle
 from simwarp.vehicle.spec.parts import ForceLine, RigidPart
@@ -28,9 +29,9 @@ from simwarp.vehicle.spec.track_parts import (
     SupportRoller,
     Tensioner,
     TorsionArm,
-    TrackedVehicleSpec,
     TrackWheel,
 )
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_parts import Brake
 from simwarp.vehicle.spec.vehicle_spec import Vec3
 
@@ -38,11 +39,16 @@ OFFSETS_ALIKE = 1.0e-6
 """By which the two tracks may differ in their distance from the middle [m]."""
 
 
-def load_chrono_tracked_vehicle(vehicle_json: str | Path, *, root: str | Path | None = None) -> TrackedVehicleSpec:
+def load_chrono_tracked_vehicle(
+    vehicle_json: str | Path, *, engine: str | Path | None = None, transmission: str | Path | None = None,
+    root: str | Path | None = None,
+) -> TrackedVehicleSpec:  # fmt: skip
     """The vehicle of a Chrono file of type Vehicle, template TrackedVehicle.
 
     Args:
         vehicle_json: its path.
+        engine: file of its engine, given together with a transmission.
+        transmission: file of its transmission.
         root: the folder that file names are relative to; None: the nearest folder above the vehicle's file in which
             its chassis is found.
 
@@ -65,6 +71,8 @@ def load_chrono_tracked_vehicle(vehicle_json: str | Path, *, root: str | Path | 
         left=tracks[0], right=tracks[1], track_offset=left,
         driveline=files.part("TrackDriveline", DRIVELINES, node.child("Driveline").text("Input File"))
         if "Driveline" in node else None,
+        engine=None if engine is None else files.part("Engine", ENGINES, engine),
+        transmission=None if transmission is None else files.part("Transmission", TRANSMISSIONS, transmission),
     )  # fmt: skip
     node.finish()
     return spec
@@ -210,22 +218,28 @@ def double_pin_sprocket(node: Node) -> DoublePinSprocket:
 
 
 def shoe_fields(node: Node, shoe: Node, contact: Node) -> dict[str, Any]:
-    """What all shoes have: the first box that meets the ground, and the first that does not, are its pads."""
+    """What all shoes have: the first box that meets the ground, and the first that does not, are its pads; what else
+    meets the ground is beside them. The guide is as wide as the narrowest box around its point.
+    """
     shapes = list(contact.each("Shoe Shapes"))
-    pads: dict[bool, ShoePad] = {}
+    guide = node.vector("Guide Pin Center")
+    widths: list[float] = []
+    pads: dict[bool, list[ShoePad]] = {True: [], False: []}
     for shape in shapes:
         shape.skip("Type", "Orientation", "Material Index")
-        size = shape.vector("Dimensions")
-        pads.setdefault(
-            shape.flag("Ground Contact"), shape.make(ShoePad, center=shape.vector("Location"), size=size)
-        )  # fmt: skip
-    if set(pads) != {True, False}:
+        size, center = shape.vector("Dimensions"), shape.vector("Location")
+        pads[shape.flag("Ground Contact")].append(shape.make(ShoePad, center=center, size=size))
+        if all(abs(p - c) <= 0.5 * s for p, c, s in zip(guide, center, size, strict=True)):
+            widths.append(size[1])
+    if not all(pads.values()):
         raise contact.place.at("Shoe Shapes").error("must have a box with and one without Ground Contact, got one kind")
     materials = [friction(material) for material in contact.each("Shoe Materials")]
     return {
         "mass": shoe.number("Mass", "kg"), "inertia": shoe.vector("Inertia", "kg·m²"),
-        "height": shoe.number("Height", "m"), "guide": node.vector("Guide Pin Center"),
-        "ground_pad": pads[True], "wheel_pad": pads[False], "friction": materials[0],
+        "height": shoe.number("Height", "m"), "guide": guide,
+        **({"guide_width": min(widths)} if widths else {}),
+        "ground_pad": pads[True][0], "side_pads": tuple(pads[True][1:]), "wheel_pad": pads[False][0],
+        "friction": materials[0],
     }  # fmt: skip
 
 

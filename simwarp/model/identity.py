@@ -13,6 +13,7 @@ from simwarp.core import file_keys
 from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import Dof, FrictionRule, Material, PairRule, formatted
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.geometry.sprocket_profiles import SprocketProfile
 from simwarp.meshes.mesh_specification import FlexibleMesh, MeshContact
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
@@ -73,7 +74,9 @@ class Identity(Readable):
 
 def model_identity(builder: Specification, world_count: int, contact_capacity: int, rolling_friction: bool) -> Identity:
     """That of a model: everything that all worlds share for good."""
-    assets: list[Hull | HeightField | TriangleMesh] = [*builder.hulls, *builder.height_fields, *builder.meshes]
+    assets: list[Hull | HeightField | TriangleMesh | SprocketProfile] = [
+        *builder.hulls, *builder.height_fields, *builder.meshes, *builder.sprocket_profiles,
+    ]  # fmt: skip
     return Identity.of(
         {
             "version": [VERSION],
@@ -173,12 +176,15 @@ def _plain(value: Any) -> Any:
     return [_plain(part) for part in value] if isinstance(value, (Sequence, np.ndarray)) else float(value)
 
 
-def _asset_line(asset: Hull | HeightField | TriangleMesh) -> str:
+def _asset_line(asset: Hull | HeightField | TriangleMesh | SprocketProfile) -> str:
     if isinstance(asset, Hull):
         return f"hull of {len(asset.vertices)} points {_array_digest(asset.vertices)}"
     if isinstance(asset, HeightField):
         content = _array_digest(asset.heights, np.array(asset.spacing))
         return f"height field of {formatted(asset.heights.shape)} {content}"
+    if isinstance(asset, SprocketProfile):
+        arcs = np.array([asset.arc_center_radius, asset.arc_radius, asset.arc_offset])
+        return f"sprocket of {asset.teeth} teeth {_array_digest(arcs)}"
     return f"mesh of {len(asset.triangles)} triangles {_array_digest(asset.vertices, asset.triangles)}"
 
 

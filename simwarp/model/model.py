@@ -19,7 +19,9 @@ from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Mate
 from simwarp.core.warp_start import start_warp
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
+from simwarp.geometry.sprocket_profiles import add_profile_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
+from simwarp.kernels.core.layouts import run_layouts
 from simwarp.kernels.core.tables import Topology
 from simwarp.kernels.meshes.mesh_links import NODE
 from simwarp.meshes.mesh_columns import MATERIAL_PARAMETERS, costs_of, device_meshes, mesh_topology, use_parameters
@@ -28,11 +30,10 @@ from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, keep_in_order
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
-from simwarp.model.shapes import default_capacity, pair_ways, shape_pairs
+from simwarp.model.shape_pairs import check_room, default_capacity, pair_ways, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,
@@ -47,6 +48,8 @@ from simwarp.model.topology import (
 
 LISTED_PAIRS = 2000
 """Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
+MANY_SHAPES: Final = 250
+"""Shapes above which that limit grows with their number: a grid looks at each of them, however few its partners are."""
 
 BYTES_PER_PAIR: Final = 40
 """Of the host, while it is found out which shapes can meet."""
@@ -125,6 +128,7 @@ class Model(ParameterFields):
         what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
         check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
         pairs = shape_pairs(builder, never_meet(builder))
+        check_room(builder, pairs)
         self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
@@ -153,6 +157,7 @@ class Model(ParameterFields):
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
         self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
+        add_profile_assets(self.assets, builder.sprocket_profiles, device)
         self.identity = model_identity(builder, world_count, self.contact_capacity, self.has_rolling_friction)
 
     @classmethod
@@ -363,7 +368,8 @@ def _pair_topology(
     shapes = builder.shapes
     t.shape_count, t.pair_count = len(shapes), len(pairs)
     t.formula_pairs, t.searched_pairs, t.ground_pairs = pair_ways([shape.type for shape in shapes], pairs)
-    t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > LISTED_PAIRS else 0
+    most_listed = LISTED_PAIRS * max(1.0, len(shapes) / MANY_SHAPES)
+    t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > most_listed else 0
     t.shape_body = ints([shape.body for shape in shapes])
     t.shape_type = ints([shape.type for shape in shapes])
     t.shape_group = ints([shape.group for shape in shapes])

@@ -23,6 +23,7 @@ from simwarp.core.schema import Fault, Place
 from simwarp.core.types import WORLD, JointType, ModelError, Pose, ShapeType, formatted
 from simwarp.core.wording import shortened
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, triangle_mesh
+from simwarp.geometry.sprocket_profiles import SprocketProfile, checked_profile
 from simwarp.meshes.materials import Elastic, Rubber
 from simwarp.meshes.mesh_faces import check_faces
 from simwarp.meshes.mesh_parts import MeshPart, checked_part
@@ -62,6 +63,7 @@ from simwarp.model.model_format import (
     ModelEntry,
     PackedArray,
     ShapeEntry,
+    SprocketProfileEntry,
     dof_entry,
     dof_of,
     floats,
@@ -79,7 +81,10 @@ BULGE: Final = 1e-4
 """By which corners of a hull may stand out of its faces; times the extent."""
 FREE_OF_BODIES: Final = (JointType.SHAFT, JointType.COMBINATION)
 PAIRS: Final = ("excluded_bodies", "excluded_shapes", "given_pairs")
-ROOMS: Final = {ShapeType.HULL: "hulls", ShapeType.HEIGHT_FIELD: "height_fields", ShapeType.MESH: "meshes"}
+ROOMS: Final = {
+    ShapeType.HULL: "hulls", ShapeType.HEIGHT_FIELD: "height_fields", ShapeType.MESH: "meshes",
+    ShapeType.SPROCKET: "sprocket_profiles",
+}  # fmt: skip
 
 
 def save_model(builder: ModelBuilder, path: str | os.PathLike[str]) -> None:
@@ -184,6 +189,13 @@ def model_entry(builder: Specification, robot: Mapping[str, Any] | None = None) 
             MeshEntry(vertices=PackedArray.of(mesh.vertices), triangles=PackedArray.of(mesh.triangles))
             for mesh in builder.meshes
         ),
+        sprocket_profiles=tuple(
+            SprocketProfileEntry(
+                teeth=int(profile.teeth), arc_center_radius=float(profile.arc_center_radius),
+                arc_radius=float(profile.arc_radius), arc_offset=float(profile.arc_offset),
+            )
+            for profile in builder.sprocket_profiles
+        ),
         flexible_meshes=tuple(_flexible_mesh_entry(mesh) for mesh in builder.flexible_meshes),
         excluded_bodies=tuple(sorted((int(a), int(b)) for a, b in builder.excluded_bodies)),
         excluded_shapes=tuple(sorted((int(a), int(b)) for a, b in builder.excluded_shapes)),
@@ -270,6 +282,7 @@ def _builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
         "hulls": lambda part, _: _hull(part),
         "height_fields": lambda part, _: _height_field(part),
         "meshes": lambda part, _: _mesh(part),
+        "sprocket_profiles": lambda part, _: _sprocket_profile(part),
         "bodies": _body,
         "joints": lambda part, taken: _joint(builder, part, taken),
         "couplings": lambda part, taken: _coupling(builder, part, taken),
@@ -481,6 +494,11 @@ def _mesh(entry: MeshEntry) -> TriangleMesh:
     )
     # changes nothing in a mesh that it has made
     return triangle_mesh(vertices, triangles)
+
+
+def _sprocket_profile(entry: SprocketProfileEntry) -> SprocketProfile:
+    profile = SprocketProfile(entry.teeth, entry.arc_center_radius, entry.arc_radius, entry.arc_offset)
+    return checked_profile("sprocket profile", profile)
 
 
 def _flexible_mesh(builder: ModelBuilder, entry: FlexibleMeshEntry, taken: NameColumns) -> FlexibleMesh:

@@ -245,6 +245,16 @@ class MeshEntry:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class SprocketProfileEntry:
+    """A `SprocketProfile`."""
+
+    teeth: Whole
+    arc_center_radius: Positive
+    arc_radius: Positive
+    arc_offset: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlexibleMaterialEntry:
     """An `Elastic` or a `Rubber` of `sw.flex`."""
 
@@ -317,6 +327,7 @@ class ModelEntry:
     hulls: tuple[HullEntry, ...] = ()
     height_fields: tuple[HeightFieldEntry, ...] = ()
     meshes: tuple[MeshEntry, ...] = ()
+    sprocket_profiles: tuple[SprocketProfileEntry, ...] = ()
     flexible_meshes: tuple[FlexibleMeshEntry, ...] = ()
     excluded_bodies: tuple[tuple[int, int], ...] = ()
     excluded_shapes: tuple[tuple[int, int], ...] = ()

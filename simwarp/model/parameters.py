@@ -72,6 +72,7 @@ def asset_domain(builder: Specification) -> Domain:
         ShapeType.HULL: len(builder.hulls),
         ShapeType.HEIGHT_FIELD: len(builder.height_fields),
         ShapeType.MESH: len(builder.meshes),
+        ShapeType.SPROCKET: len(builder.sprocket_profiles),
     }
     last = np.array([counts.get(shape.type, 0) - 1 for shape in builder.shapes])
     return Domain(np.minimum(last, 0), last, "pass what add_hull_asset and the like returned for this kind of shape")

@@ -34,31 +34,26 @@ from simwarp.geometry.assets import (
     shape_mass,
     triangle_mesh,
 )
-from simwarp.kernels.collision.narrow import has_formula
-from simwarp.kernels.collision.surfaces import is_triangle_surface
-from simwarp.meshes.mesh_faces import face_count
+from simwarp.geometry.sprocket_profiles import FEWEST_TEETH, MOST_TEETH, SprocketProfile, checked_profile
+from simwarp.kernels.collision.narrow import can_meet
 from simwarp.model.checks import (
     checked_flag,
     checked_member,
     checked_name,
+    finite_number,
     index_within,
     positive_number,
     whole_number,
 )
 from simwarp.model.keyword_argument_types import ShapeOptions, SurfaceOptions
 from simwarp.model.rules import ALL_GROUPS, RULES, Name, PoseField, held_fields
-from simwarp.model.specifications import ShapeSpec, Specification
+from simwarp.model.specifications import ShapeSpec
 
 Array = npt.NDArray[np.float64]
 
-ONE_POINT: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
 TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
 """Shapes of a radius and a half length."""
-NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
-MANIFOLD_CONTACTS: Final = 8
-"""Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
-CONTACTS_PER_BODY: Final = 12
-"""Default contact slots per body: a brick in a wall has eight to twelve; a node of a mesh has one."""
+NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH, ShapeType.SPROCKET, ShapeType.GROOVE)
 
 
 class ShapeList:
@@ -80,6 +75,7 @@ class ShapeList:
         self.hulls: list[Hull] = []
         self.height_fields: list[HeightField] = []
         self.meshes: list[TriangleMesh] = []
+        self.sprocket_profiles: list[SprocketProfile] = []
         self.excluded_bodies: set[tuple[int, int]] = set()
         self.excluded_shapes: set[tuple[int, int]] = set()
         self.given_pairs: dict[tuple[int, int], Material | None] = {}
@@ -201,6 +197,58 @@ class ShapeList:
             )
             for index, part in enumerate(parts)
         ]  # fmt: skip
+
+    def add_shape_sprocket(
+        self, body: int, *, arc_center_radius: float, arc_radius: float, tip_radius: float, teeth: int,
+        half_width: float, arc_offset: float = 0.0, **options: Unpack[ShapeOptions],
+    ) -> int:  # fmt: skip
+        """A sprocket about z: gaps that are concave arcs, the first on x. It meets spheres only: rollers of chains,
+        those whose centres are within the half width as if they were in the middle plane. Each has one contact, with
+        the nearest arc, where that lies below the tips; the ends of the teeth have none.
+
+        Args:
+            body: or WORLD.
+            arc_center_radius: of the circle on which the centres of the arcs lie [m].
+            arc_radius: of the arcs [m]; spheres that it can meet must be smaller.
+            tip_radius: of the teeth [m].
+            teeth: how many.
+            half_width: along z [m].
+            arc_offset: angle [rad] from the middle of a gap to either of its two arcs; 0: it has one.
+            options: see `ShapeOptions`.
+
+        Raises:
+            ModelError: arcs that do not reach below the tips, or that leave no teeth, or a value is not usable.
+        """
+        thing = self._shape_title(ShapeType.SPROCKET, options)
+        lengths = {"arc_center_radius": arc_center_radius, "arc_radius": arc_radius, "tip_radius": tip_radius}
+        for field, value in lengths.items():
+            positive_number(thing, field, value, "m", "it is a radius")
+        positive_number(thing, "half_width", half_width, "m", "it is half the width")
+        count = whole_number(thing, "teeth", teeth, FEWEST_TEETH, MOST_TEETH, "count its gaps")
+        offset = finite_number(thing, "arc_offset", arc_offset, "pass an angle")
+        profile = SprocketProfile(count, arc_center_radius / tip_radius, arc_radius / tip_radius, offset)
+        checked_profile(thing, profile)
+        if profile not in self.sprocket_profiles:
+            self.sprocket_profiles.append(profile)
+        size, asset = (tip_radius, half_width, tip_radius), self.sprocket_profiles.index(profile)
+        return self._add_shape(ShapeType.SPROCKET, body, size, options, asset)
+
+    def add_shape_groove(
+        self, body: int, *, radius: float, half_width: float, **options: Unpack[ShapeOptions]
+    ) -> int:  # fmt: skip
+        """The room between two discs about z, which keeps spheres in: the guides of a chain. It meets spheres only, as
+        long as their centres are within the discs' radius; it has one contact, with the nearer disc.
+
+        Args:
+            body: or WORLD.
+            radius: of the discs [m].
+            half_width: half of their distance [m]; spheres that it can meet must be smaller.
+            options: see `ShapeOptions`.
+        """
+        thing = self._shape_title(ShapeType.GROOVE, options)
+        positive_number(thing, "radius", radius, "m", "it is that of the discs")
+        positive_number(thing, "half_width", half_width, "m", "it is half the discs' distance")
+        return self._add_shape(ShapeType.GROOVE, body, (radius, half_width, radius), options)
 
     def add_shape_primitive(
         self, body: int, kind: ShapeType | str, size: Vec3 | Sequence[float], **options: Unpack[ShapeOptions]
@@ -369,6 +417,10 @@ class ShapeList:
         shapes = [self.shapes[index] for index in pair]
         if shapes[0].body == shapes[1].body:
             raise ModelError(f"add_shape_pair: shapes must be on two bodies, got {self._named(pair)} on one; drop it")
+        if not kinds_meet(shapes[0].type, shapes[1].type):
+            raise ModelError(
+                f"add_shape_pair: sprockets and grooves meet spheres only, got {self._named(pair)}; take a sphere"
+            )
         if all(shape.type in NOT_CONVEX for shape in shapes):
             raise ModelError(
                 f"add_shape_pair: one shape must be convex, got {self._named(pair)}; take hulls (convex, decompose)"
@@ -403,9 +455,13 @@ class ShapeList:
     def _add_shape(
         self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: Mapping[str, Any], asset: int = -1
     ) -> int:
-        self._check_body(checked_name("shape", options.get("name", f"{kind.name.lower()}{len(self.shapes)}")), body)
+        self._check_body(self._shape_title(kind, options), body)
         self.shapes.append(self._shape_spec(kind, body, size, options, asset))
         return len(self.shapes) - 1
+
+    def _shape_title(self, kind: ShapeType, options: Mapping[str, Any]) -> str:
+        """How errors call the next shape."""
+        return checked_name("shape", options.get("name", f"{kind.name.lower()}{len(self.shapes)}"))
 
     def _shape_spec(
         self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: Mapping[str, Any], asset: int
@@ -487,63 +543,11 @@ def checked_material(thing: str, material: Material) -> Material:
     return material
 
 
-def contact_limit(a: ShapeType, b: ShapeType) -> int:
-    """Most contacts that a pair of shape types can have."""
-    if a in ONE_POINT or b in ONE_POINT:
-        return MANIFOLD_CONTACTS if {a, b} & {ShapeType.MESH, ShapeType.HEIGHT_FIELD} else 1
-    if ShapeType.CAPSULE in (a, b) and not {a, b} & {ShapeType.MESH, ShapeType.HEIGHT_FIELD}:
-        return 2
-    return MANIFOLD_CONTACTS
-
-
-def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
-    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
-    shapes = builder.shapes
-    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
-    nodes = sum(len(mesh.nodes) for mesh in builder.flexible_meshes)
-    most = max(24, CONTACTS_PER_BODY * (len(builder.bodies) - nodes) + nodes)
-    return min(total, most) + face_count(builder.flexible_meshes) // 2  # a face's, half of which its neighbours have
-
-
-def shape_pairs(builder: Specification, apart: set[tuple[int, int]]) -> npt.NDArray[np.int32]:
-    """(pairs, 2) indices of shapes that can meet, in lexicographic order; `apart` are pairs of bodies that do not."""
-    shapes = builder.shapes
-    count = len(shapes)
-    if count < 2:
-        return np.zeros((0, 2), np.int32)
-    body = np.array([shape.body for shape in shapes])
-    group = np.array([shape.group for shape in shapes])
-    mask = np.array([shape.mask for shape in shapes])
-    flat = np.array([shape.type in NOT_CONVEX for shape in shapes])
-    first, second = np.triu_indices(count, 1)
-    keep = (body[first] != body[second]) & ~(flat[first] & flat[second])
-    meets, met = (group[first] & mask[second]) != 0, (group[second] & mask[first]) != 0
-    keep &= (meets | met) if builder.pair_rule == PairRule.EITHER else (meets & met)
-    first, second = first[keep], second[keep]
-    if apart:
-        low, high = np.minimum(body[first], body[second]), np.maximum(body[first], body[second])
-        codes = {(a + 1) * (body.max() + 2) + b + 1 for a, b in apart}
-        together = np.isin((low + 1) * (body.max() + 2) + high + 1, list(codes))
-        first, second = first[~together], second[~together]
-    if builder.excluded_shapes or builder.given_pairs:
-        excluded, given = (
-            [a * count + b for a, b in pairs] for pairs in (builder.excluded_shapes, builder.given_pairs)
-        )
-        left = first * count + second
-        first, second = np.divmod(np.union1d(left[~np.isin(left, excluded)], given).astype(np.int64), count)
-    return np.stack([first, second], axis=1).astype(np.int32)
-
-
-def _on_host(function: Any) -> Any:
+def on_host(function: Any) -> Any:
     """A device function as Python runs it."""
     return function.func
 
 
-def pair_ways(types: Sequence[ShapeType], pairs: npt.NDArray[np.int32]) -> tuple[int, int, int]:
-    """Count pairs with a formula, other convex pairs, and pairs with a height field or mesh."""
-    counts = [0, 0, 0]
-    on_triangles, by_formula = _on_host(is_triangle_surface), _on_host(has_formula)
-    kinds, numbers = np.unique(np.sort(np.array(types, int)[pairs], axis=1), axis=0, return_counts=True)
-    for (low, high), number in zip(kinds.tolist(), numbers.tolist(), strict=True):
-        counts[2 if on_triangles(high) else 0 if by_formula(low, high) else 1] += number
-    return counts[0], counts[1], counts[2]
+def kinds_meet(a: ShapeType, b: ShapeType) -> bool:
+    """False for kinds of shapes that never have contacts: sprockets and grooves with all but spheres."""
+    return bool(on_host(can_meet)(min(a, b), max(a, b)))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from simwarp.core.object_repr import Names, ReadableFields, Row
 from simwarp.core.types import WORLD, Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.geometry.sprocket_profiles import SprocketProfile
 from simwarp.meshes.mesh_specification import FlexibleMesh
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +102,7 @@ class Specification(Protocol):
     Attributes:
         gravity: (3,) acceleration [m/s²], world frame.
         bodies, joints, couplings, shapes: in the order of their indices.
-        hulls, height_fields, meshes: geometries that shapes refer to.
+        hulls, height_fields, meshes, sprocket_profiles: geometries that shapes refer to.
         flexible_meshes: whose nodes are bodies.
         excluded_bodies: pairs of bodies whose shapes never meet.
         excluded_shapes: pairs of shapes that never meet, the smaller index first.
@@ -118,6 +119,7 @@ class Specification(Protocol):
     hulls: list[Hull]
     height_fields: list[HeightField]
     meshes: list[TriangleMesh]
+    sprocket_profiles: list[SprocketProfile]
     flexible_meshes: list[FlexibleMesh]
     excluded_bodies: set[tuple[int, int]]
     excluded_shapes: set[tuple[int, int]]

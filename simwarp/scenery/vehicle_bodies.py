@@ -215,6 +215,35 @@ def _sedan(main: Array) -> list[VisualMesh]:
     ]  # fmt: skip
 
 
+def _skid_steer(main: Array) -> list[VisualMesh]:
+    """A flat robot between four wheels: a painted tub, a black deck with rails, tubes as bumpers, an emergency stop."""
+    paint = {"p": main, "t": _DARK, "d": _DARK}
+
+    def tub(x: float, low: float, high: float, wide: float = 1.0) -> Section:
+        return x, [(0.15 * wide, low), (0.205 * wide, low + 0.04), (0.205 * wide, 0.27), (0.17 * wide, high)]
+
+    shell = body_shell([
+        tub(-0.43, 0.19, 0.3, 0.9), tub(-0.39, 0.14, 0.335), tub(-0.1, 0.13, 0.34), tub(0.1, 0.13, 0.34),
+        tub(0.39, 0.14, 0.335), tub(0.43, 0.19, 0.3, 0.9),
+    ], ["dpptd"] * 5, paint)  # fmt: skip
+    bumpers = []
+    for end in (1.0, -1.0):
+        line = [(0.41 * end, 0.19, 0.2), (0.475 * end, 0.16, 0.21), (0.475 * end, -0.16, 0.21),
+                (0.41 * end, -0.19, 0.2)]  # fmt: skip
+        bumpers += [tube(line, 0.018, _BLACK, 6), box((0.006, 0.11, 0.045), _BLACK, (0.432 * end, 0.0, 0.245))]
+    rails = [*_pair((0.31, 0.015, 0.015), _STEEL, (0.0, 0.135, 0.372)),
+             *[box((0.015, 0.12, 0.012), _STEEL, (x, 0.0, 0.37)) for x in (0.28, -0.28)]]  # fmt: skip
+    axles = [*_pair((0.03, 0.025, 0.03), _DARK, (0.256, 0.215, 0.165)),
+             *_pair((0.03, 0.025, 0.03), _DARK, (-0.256, 0.215, 0.165))]  # fmt: skip
+    stop = lathe([(0.022, 0.0), (0.022, 0.03), (0.028, 0.03), (0.028, 0.045)], _RED, 8)
+    return [
+        shell, *bumpers, *rails, *axles, box((0.36, 0.165, 0.008), _BLACK, (0.0, 0.0, 0.35)),
+        moved(stop, (-0.36, 0.09, 0.352)), *_pair((0.008, 0.02, 0.012), _RED, (-0.433, 0.14, 0.26)),
+        *_pair((0.008, 0.02, 0.012), _LAMP, (0.433, 0.14, 0.26)), *_pair((0.2, 0.004, 0.03), _DARK, (0.0, 0.206, 0.24)),
+        tube([(-0.3, -0.13, 0.35), (-0.31, -0.13, 0.52)], 0.005, _BLACK, 4),
+    ]  # fmt: skip
+
+
 @dataclasses.dataclass(frozen=True)
 class BodyStyle:
     """Appearance of a vehicle, and the placement of its visual in its frame of reference.
@@ -241,6 +270,7 @@ STYLES: Final = {
     "hmmwv": BodyStyle(_hmmwv, tone("b59a6a"), tone("8a7858"), 0.46, (4.85, 2.15, 1.84), (-0.03, -0.05)),
     "gator": BodyStyle(_gator, tone("2f7d32"), tone("f2c20a"), 0.45, (2.95, 1.54, 1.83), (-0.007, 0.0)),
     "artcar": BodyStyle(_artcar, tone("d3261f"), tone("e6e6e6"), 0.62, (0.81, 0.42, 0.26), (-0.037, -0.035)),
+    "skid-steer": BodyStyle(_skid_steer, tone("f2c20a"), tone("6a6d70"), 0.5, (0.99, 0.685, 0.4), (0.0, 0.0)),
     "sedan": BodyStyle(_sedan, tone("2f66b0"), tone("c9ccd0"), 0.7, (4.85, 1.86, 1.46), (0.161, 0.035)),
 }
 PLAIN_STYLE: Final = BodyStyle(lambda _: [], _DARK, _STEEL, 0.55, (0.0, 0.0, 0.0), (0.0, 0.0))

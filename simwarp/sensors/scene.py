@@ -277,14 +277,16 @@ class Visuals(Readable):
         meshes = self.builder.flexible_meshes
         nodes = set() if self._spheres else {shape for mesh in meshes for shape in mesh.shapes}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
-            if index in nodes:
+            if index in nodes or shape.type is ShapeType.GROOVE:
                 continue
             if shape.name in names:
                 raise ModelError(
                     f"visual '{shape.name}': the name must be unique, got a shape of that name later; rename one"
                 )
+            # as wide as its teeth, a sprocket is seen as a cylinder; a groove is empty
+            kind = ShapeType.CYLINDER if shape.type is ShapeType.SPROCKET else shape.type
             self.instances.append(
-                Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Appearance())
+                Instance(shape.name, kind, shape.body, index, shape.pose, shape.size, shape.asset, Appearance())
             )
         self._followed = len(self.builder.shapes)
         if not self._spheres:

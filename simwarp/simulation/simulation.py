@@ -17,6 +17,7 @@ from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
+from simwarp.kernels.core.layouts import run_layouts
 from simwarp.kernels.core.tables import StepConfig, make_progress
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
@@ -30,7 +31,6 @@ from simwarp.kernels.dynamics.world import (
 from simwarp.model.checks import whole_number
 from simwarp.model.effective_parameters import idle_changes
 from simwarp.model.identity import run_parts
-from simwarp.model.layouts import run_layouts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.model.parameters import PARAMETERS, non_finite_parameters

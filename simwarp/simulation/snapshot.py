@@ -19,8 +19,8 @@ from simwarp.core.files import FileError, check_input, parse_json, replacing
 from simwarp.core.memory import check_layouts
 from simwarp.core.object_repr import Readable, bytes_text, plural
 from simwarp.core.types import ModelError, formatted
+from simwarp.kernels.core.layouts import snapshot_layouts
 from simwarp.model.identity import Identity, run_parts
-from simwarp.model.layouts import snapshot_layouts
 from simwarp.model.model import Model
 from simwarp.simulation.state import Contacts, Control, State
 

@@ -6,7 +6,7 @@ in Krenn and Hirzinger's SCM (2009).
 
 import warp as wp
 
-from simwarp.soil.soil_tables_kernels import COHESION, DAMPING, ELASTIC, EXPONENT, K_C, K_PHI, SHEAR_LENGTH, TAN_PHI
+from simwarp.soil.soil_columns_kernels import COHESION, DAMPING, ELASTIC, EXPONENT, K_C, K_PHI, SHEAR_LENGTH, TAN_PHI
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

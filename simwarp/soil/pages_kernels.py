@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, SIDE, SoilNodes
+from simwarp.soil.soil_columns_kernels import SIDE
+from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, SoilNodes
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -33,10 +33,10 @@ from simwarp.soil.footprint_kernels import (
 )
 from simwarp.soil.node_stress_kernels import node_stress
 from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
+from simwarp.soil.soil_columns_kernels import K_C
 from simwarp.soil.soil_tables_kernels import (
     BALL,
     CAPSULE,
-    K_C,
     SINKAGE,
     WHEEL,
     SoilNodes,

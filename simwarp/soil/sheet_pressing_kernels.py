@@ -18,7 +18,8 @@ from simwarp.soil.deformed_surface_kernels import FARTHEST, node_drop
 from simwarp.soil.footprint_kernels import Footprint, keep_footprint, kept_footprint, node_number, soil_at
 from simwarp.soil.node_stress_kernels import node_stress
 from simwarp.soil.pages_kernels import find_page, slot_in
-from simwarp.soil.soil_tables_kernels import K_C, SoilNodes, SoilReports, SoilTables
+from simwarp.soil.soil_columns_kernels import K_C
+from simwarp.soil.soil_tables_kernels import SoilNodes, SoilReports, SoilTables
 from simwarp.vehicle.tires.ground_kernels import ground_below
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

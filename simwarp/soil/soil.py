@@ -27,6 +27,7 @@ from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.deformed_surface_kernels import SoilCover, find_heights
 from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
 from simwarp.soil.sheet_pressing_kernels import press_sheets, report_sheets, survey_sheets
+from simwarp.soil.soil_columns_kernels import PARAMETERS, SIDE
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
     SoilShape,
@@ -39,15 +40,7 @@ from simwarp.soil.soil_shapes import (
     share_bodies,
 )
 from simwarp.soil.soil_sheets import SoilMesh, pages_below, sheet_tables
-from simwarp.soil.soil_tables_kernels import (
-    NODE_VALUES,
-    PAGE_NODES,
-    PARAMETERS,
-    SIDE,
-    SoilNodes,
-    SoilReports,
-    SoilTables,
-)
+from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, SoilNodes, SoilReports, SoilTables
 from simwarp.soil.static_sinkage_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 from simwarp.core.constraints import Angle, Ge, Le, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.rules import Configuration, Passive
-from simwarp.soil import soil_tables_kernels as soil_tables
+from simwarp.soil import soil_columns_kernels as columns
 
 DEEP: Final = 0.5
 """Sinkage down to which unloading must be stiffer than loading [m]."""
@@ -19,21 +19,21 @@ DEEP: Final = 0.5
 USUAL_ANGLE: Final = math.radians(30.0)
 """Of friction [rad]."""
 
-PAGE_SIDE: Final = int(soil_tables.SIDE)
+PAGE_SIDE: Final = int(columns.SIDE)
 """Nodes along a side of a page."""
 
 
 class SoilParameter(enum.IntEnum):
     """Columns of `Soil.parameter`, which are those of `SoilSpec.values`; the angle is there as its tangent."""
 
-    K_PHI = int(soil_tables.K_PHI)
-    K_C = int(soil_tables.K_C)
-    EXPONENT = int(soil_tables.EXPONENT)
-    COHESION = int(soil_tables.COHESION)
-    TAN_PHI = int(soil_tables.TAN_PHI)
-    SHEAR_LENGTH = int(soil_tables.SHEAR_LENGTH)
-    ELASTIC = int(soil_tables.ELASTIC)
-    DAMPING = int(soil_tables.DAMPING)
+    K_PHI = int(columns.K_PHI)
+    K_C = int(columns.K_C)
+    EXPONENT = int(columns.EXPONENT)
+    COHESION = int(columns.COHESION)
+    TAN_PHI = int(columns.TAN_PHI)
+    SHEAR_LENGTH = int(columns.SHEAR_LENGTH)
+    ELASTIC = int(columns.ELASTIC)
+    DAMPING = int(columns.DAMPING)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,8 @@ from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, pose
 from simwarp.model.checks import checked_instances, whole_number
 from simwarp.model.model import Model
 from simwarp.model.rules import Lengths, Passive, Vector3, held_fields, instance_of
-from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, SIDE, WHEEL, SoilShapes as ShapeTables
+from simwarp.soil.soil_columns_kernels import SIDE
+from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, WHEEL, SoilShapes as ShapeTables
 
 GivenPose: TypeAlias = Annotated[Pose, instance_of(Pose, "make it by sw.pose")]
 Carrier: TypeAlias = Annotated[int | str, Meaning("an integer, the body's index, or its name")]

@@ -18,7 +18,7 @@ from simwarp.meshes.mesh_surfaces import surface_of
 from simwarp.model.model import Model
 from simwarp.model.rules import held_fields, instance_of
 from simwarp.soil.sheet_pressing_kernels import SoilSheets
-from simwarp.soil.soil_tables_kernels import SIDE
+from simwarp.soil.soil_columns_kernels import SIDE
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,6 @@ from simwarp.vehicle.tires.ground_kernels import TerrainTables
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
-SIDE = wp.constant(8)
-"""Nodes along a side of a page."""
 PAGE_NODES = wp.constant(64)
 SINKAGE = wp.constant(0)  # of plastic origin, z_p [m]
 YIELD = wp.constant(1)  # pressure at which the node yields [Pa]
@@ -20,17 +18,6 @@ WHEEL = wp.constant(0)  # a cylinder about its axis
 BOX = wp.constant(1)
 BALL = wp.constant(2)
 CAPSULE = wp.constant(3)
-
-
-K_PHI = wp.constant(0)
-K_C = wp.constant(1)
-EXPONENT = wp.constant(2)
-COHESION = wp.constant(3)
-TAN_PHI = wp.constant(4)
-SHEAR_LENGTH = wp.constant(5)
-ELASTIC = wp.constant(6)
-DAMPING = wp.constant(7)
-PARAMETERS = wp.constant(8)
 
 
 @wp.struct

@@ -24,8 +24,8 @@ from simwarp.soil.footprint_kernels import (
 )
 from simwarp.soil.pages_kernels import find_page, slot_in
 from simwarp.soil.pressing_kernels import claim_pages_below, clear_world
+from simwarp.soil.soil_columns_kernels import K_C
 from simwarp.soil.soil_tables_kernels import (
-    K_C,
     LEAN_X,
     LEAN_Y,
     SHEAR,

@@ -1,18 +1,24 @@
-"""Soil under vehicles: their wheels as shapes of a soil, whose loads and slips their tires report."""
+"""Soil under vehicles: their wheels as shapes of a soil, whose loads and slips their tires report; shoes of tracks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from simwarp.core.types import ModelError, formatted
+import numpy as np
+
+from simwarp.core.types import ModelError, Pose, Vec3, formatted, pose
 from simwarp.soil.soil import USUAL_SPACING, Soil
 from simwarp.soil.soil_parameters import SoilSpec
-from simwarp.soil.soil_shapes import SoilShape, SoilWheel
+from simwarp.soil.soil_shapes import SoilBox, SoilShape, SoilWheel
 from simwarp.soil.soil_sheets import SoilMesh
+from simwarp.vehicle.spec.track_parts import ShoePad
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
+
+if TYPE_CHECKING:
+    from simwarp.vehicle.tracks.tracked_vehicle import TrackedVehicle
 
 
 def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
@@ -35,6 +41,51 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
         )
         for side, tire in zip(vehicle.parts.sides, tires, strict=True)
     ]  # fmt: skip
+
+
+def pads_of(vehicle: TrackedVehicle) -> list[SoilBox]:
+    """Pads of a vehicle's shoes as boxes, shoe after shoe: those of the left track, then of the right one.
+
+    Pads at a shoe's sides are one box across it: higher than the pad in its middle, it presses beside that alone.
+
+    Raises:
+        ModelError: the vehicle has no shoes.
+    """
+    parts, boxes = vehicle.parts, []
+    for side, track in zip(parts.chains, (parts.spec.left, parts.spec.right), strict=bool(parts.chains)):
+        shapes = [_spanned([track.shoe.ground_pad])]
+        if track.shoe.side_pads:
+            shapes.append(_spanned(track.shoe.side_pads))
+        boxes += [SoilBox(body=body, half=half, pose=place) for body in side.shoes for half, place in shapes]
+    if not boxes:
+        raise ModelError(f"soil: vehicle '{parts.spec.name}' has no shoes; the ground of belts is their own")
+    return boxes
+
+
+def _spanned(pads: Sequence[ShoePad]) -> tuple[Vec3, Pose]:
+    """Half lengths and pose, on its shoe, of the box around some pads."""
+    centers, halves = np.array([pad.center for pad in pads]), 0.5 * np.array([pad.size for pad in pads])
+    low, high = (centers - halves).min(axis=0), (centers + halves).max(axis=0)
+    x, y, z = (0.5 * (high - low)).tolist()
+    return (x, y, z), pose((0.5 * (low + high)).tolist())
+
+
+def soil_under_tracks(
+    vehicle: TrackedVehicle, soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
+    shapes: Sequence[SoilShape] = (), **options: Any,
+) -> Soil:  # fmt: skip
+    """Soil under the shoes of a tracked vehicle. Its outputs are those of `pads_of`, then of further shapes.
+
+    Args:
+        vehicle: shoe by shoe, in a model without other ground under it.
+        soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
+        shapes: what sinks in beside the shoes: a belly, rocks.
+        options: further arguments of `Soil`.
+
+    Raises:
+        ModelError: the vehicle has no shoes, or a value breaks its rule.
+    """
+    return Soil(vehicle.model, [*pads_of(vehicle), *shapes], soil, **options)
 
 
 def meshes_of(vehicle: Vehicle) -> list[SoilMesh]:

@@ -16,23 +16,32 @@ from simwarp.vehicle.driving.path_tracking import (
     PathTracker,
     PathTrackingSpec,
     Stanley,
+    Unicycle,
     look_ahead_for,
+    unicycle_for,
 )
 from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
+from simwarp.vehicle.driving.twist import SteeredVehicle, TwistDriver, TwistGains, twist_gains_for
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SpecError
-from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_belts
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
-from simwarp.vehicle.tracks.track_construction import SprocketContact, TrackedVehicleParts, add_tracked_vehicle
+from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
+from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter
+from simwarp.vehicle.tracks.belts import Belts
+from simwarp.vehicle.tracks.shoe_construction import ShoeTrackParts, SprocketContact
+from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
+from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
 
@@ -41,7 +50,13 @@ load = load_vehicle
 
 __all__ = [
     "PAYLOAD",
+    "TRACK_SOLVER",
     "VEHICLE_SOLVER",
+    "BeltLaw",
+    "BeltParameter",
+    "BeltTrack",
+    "BeltTrackParts",
+    "Belts",
     "CommonTire",
     "Convoy",
     "Drive",
@@ -56,15 +71,21 @@ __all__ = [
     "Run",
     "ScriptSpec",
     "ScriptedDriver",
+    "ShoeTrackParts",
     "SpecError",
     "SprocketContact",
     "Stanley",
+    "SteeredVehicle",
     "Tire",
     "Tires",
     "TmeasyTire",
+    "TrackedVehicle",
     "TrackedVehicleParts",
     "TrackedVehicleSpec",
     "TravelTable",
+    "TwistDriver",
+    "TwistGains",
+    "Unicycle",
     "Vehicle",
     "VehicleParts",
     "VehicleSpec",
@@ -73,6 +94,7 @@ __all__ = [
     "add_payload",
     "add_tracked_vehicle",
     "add_vehicle",
+    "belt_of",
     "bezier",
     "circle",
     "ground",
@@ -93,6 +115,9 @@ __all__ = [
     "set_up_convoy",
     "tracked_vehicle_names",
     "travel_table",
+    "twist_gains_for",
+    "unicycle_for",
     "vehicle_names",
+    "with_belts",
     "with_options",
 ]

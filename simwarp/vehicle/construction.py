@@ -14,10 +14,11 @@ from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import Pose, Vec3, finite_vector, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.keyword_argument_types import SurfaceOptions
-from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_clutch, add_driveline
-from simwarp.vehicle.initial_velocity import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
+from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_driveline
+from simwarp.vehicle.drivetrain.transmissions import TransmissionParts, add_transmission
+from simwarp.vehicle.initial_velocity import Rolling, roll_bodies, roll_driveline, start_of
 from simwarp.vehicle.spec.parts import merged
-from simwarp.vehicle.spec.vehicle_spec import AutomaticShafts, ManualShafts, SpecError, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
@@ -35,14 +36,7 @@ class VehicleParts(Readable):
     """Wheels: front left, front right, then those of the axles behind."""
     steerings: tuple[SteeringParts, ...]
     driveline: DrivelineParts
-    motor_shaft: int
-    """Shaft that the engine drives, -1 without one."""
-    input_shaft: int
-    """Shaft between converter or clutch and gears, -1 without one."""
-    gear_coupling: int
-    """Coupling of the gears, -1 without one."""
-    clutch_shaft: int
-    """Slip of a manual clutch: a coordinate whose dry friction is the clutch's torque; -1 without one."""
+    gears: TransmissionParts
     start: Rolling
     """Speed, gear and shaft speeds at the start."""
     bodies: range
@@ -108,9 +102,9 @@ def add_vehicle(
     couplings = range(first_coupling, len(builder.couplings))
     drive_speed = roll_driveline(builder, driveline, couplings, sides, spec, speed)
     start = start_of(spec.transmission, speed, drive_speed, gear)
-    shafts = _add_transmission(builder, prefix, spec, driveline, start)
+    gears = add_transmission(builder, prefix, spec.transmission, driveline, start)
     bodies = range(first_body, len(builder.bodies))
-    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts, start, bodies, prefix)
+    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, gears, start, bodies, prefix)
 
 
 def add_chassis_box(
@@ -140,35 +134,3 @@ def add_chassis_box(
         if body != parts.chassis:
             builder.exclude_collision(parts.chassis, body)
     return shape
-
-
-EXCHANGE_TIME = 1.0e-3
-"""The drive shaft of a transmission slips against that of the driveline like a viscous coupling of inertia / this time
-[s]: what the exchange of speed and torque between the two amounts to in the models that the data are from.
-"""
-
-
-def _add_transmission(
-    builder: ModelBuilder, prefix: str, spec: VehicleSpec, driveline: DrivelineParts, start: Rolling
-) -> tuple[int, int, int, int]:
-    """Motor shaft, input shaft, gear coupling and clutch of a transmission that has shafts."""
-    gears = spec.transmission
-    if not isinstance(gears, (AutomaticShafts, ManualShafts)):
-        return -1, -1, -1, -1
-    if spec.driveline is None:
-        raise SpecError(f"transmission: '{gears.template}' needs a driveline; add one, such as 'simple'")
-    motor = builder.add_shaft(f"{prefix}motor_shaft", inertia=gears.motorshaft_inertia)
-    inner = builder.add_shaft(f"{prefix}gear_shaft", inertia=gears.input_inertia)
-    for shaft in (motor, inner):
-        turn_shaft(builder, shaft, start.motor_speed)
-    # neutral takes the coupling out at the first step
-    ratio = gear_ratio(gears, start.gear) or gears.forward_ratios[0]
-    coupling = builder.add_coupling(
-        f"{prefix}gears", [(inner, ratio), *((joint, -value) for joint, value in driveline.speed)], offset=0.0,
-        damping=gears.driveshaft_inertia / EXCHANGE_TIME,
-    )  # fmt: skip
-    slip = -1
-    if isinstance(gears, ManualShafts):
-        inertia = min(gears.motorshaft_inertia, gears.input_inertia)
-        slip = add_clutch(builder, f"{prefix}clutch", (motor, inner), inertia, gears.clutch_limit)
-    return motor, inner, coupling, slip

@@ -71,7 +71,7 @@ def roll_driveline(
 ) -> float:  # fmt: skip
     """Turns the shafts of a driveline with the wheels; returns the speed of the drive shaft [rad/s]."""
     turns = {side.turn: wheel_rate(spec, side, speed) for side in sides}
-    if driveline.shaft < 0:
+    if driveline.shaft < 0 and not driveline.motors:
         return sum(value * turns[turn] for turn, value in driveline.speed)
     joint_of = {builder.dof_start(joint): joint for joint in range(len(builder.joints))}
     terms = [[(joint_of[dof], value) for dof, value in builder.couplings[row].terms] for row in couplings]
@@ -86,7 +86,7 @@ def roll_driveline(
     rates = dict(zip(shafts, np.linalg.lstsq(matrix, known)[0].tolist(), strict=True))
     for joint, rate in rates.items():
         turn_shaft(builder, joint, rate)
-    return float(rates[driveline.shaft])
+    return float(rates.get(driveline.shaft, 0.0))
 
 
 def turn_shaft(builder: ModelBuilder, joint: int, rate: float) -> None:

@@ -29,6 +29,8 @@ class VehicleTables:
     lock_dof: wp.array[int]  # slip of the differentials' clutches
     lock_held: wp.array[float]  # torque of the open clutch [N·m]
     lock_torque: wp.array[float]  # torque added when it closes [N·m]
+    motor_dof: wp.array[int]  # of a differential drive: left, right
+    motor_speed: float  # its motors' at full throttle, or at full steering on the spot [rad/s]
 
 
 @wp.struct
@@ -82,6 +84,20 @@ def publish_motion(of: Member, vehicle: VehicleTables, state: StateArrays, dt: f
         motion.acceleration_b[of.world, of.vehicle] = ((v - motion.last_v[of.world, of.vehicle]) / dt) * axes
     else:
         motion.acceleration_b[of.world, of.vehicle] = wp.vec3()
+
+
+@wp.func
+def side_shares(gear: int, throttle: float, steering: float, braking: float) -> wp.vec2:
+    """Speeds of the left and the right side over the largest, -1..1. Together the two inputs may ask for more than a
+    side can do: then both sides are slower by as much, so that the curvature stays. Brakes slow both down alike.
+    """
+    ahead = throttle * wp.sign(float(gear))
+    if gear == 0:
+        ahead = 0.0
+    left = ahead - steering
+    right = ahead + steering
+    fastest = wp.max(1.0, wp.max(wp.abs(left), wp.abs(right)))
+    return wp.vec2(left, right) * ((1.0 - braking) / fastest)
 
 
 @wp.kernel
@@ -148,6 +164,10 @@ def run_vehicle(
     for each in range(lock.shape[2]):
         torque = vehicle.lock_held[each] + wp.clamp(lock[world, number, each], 0.0, 1.0) * vehicle.lock_torque[each]
         parameters.joint_friction[world, of.dof + vehicle.lock_dof[each]] = torque
+    if vehicle.motor_dof.shape[0] > 0:
+        shares = side_shares(memory.gear[world, number], throttle, steering, braking)
+        for side in range(2):
+            control.joint_target_qd[world, of.dof + vehicle.motor_dof[side]] = shares[side] * vehicle.motor_speed
     v = state.body_v[world, chassis]
     control.element_force[world, chassis] = (-vehicle.drag * wp.length(v)) * v
     q = state.body_rot[world, chassis]

@@ -1,4 +1,6 @@
-"""Drivers that follow a path: steering by PID on a point ahead or by Stanley's law, and a PID that holds a speed."""
+"""Drivers that follow a path: steering by PID on a point ahead, by Stanley's law or by yaw rate, and a PID that holds a
+speed.
+"""
 
 from enum import IntEnum
 
@@ -6,9 +8,10 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.vector_math import to_float
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.vehicle.drivers_kernels import forward_speed
-from simwarp.vehicle.paths_kernels import PathTables, nearest_on_path
+from simwarp.vehicle.paths_kernels import PathPoint, PathTables, nearest_on_path
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -18,9 +21,13 @@ class SteeringLaw(IntEnum):
 
     LOOK_AHEAD = 0
     STANLEY = 1
+    UNICYCLE = 2
 
 
 STANLEY = wp.constant(int(SteeringLaw.STANLEY))
+UNICYCLE = wp.constant(int(SteeringLaw.UNICYCLE))
+TURN = wp.constant(6.2831853)
+LEAST_SHRINKAGE = wp.constant(0.1)  # of 1 - curvature x distance: beyond is the centre of the path's curve
 
 
 @wp.struct
@@ -40,10 +47,12 @@ class PathTrackerTables:
     chassis: int
     reference: wp.vec3  # the vehicle's frame from the chassis' centre of mass, body axes [m]
     ahead: float  # of the point that is steered, along the vehicle's x axis from its frame [m]
-    steering: Gains  # per m; Stanley's: [1/s], [1/(m s)]
+    steering: Gains  # per m; Stanley's: [1/s], [1/(m s)]; a unicycle's: [s/rad], [1/rad]
     dead_zone: float  # of the distance from the path, Stanley's [m]
-    soft_speed: float  # added to the speed, Stanley's [m/s]
+    soft_speed: float  # added to the speed, Stanley's and a unicycle's [m/s]
     full_angle: float  # of the road wheels at full input, Stanley's [rad]
+    approach: float  # length over which a unicycle comes back to its path [m]
+    full_yaw_rate: float  # at full input, a unicycle's [rad/s]
     speed: Gains  # per m/s
     throttle_threshold: float
     start: float  # before this time the vehicle stands on its brakes [s]
@@ -56,8 +65,8 @@ class PathTrackerState:
 
     segment: wp.array[int]  # of the path; -1: not looked for yet
     started: wp.array[int]  # 1: the controllers have errors of one step ago
-    steering_error: wp.array[float]  # one step ago [m]
-    steering_sum: wp.array[float]  # [m s]
+    steering_error: wp.array[float]  # one step ago [m]; a unicycle's [rad/s]
+    steering_sum: wp.array[float]  # [m s]; a unicycle's [rad]
     speed_error: wp.array[float]  # one step ago [m/s]
     speed_sum: wp.array[float]  # [m]
     throttle: wp.array[float]
@@ -87,6 +96,25 @@ def stanley_angle(tracker: PathTrackerTables, distance: float, total: float, hea
         beyond = -beyond
     pull = tracker.steering.proportional * beyond + tracker.steering.integral * total
     return heading + wp.atan2(pull, tracker.soft_speed + wp.max(speed, 0.0))
+
+
+@wp.func
+def unicycle_yaw_rate(tracker: PathTrackerTables, point: PathPoint, turn: float, heading: float, speed: float) -> float:
+    """Yaw rate that follows a path [rad/s]: that of the curve, and of the turn to the direction of approach.
+
+    Args:
+        tracker: length of the approach and soft speed.
+        point: of the path.
+        turn: from the vehicle's heading to the direction of approach [rad].
+        heading: of the path seen from the vehicle [rad].
+        speed: forwards [m/s].
+    """
+    along = wp.max(speed, 0.0)
+    shrinkage = wp.max(1.0 - point.curvature * point.distance, LEAST_SHRINKAGE)
+    curve = along * point.curvature * wp.cos(heading) / shrinkage
+    # critically damped: a quarter of the length for the turn, the length for the distance
+    back = (along + tracker.soft_speed) * (4.0 / tracker.approach) * 2.0 * wp.sin(0.5 * turn)
+    return curve + back
 
 
 @wp.func
@@ -147,29 +175,37 @@ def follow_path(
         vehicle_input[world, 1] = 0.0
         vehicle_input[world, 2] = 1.0
         return
+    speed = forward_speed(world, tracker.chassis, tracker.reference, state)
+    axis = wp.quat_rotate(q, wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0)))
+    forward = wp.vec2(float(axis[0]), float(axis[1]))
+    heading = wp.atan2(forward[0] * point.tangent[1] - forward[1] * point.tangent[0], wp.dot(forward, point.tangent))
+    target = target_speed[world_row(world, target_speed.shape[0])]
+    if time < tracker.ramp:
+        target *= time / tracker.ramp
     error = -point.distance
+    yaw_rate = float(0.0)
+    if tracker.law == UNICYCLE:
+        turn = heading - wp.atan(point.distance / tracker.approach)
+        turn -= TURN * wp.round(turn / TURN)
+        yaw_rate = unicycle_yaw_rate(tracker, point, turn, heading, speed)
+        up = wp.quat_rotate(q, wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0)))
+        error = yaw_rate - wp.dot(state.body_omega[world, tracker.chassis], to_float(up))
+        target *= wp.max(wp.cos(turn), 0.0)  # it turns on the spot where the path leads back
     last = memory.steering_error[world]
     if memory.started[world] == 0:
         last = error
     total = memory.steering_sum[world] + 0.5 * dt * (error + last)
     memory.steering_error[world] = error
-    speed = forward_speed(world, tracker.chassis, tracker.reference, state)
     output = float(0.0)
     if tracker.law == STANLEY:
-        axis = wp.quat_rotate(q, wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0)))
-        forward = wp.vec2(float(axis[0]), float(axis[1]))
-        heading = wp.atan2(
-            forward[0] * point.tangent[1] - forward[1] * point.tangent[0], wp.dot(forward, point.tangent)
-        )
         output = stanley_angle(tracker, point.distance, total, heading, speed) / tracker.full_angle
     else:
         output = pid(tracker.steering, error, last, total, dt)
+    if tracker.law == UNICYCLE:
+        output += yaw_rate / tracker.full_yaw_rate
     if wp.abs(output) < 1.0:
         memory.steering_sum[world] = total
     vehicle_input[world, 0] = wp.clamp(output, -1.0, 1.0)
-    target = target_speed[world_row(world, target_speed.shape[0])]
-    if time < tracker.ramp:
-        target *= time / tracker.ramp
     feet = pedals(world, dt, tracker, target, speed, memory)
     memory.started[world] = 1
     vehicle_input[world, 1] = feet[0]

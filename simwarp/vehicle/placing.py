@@ -12,11 +12,11 @@ from simwarp.core.types import ModelError, formatted, numbers
 from simwarp.model.model import Model
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.placing_kernels import move_vehicles
-from simwarp.vehicle.vehicle import Vehicle
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 
 
 def place_vehicle(
-    simulation: Simulation, vehicle: Vehicle, position: Any, heading: Any = 0.0, world_mask: Any = None
+    simulation: Simulation, vehicle: AnyVehicle, position: Any, heading: Any = 0.0, world_mask: Any = None
 ) -> None:
     """Moves a vehicle, with what joints hold to it, to a position and heading in the worlds of a mask.
 

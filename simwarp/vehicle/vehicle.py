@@ -23,7 +23,7 @@ from simwarp.vehicle.inputs_kernels import (
     measure_vehicle,
     run_vehicle,
 )
-from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
@@ -73,13 +73,7 @@ class Vehicles(ForceElement):
         self, parts: Sequence[VehicleParts], model: Model, *, ground: TerrainTables | None = None,
         point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
     ) -> None:  # fmt: skip
-        for name in PER_WORLD:
-            array = getattr(model, name)
-            if array.size and array.shape[0] != model.world_count:
-                raise ModelError(
-                    f"Vehicle: every world needs its own {name}, but the model shares it; "
-                    f"finalize(..., per_world={list(PER_WORLD)})"
-                )
+        check_per_world(model)
         self.parts = tuple(parts)
         self.model = model
         shifts = _shifts(self.parts, model)
@@ -91,9 +85,11 @@ class Vehicles(ForceElement):
         for name, values in shifts.items():
             setattr(self._tables, name, wp.array(values, dtype=int, device=model.device))
         self._tables.point = wp.vec3(*(first.reference + finite_vector("Vehicle", "point", point, 3)))
-        self._motion: Any = _motion(shape, model)
-        self._powertrain = powertrain_tables(first, model)
-        self._powertrain_state: Any = powertrain_state(self.parts, model)
+        self._motion: Any = motion_arrays(shape, model)
+        self._powertrain = powertrain_tables(
+            model, first.driveline, first.gears, first.spec.engine, first.spec.transmission
+        )
+        self._powertrain_state: Any = powertrain_state([each.start for each in self.parts], model)
         self.position: wp.array = self._motion.position
         self.angles: wp.array = self._motion.angles
         self.velocity_b: wp.array = self._motion.velocity_b
@@ -221,7 +217,7 @@ class Vehicle(ForceElement):
         bodies: (N,) int32, indices of its bodies in the model, the chassis first; with the loads that joints hold, and
             the nodes of flexible tires.
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
-            driver do so.
+            driver do so. Of a differential drive they are speeds of its motors (docs/vehicles.md).
         lock: (W, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
         tires: forces, loads, slips and parameters of the tires, (W, wheels) in the order of `parts.sides`.
         position: (W,) vec3d of the point, world [m].
@@ -344,7 +340,7 @@ def _shifts(parts: Sequence[VehicleParts], model: Model) -> dict[str, list[int]]
     starts = model.joint_dof_start
     shifts: dict[str, list[int]] = {"body_shift": [], "dof_shift": [], "coupling_shift": []}
     for each, mine in zip(parts, joints, strict=True):
-        body, coupling = each.chassis - first.chassis, each.gear_coupling - first.gear_coupling
+        body, coupling = each.chassis - first.chassis, each.gears.gear_coupling - first.gears.gear_coupling
         dofs = {starts[a] - starts[b] for a, b in zip(mine, joints[0], strict=False)}
         spindles = {a.spindle - b.spindle for a, b in zip(each.sides, first.sides, strict=False)}
         if each.spec != first.spec or len(dofs) > 1 or spindles != {body}:
@@ -359,11 +355,26 @@ def _shifts(parts: Sequence[VehicleParts], model: Model) -> dict[str, list[int]]
 
 def _joints(parts: VehicleParts) -> list[int]:
     """All joints and shafts that a vehicle's inputs and powertrain act on."""
-    line = parts.driveline
+    line, gears = parts.driveline, parts.gears
     split = [joint for left, right, *_ in line.split for joint in (left, right)]
     found = [*(s.joint for s in parts.steerings), *(s.spin for s in parts.sides), *(lock.slip for lock in line.locks)]
-    return [joint for joint in (*found, *split, line.shaft, parts.motor_shaft, parts.input_shaft, parts.clutch_shaft)
-            if joint >= 0]  # fmt: skip
+    shafts = [*line.motors, line.shaft, gears.motor_shaft, gears.input_shaft, gears.clutch_shaft]
+    return [joint for joint in (*found, *split, *shafts) if joint >= 0]
+
+
+def check_per_world(model: Model) -> None:
+    """Checks that each world has its own of what a vehicle writes.
+
+    Raises:
+        ModelError: the model shares such an array.
+    """
+    for name in PER_WORLD:
+        array = getattr(model, name)
+        if array.size and array.shape[0] != model.world_count:
+            raise ModelError(
+                f"Vehicle: every world needs its own {name}, but the model shares it; "
+                f"finalize(..., per_world={list(PER_WORLD)})"
+            )
 
 
 def per_world(others: Iterable[str] = ()) -> list[str]:
@@ -405,10 +416,14 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     table.lock_torque = wp.array([lock.locking for lock in locks], dtype=float, device=model.device)
     torques = [brake.max_torque for _, brake in brakes if brake is not None]
     table.brake_torque = wp.array(torques, dtype=float, device=model.device)
+    table.motor_dof = wp.array([starts[motor] for motor in parts.driveline.motors], dtype=int, device=model.device)
+    if isinstance(parts.spec.driveline, DifferentialDrive):
+        table.motor_speed = parts.spec.driveline.max_speed
     return table
 
 
-def _motion(shape: tuple[int, int], model: Model) -> Any:
+def motion_arrays(shape: tuple[int, int], model: Model) -> Any:
+    """A `VehicleMotion` of (W, V) vehicles that stand still."""
     motion: Any = VehicleMotion()
     motion.position = wp.zeros(shape, dtype=wp.vec3d, device=model.device)
     for name in ("angles", "velocity_b", "omega_b", "acceleration_b", "last_v"):

@@ -15,7 +15,8 @@ from simwarp.core.types import WORLD, VelocityMotor, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import ShearMemory, Soil, SoilSpec, SoilWheel
-from simwarp.soil.soil_tables_kernels import PAGE_NODES, SIDE, SINKAGE, YIELD
+from simwarp.soil.soil_columns_kernels import SIDE
+from simwarp.soil.soil_tables_kernels import PAGE_NODES, SINKAGE, YIELD
 
 RADIUS: Final = 0.467
 WIDTH: Final = 0.254

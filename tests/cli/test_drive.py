@@ -273,7 +273,7 @@ def test_help_lists_vehicles_and_manoeuvres(drive):
 def test_list_has_the_vehicles_with_their_options(capfd):
     assert cli.main(["list", "--json", "-"]) == 0
     entries = {entry["name"]: entry["summary"] for entry in json.loads(capfd.readouterr().out)["vehicles"]}
-    assert {"hmmwv", "hmmwv-reduced", "gator", "artcar", "sedan"} <= set(entries)
+    assert {"hmmwv", "hmmwv-reduced", "gator", "artcar", "sedan", "skid-steer"} <= set(entries)
     assert "pacejka2002" in entries["hmmwv"]
     assert np.all([len(line) > 20 for line in entries.values()])
 

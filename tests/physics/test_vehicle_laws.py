@@ -130,7 +130,7 @@ def test_brakes_hold_on_a_slope_for_a_minute(tire):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hmmwv-reduced", "gator", "artcar", "sedan"])
+@pytest.mark.parametrize("name", ["hmmwv-reduced", "gator", "artcar", "sedan", "skid-steer"])
 def test_every_vehicle_holds_on_a_slope_for_a_minute(name):
     assert creep(shipped(name), 60.0, 1.0e-3) < 1.0e-3
 

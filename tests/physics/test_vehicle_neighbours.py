@@ -73,7 +73,7 @@ def run(name: str, numbers: tuple[int, ...], *, as_one: bool = False) -> dict[in
     return found
 
 
-@pytest.mark.parametrize("name", ["hmmwv", "gator", "sedan", "artcar"])
+@pytest.mark.parametrize("name", ["hmmwv", "gator", "sedan", "artcar", "skid-steer"])
 def test_a_vehicle_among_others_equals_itself_alone(name):
     both, as_one = run(name, (0, 1)), run(name, (0, 1), as_one=True)
     for number in (0, 1):

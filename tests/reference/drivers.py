@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, Stanley
+from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, Stanley, Unicycle
 from simwarp.vehicle.driving.paths import Path
 
 
@@ -78,13 +78,13 @@ class PID:
     last: float | None = None
     total: float = 0.0
 
-    def output(self, error: float, dt: float) -> float:
-        """Not clamped."""
+    def output(self, error: float, dt: float, ahead: float = 0.0) -> float:
+        """Not clamped, with what is given ahead of the error."""
         before = error if self.last is None else self.last
         self.last = error
         total = self.total + 0.5 * dt * (error + before)
         gains = self.gains
-        found = gains.proportional * error + gains.integral * total + gains.derivative * (error - before) / dt
+        found = gains.proportional * error + gains.integral * total + gains.derivative * (error - before) / dt + ahead
         if abs(found) < 1.0:
             self.total = total
         return found
@@ -99,7 +99,9 @@ class TrackingReference:
         self.steering, self.speed = PID(spec.steering.gains), PID(spec.speed_gains)
         self.throttle = 0.0
 
-    def step(self, dt: float, time: float, x: np.ndarray, rotation: np.ndarray, speed: float) -> np.ndarray:
+    def step(
+        self, dt: float, time: float, x: np.ndarray, rotation: np.ndarray, speed: float, yaw_rate: float
+    ) -> np.ndarray:  # fmt: skip
         """(3,) steering, throttle and braking.
 
         Args:
@@ -107,21 +109,36 @@ class TrackingReference:
             x: (3,) the vehicle's frame of reference [m].
             rotation: (3, 3) its axes.
             speed: forwards [m/s].
+            yaw_rate: of its own axes [rad/s].
         """
         spec = self.spec
         law = spec.steering
-        ahead = law.axle if isinstance(law, Stanley) else law.distance
+        ahead = getattr(law, {Stanley: "axle", Unicycle: "center"}.get(type(law), "distance"))
         place = nearest(self.path, self.segment, (x + ahead * rotation[:, 0])[:2])
         self.segment = place.segment
         if time < spec.start:
             return np.array([0.0, 0.0, 1.0])
-        if isinstance(law, Stanley):
-            steering = self._stanley(law, place, rotation[:2, 0], speed, dt)
-        else:
-            steering = self.steering.output(-place.distance, dt)
         elapsed = time - spec.start
         target = self.target * (min(1.0, elapsed / spec.ramp) if spec.ramp > 0.0 else 1.0)
+        if isinstance(law, Stanley):
+            steering = self._stanley(law, place, rotation[:2, 0], speed, dt)
+        elif isinstance(law, Unicycle):
+            turn, wanted = self._turn(law, place, rotation[:2, 0], speed)
+            steering = self.steering.output(wanted - yaw_rate, dt, wanted / law.full_yaw_rate)
+            target *= max(math.cos(turn), 0.0)
+        else:
+            steering = self.steering.output(-place.distance, dt)
         return np.array([min(1.0, max(-1.0, steering)), *self._pedals(target - speed, dt)])
+
+    def _turn(self, law: Unicycle, place: Place, forward: np.ndarray, speed: float) -> tuple[float, float]:
+        """Angle to the direction of approach [rad], and the yaw rate to follow the path [rad/s]."""
+        heading = math.atan2(
+            forward[0] * place.tangent[1] - forward[1] * place.tangent[0], float(forward @ place.tangent)
+        )
+        turn = math.remainder(heading - math.atan(place.distance / law.approach), math.tau)
+        v = max(speed, 0.0)
+        curve = v * math.cos(heading) * place.curvature / max(1.0 - place.curvature * place.distance, 0.1)
+        return turn, curve + (v + law.soft_speed) * 8.0 / law.approach * math.sin(0.5 * turn)
 
     def _stanley(self, law: Stanley, place: Place, forward: np.ndarray, speed: float, dt: float) -> float:
         heading = math.atan2(

@@ -11,7 +11,14 @@ import warp as wp
 from simwarp.kernels.collision.broad import Grid, candidates
 from simwarp.kernels.collision.contact_lists import FoundContact, FoundContacts, ListState, Search, Searches
 from simwarp.kernels.collision.contact_slots import ContactProgress, keep_last_contacts, keep_pair, skip_contacts
-from simwarp.kernels.collision.narrow import axis_between, axis_contacts, formula_contacts, has_formula, swapped
+from simwarp.kernels.collision.narrow import (
+    axis_between,
+    axis_contacts,
+    can_meet,
+    formula_contacts,
+    has_formula,
+    swapped,
+)
 from simwarp.kernels.collision.placement import (
     CollisionScratch,
     fill_world_grid,
@@ -36,6 +43,7 @@ FORMULA = wp.constant(0)
 SEARCHED = wp.constant(1)
 GROUND = wp.constant(2)
 FACES = wp.constant(3)  # of meshes, beside what the spheres of their nodes have
+NEVER = wp.constant(-1)  # kinds of shapes without contacts
 
 
 @wp.func
@@ -58,9 +66,11 @@ def has_ground_pairs(topology: Topology) -> bool:
 
 @wp.func
 def contact_method(shape0: int, shape1: int, topology: Topology) -> int:
-    """How the contacts of a pair are found: by FORMULA, SEARCHED for, or on the triangles of a GROUND."""
+    """How the contacts of a pair are found: by FORMULA, SEARCHED for, on the triangles of a GROUND, or NEVER."""
     kind0 = topology.shape_type[shape0]
     kind1 = topology.shape_type[shape1]
+    if not can_meet(wp.min(kind0, kind1), wp.max(kind0, kind1)):
+        return NEVER
     if is_triangle_surface(kind0) or is_triangle_surface(kind1):
         return GROUND
     if has_formula(wp.min(kind0, kind1), wp.max(kind0, kind1)):

@@ -13,7 +13,15 @@ from simwarp.kernels.collision.collide import FACES, FORMULA, SEARCHED, contact_
 from simwarp.kernels.collision.contact_lists import FoundContact, FoundContacts, ListState, Search, Searches
 from simwarp.kernels.collision.ground import clip_triangle
 from simwarp.kernels.collision.placement import CollisionScratch, near_distance, pair_origin, placed, reach_time
-from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, PLANE, SPHERE, Assets, Manifold, triangle_shape
+from simwarp.kernels.collision.shape import (
+    MANIFOLD_CONTACTS,
+    PLANE,
+    SPHERE,
+    SPROCKET,
+    Assets,
+    Manifold,
+    triangle_shape,
+)
 from simwarp.kernels.collision.support import core_radius, inner_point, rounding, safe_direction
 from simwarp.kernels.collision.surfaces import is_triangle_surface
 from simwarp.kernels.collision.triangles import (
@@ -47,8 +55,10 @@ it stands upright, and what deforms is never quite flat."""
 
 @wp.func
 def touches_faces(kind: int) -> bool:
-    """True if a shape touches faces: planes, height fields and meshes that do not deform touch nodes alone."""
-    return kind != PLANE and not is_triangle_surface(kind)
+    """True if a shape touches faces: planes, height fields, meshes that do not deform and what meets spheres only touch
+    nodes alone.
+    """
+    return kind != PLANE and not is_triangle_surface(kind) and kind < SPROCKET
 
 
 @wp.func

@@ -8,14 +8,17 @@ from simwarp.kernels.collision.polygon import support_polygon
 from simwarp.kernels.collision.shape import (
     BOX,
     CAPSULE,
+    GROOVE,
     HULL,
     PLANE,
     POLYGON_CAPACITY,
     SPHERE,
+    SPROCKET,
     Assets,
     Manifold,
     Shape,
 )
+from simwarp.kernels.collision.sprockets import sphere_groove, sphere_sprocket
 from simwarp.kernels.collision.support import column, rounding, safe_direction, sign_of
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -169,9 +172,15 @@ def capsule_axis(a: Shape, b: Shape) -> Axis:
 
 
 @wp.func
+def can_meet(low: int, high: int) -> bool:
+    """False for kinds of shapes that never have contacts; `low` is the smaller kind."""
+    return low == SPHERE or high < SPROCKET
+
+
+@wp.func
 def has_formula(low: int, high: int) -> bool:
-    """True if the contacts of two convex shapes are written down, without a search; `low` is the smaller kind."""
-    return low == PLANE or (low == SPHERE and (high <= CAPSULE or high == BOX))
+    """True if the contacts of two shapes are written down, without a search; `low` is the smaller kind."""
+    return low == PLANE or (low == SPHERE and (high <= CAPSULE or high == BOX or high == SPROCKET or high == GROOVE))
 
 
 @wp.func
@@ -181,6 +190,10 @@ def formula_contacts(p: Shape, q: Shape, reach: float, flip: int, assets: Assets
         return plane_contacts(p, q, reach, flip, assets, out)
     if q.kind <= CAPSULE:
         return sphere_segment(p, q, reach, flip, out)
+    if q.kind == SPROCKET:
+        return sphere_sprocket(p, q, reach, flip, assets, out)
+    if q.kind == GROOVE:
+        return sphere_groove(p, q, reach, flip, out)
     return sphere_box(p, q, reach, flip, out)
 
 

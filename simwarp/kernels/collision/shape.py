@@ -18,6 +18,8 @@ CONE = wp.constant(int(ShapeType.CONE))
 HULL = wp.constant(int(ShapeType.HULL))
 HEIGHT_FIELD = wp.constant(int(ShapeType.HEIGHT_FIELD))
 MESH = wp.constant(int(ShapeType.MESH))
+SPROCKET = wp.constant(int(ShapeType.SPROCKET))
+GROOVE = wp.constant(int(ShapeType.GROOVE))
 TRIANGLE = wp.constant(64)  # internal: the columns of `rot` are the three vertices relative to `x`; no size
 
 MANIFOLD_CONTACTS = wp.constant(8)
@@ -68,6 +70,10 @@ class Assets:
     mesh_neighbour_start: wp.array[int]  # CSR over assets
     mesh_lower: wp.array[wp.vec3]  # bounds
     mesh_upper: wp.array[wp.vec3]
+
+    sprocket_teeth: wp.array[int]
+    # radii of the circle of the arcs' centres and of the arcs, of tips of 1 m; angle of arcs from gaps' middles [rad]
+    sprocket_arc: wp.array[wp.vec3]
 
 
 class ManifoldScratch(ScratchGroup, packed=False, prefix="pair_"):

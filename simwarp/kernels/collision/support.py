@@ -11,9 +11,11 @@ from simwarp.kernels.collision.shape import (
     CONE,
     CYLINDER,
     ELLIPSOID,
+    GROOVE,
     HULL,
     PLANE,
     SPHERE,
+    SPROCKET,
     TRIANGLE,
     Assets,
     Shape,
@@ -275,6 +277,14 @@ def shape_bounds(a: Shape, assets: Assets) -> Bounds:
         half += wp.vec3(r, r, r)
         lower = a.x - half
         upper = a.x + half
+    elif a.kind == SPROCKET or a.kind == GROOVE:
+        axis = column(a.rot, 2)
+        disc = wp.vec3()
+        for k in range(3):
+            across = wp.sqrt(wp.max(1.0 - axis[k] * axis[k], 0.0))
+            disc[k] = a.size[0] * across + a.size[1] * wp.abs(axis[k]) + a.margin
+        lower = a.x - disc
+        upper = a.x + disc
     elif a.kind <= HULL and a.kind != PLANE or a.kind == TRIANGLE:
         r = rounding(a)
         for k in range(3):

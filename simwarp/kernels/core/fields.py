@@ -126,7 +126,7 @@ class ParameterFields(FieldGroup):
         wp.float32, Size.SHAPES, source="shape.margin", domain=NOT_NEGATIVE, text="thickness added to the surface [m]"
     )
     shape_asset: WritableArray = parameter(
-        wp.int32, Size.SHAPES, source="shape.asset", text="asset that a hull, height field or mesh shows"
+        wp.int32, Size.SHAPES, source="shape.asset", text="asset that a hull, height field, mesh or sprocket shows"
     )
     shape_enabled: WritableArray = parameter(wp.int32, Size.SHAPES, text="0 takes the shape out")
     shape_friction: WritableArray = parameter(

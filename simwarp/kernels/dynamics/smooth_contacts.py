@@ -20,7 +20,6 @@ RIGID = wp.constant(int(ContactModel.RIGID))
 HOOKE = wp.constant(int(ContactModel.SMOOTH_HOOKE))
 PLANE = wp.constant(int(ShapeType.PLANE))
 HEIGHT_FIELD = wp.constant(int(ShapeType.HEIGHT_FIELD))
-MESH = wp.constant(int(ShapeType.MESH))
 BOX = wp.constant(int(ShapeType.BOX))
 HULL = wp.constant(int(ShapeType.HULL))
 FLAT_RADIUS = wp.constant(0.1)  # [m] stands for the curvature of flat faces
@@ -40,12 +39,12 @@ class Stiffness:
 
 @wp.func
 def curvature(shape: int, world: int, topology: Topology, parameters: Parameters) -> float:
-    """1/radius of a shape's surface [1/m]; 0 for what counts as ground."""
+    """1/radius of a shape's surface [1/m]; 0 for what counts as ground, and for arcs of sprockets, which are wide."""
     kind = topology.shape_type[shape]
     result = float(0.0)
     if kind == BOX or kind == HULL:
         result = 1.0 / FLAT_RADIUS
-    elif kind != PLANE and kind != HEIGHT_FIELD and kind != MESH:
+    elif kind != PLANE and kind < HEIGHT_FIELD:
         result = 1.0 / parameters.shape_size[world_row(world, parameters.shape_size.shape[0]), shape][0]
     return result
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 
+from simwarp.core.types import Drive, PositionDrive, VelocityMotor
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.spec.vehicle_spec import (
+    DifferentialDrive,
     Driveline,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
@@ -45,6 +47,14 @@ class DrivelineParts:
     shaft: int = -1
     locks: tuple[Lock, ...] = ()
     split: tuple[tuple[int, int, float, float, float], ...] = ()
+    inertia: float = 0.0
+    """Of the shaft alone, whose acceleration takes torque from what is behind it [kg·m²]."""
+    shaft_reaction: float = 0.0
+    """Torque on the chassis about x per torque behind the shaft."""
+    wheel_reaction: float = 1.0
+    """Share of the torque of `split` that acts back on the chassis."""
+    motors: tuple[int, ...] = ()
+    """Shafts of the motors of a differential drive: left, right."""
 
     @property
     def speed(self) -> list[tuple[int, float]]:
@@ -72,7 +82,10 @@ def add_driveline(
                 (front[0].turn, front[1].turn, share, spec.front_gear_ratio, spec.front_max_bias),
                 (rear[0].turn, rear[1].turn, 1.0 - share, spec.rear_gear_ratio, spec.rear_max_bias),
             )
-            return DrivelineParts(split=tuple(axle for axle in axles if axle[2] > 0.0))
+            driven = tuple(axle for axle in axles if axle[2] > 0.0)
+            return DrivelineParts(split=driven, wheel_reaction=spec.reaction)
+        case DifferentialDrive():
+            return _motor_per_side(builder, prefix, spec, sides)
     raise SpecError(f"driveline: template '{spec.template}' is not known")
 
 
@@ -99,13 +112,18 @@ def _add_axle_lock(
 ) -> tuple[Lock, ...]:
     """A clutch between the wheels of an axle."""
     inertia = min(float(builder.bodies[side.spindle].inertia[1, 1]) for side in sides)
-    return _add_lock(builder, name, (sides[0].turn, sides[1].turn), inertia, held, locking)
+    return _add_lock(builder, name, _turns(sides), inertia, held, locking)
 
 
-def _add_differential(builder: ModelBuilder, name: str, shaft: int, ratio: float, sides: tuple[Side, Side]) -> None:
-    """Bevel gear and differential: the wheels' mean speed is ratio x the shaft's."""
-    left, right = sides
-    builder.add_coupling(name, [(left.turn, 0.5), (right.turn, 0.5), (shaft, -ratio)])
+def add_differential(builder: ModelBuilder, name: str, shaft: int, ratio: float, turns: tuple[int, int]) -> None:
+    """Bevel gear and differential: the mean speed of two turns, left and right, is ratio x the shaft's."""
+    left, right = turns
+    builder.add_coupling(name, [(left, 0.5), (right, 0.5), (shaft, -ratio)])
+
+
+def _turns(sides: tuple[Side, Side]) -> tuple[int, int]:
+    """Of an axle's wheels."""
+    return sides[0].turn, sides[1].turn
 
 
 def _two_wheels(
@@ -113,11 +131,11 @@ def _two_wheels(
 ) -> DrivelineParts:
     inertia = spec.driveshaft_inertia + spec.box_inertia * spec.gear_ratio**2
     shaft = builder.add_shaft(f"{prefix}driveline.shaft", inertia=inertia)
-    left, right = sides[spec.axle]
-    _add_differential(builder, f"{prefix}driveline.differential", shaft, spec.gear_ratio, (left, right))
+    driven = sides[spec.axle]
+    add_differential(builder, f"{prefix}driveline.differential", shaft, spec.gear_ratio, _turns(driven))
     locking = spec.locking_limit if spec.lockable else 0.0
-    locks = _add_axle_lock(builder, f"{prefix}driveline.lock", (left, right), spec.slip_torque, locking)
-    return DrivelineParts(shaft, locks)
+    locks = _add_axle_lock(builder, f"{prefix}driveline.lock", driven, spec.slip_torque, locking)
+    return DrivelineParts(shaft, locks, inertia=spec.driveshaft_inertia, shaft_reaction=spec.reaction)
 
 
 def _four_wheels(
@@ -130,8 +148,8 @@ def _four_wheels(
     rear = builder.add_shaft(f"{prefix}driveline.rear_shaft", inertia=rear_inertia)
     builder.add_coupling(f"{prefix}driveline.center", [(front, 0.5), (rear, 0.5), (shaft, -1.0)])
     first, last = (sides[axle] for axle in spec.axles)
-    _add_differential(builder, f"{prefix}driveline.front_differential", front, spec.front_gear_ratio, first)
-    _add_differential(builder, f"{prefix}driveline.rear_differential", rear, spec.rear_gear_ratio, last)
+    add_differential(builder, f"{prefix}driveline.front_differential", front, spec.front_gear_ratio, _turns(first))
+    add_differential(builder, f"{prefix}driveline.rear_differential", rear, spec.rear_gear_ratio, _turns(last))
     axle = spec.axle_locking_limit if spec.lockable else 0.0
     center = spec.central_locking_limit if spec.lockable else 0.0
     shafts = min(front_inertia, rear_inertia)
@@ -140,4 +158,27 @@ def _four_wheels(
         *_add_axle_lock(builder, f"{prefix}driveline.front_lock", first, spec.axle_slip_torque, axle),
         *_add_axle_lock(builder, f"{prefix}driveline.rear_lock", last, spec.axle_slip_torque, axle),
     )
-    return DrivelineParts(shaft, locks)
+    return DrivelineParts(shaft, locks, inertia=spec.driveshaft_inertia, shaft_reaction=spec.reaction)
+
+
+def _motor_per_side(
+    builder: ModelBuilder, prefix: str, spec: DifferentialDrive, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    """A motor's shaft on each side, geared to all wheels there.
+
+    The voltage, bounded, gives at most the stall torque either way, and a damper takes of it what a turning motor
+    loses: the straight line from stall torque to no-load speed. Both are implicit, however stiff they are.
+    """
+    drive: Drive = VelocityMotor(effort_limit=spec.stall_torque)
+    if spec.gain is not None:
+        drive = PositionDrive(stiffness=0.0, damping=spec.gain, effort_limit=spec.stall_torque)
+    motors = []
+    for index, name in enumerate(("left", "right")):
+        label = f"{prefix}driveline.{name}"
+        motor = builder.add_shaft(
+            f"{label}_motor", inertia=spec.motor_inertia, damping=spec.stall_torque / spec.no_load_speed, drive=drive
+        )
+        for number, axle in enumerate(sides):
+            builder.add_coupling(f"{label}_gear{number}", [(axle[index].turn, 1.0), (motor, -spec.gear_ratio)])
+        motors.append(motor)
+    return DrivelineParts(motors=tuple(motors))

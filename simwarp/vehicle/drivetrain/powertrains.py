@@ -10,7 +10,9 @@ import warp as wp
 
 from simwarp.core.piecewise_linear import function_arrays
 from simwarp.model.model import Model
-from simwarp.vehicle.construction import VehicleParts
+from simwarp.vehicle.drivetrain.drivelines import DrivelineParts
+from simwarp.vehicle.drivetrain.transmissions import TransmissionParts
+from simwarp.vehicle.initial_velocity import Rolling
 from simwarp.vehicle.powertrain_kernels import EngineKind, Powertrain, PowertrainState, TransmissionKind
 from simwarp.vehicle.spec.vehicle_spec import (
     AutomaticCVT,
@@ -22,45 +24,42 @@ from simwarp.vehicle.spec.vehicle_spec import (
     EngineSimple,
     ManualShafts,
     Points,
-    ShaftsDriveline2WD,
-    ShaftsDriveline4WD,
-    SimpleDriveline,
     Transmission,
 )
 
 FLAT: Points = ((0.0, 0.0), (1.0, 0.0))
 
 
-def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
-    """Constant data of the powertrain on the model's device."""
+def powertrain_tables(
+    model: Model, driveline: DrivelineParts, gears: TransmissionParts, engine: Engine | None,
+    transmission: Transmission | None,
+) -> Powertrain:  # fmt: skip
+    """Constant data of a powertrain on the model's device."""
     table = Powertrain()
 
     def dof(joint: int) -> int:
         return -1 if joint < 0 else model.joint_dof_start[joint]
 
-    table.motor_dof, table.input_dof = dof(parts.motor_shaft), dof(parts.input_shaft)
-    table.drive_dof, table.slip_dof = dof(parts.driveline.shaft), dof(parts.clutch_shaft)
-    table.gear_coupling = parts.gear_coupling
-    if isinstance(parts.spec.driveline, (ShaftsDriveline2WD, ShaftsDriveline4WD)):
-        table.drive_inertia = parts.spec.driveline.driveshaft_inertia
-        table.shaft_reaction = parts.spec.driveline.reaction
-    elif isinstance(parts.spec.driveline, SimpleDriveline):
-        table.wheel_reaction = parts.spec.driveline.reaction
-    split = parts.driveline.split
+    table.motor_dof, table.input_dof = dof(gears.motor_shaft), dof(gears.input_shaft)
+    table.drive_dof, table.slip_dof = dof(driveline.shaft), dof(gears.clutch_shaft)
+    table.gear_coupling = gears.gear_coupling
+    table.drive_inertia, table.shaft_reaction = driveline.inertia, driveline.shaft_reaction
+    table.wheel_reaction = driveline.wheel_reaction
+    split = driveline.split
     table.split_count = len(split)
     table.split_dof = _array([[dof(left), dof(right)] for left, right, *_ in split] or [[0, 0]], int, model)
     table.split_share = _array([entry[2] for entry in split] or [0.0], float, model)
     table.split_ratio = _array([entry[3] for entry in split] or [1.0], float, model)
     table.split_bias = _array([entry[4] for entry in split] or [1.0], float, model)
-    curves = [*_engine(table, parts.spec.engine), *_transmission(table, parts.spec.transmission, model)]
+    curves = [*_engine(table, engine), *_transmission(table, transmission, model)]
     table.curve_start, table.curve_x, table.curve_y = function_arrays(curves, float, model.device)
     return table
 
 
-def powertrain_state(parts: Sequence[VehicleParts], model: Model) -> Any:
-    """The state of all worlds: the gears and the speeds that the vehicles start with, no shift yet."""
+def powertrain_state(starts: Sequence[Rolling], model: Model) -> Any:
+    """The state of all worlds: the gears and the speeds that their vehicles start with, no shift yet."""
     state: Any = PowertrainState()
-    shape, starts = (model.world_count, len(parts)), [each.start for each in parts]
+    shape = (model.world_count, len(starts))
 
     def rows(values: Any, dtype: type) -> Any:
         return _array(np.broadcast_to(values, shape), dtype, model)

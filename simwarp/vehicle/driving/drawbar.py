@@ -12,7 +12,12 @@ import warp as wp
 from simwarp.core.constraints import Gt, Lt, Meaning, Positive
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drawbar_kernels import Carriage, DrawbarState, pull_carriage
-from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
+from simwarp.vehicle.spec.drivetrain_parts import (
+    DifferentialDrive,
+    ShaftsDriveline2WD,
+    ShaftsDriveline4WD,
+    SimpleDriveline,
+)
 from simwarp.vehicle.spec.parts import Spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
@@ -60,6 +65,8 @@ def driven_axles(spec: VehicleSpec) -> tuple[int, ...]:
         raise SpecError("driveline: must turn an axle in a drawbar test, got none; give the vehicle one")
     if isinstance(driveline, ShaftsDriveline2WD):
         return (driveline.axle % len(spec.axles),)
+    if isinstance(driveline, DifferentialDrive):
+        return tuple(range(len(spec.axles)))
     axles = tuple(axle % len(spec.axles) for axle in driveline.axles)
     if isinstance(driveline, SimpleDriveline) and driveline.front_torque_fraction in (0.0, 1.0):
         return axles[:1] if driveline.front_torque_fraction == 1.0 else axles[1:]

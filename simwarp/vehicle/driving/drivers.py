@@ -20,7 +20,8 @@ from simwarp.vehicle.drivers_kernels import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, PULLS, SINKAGES, Run
 from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
-from simwarp.vehicle.vehicle import Vehicle, Vehicles
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
+from simwarp.vehicle.vehicle import Vehicles
 
 HELD: Points = ((0.0, 0.0),)
 COAST: Points = ((0.0, -1.0),)
@@ -136,7 +137,7 @@ class ScriptedDriver(ForceElement):
         script: inputs over time.
     """
 
-    def __init__(self, vehicle: Vehicle | Vehicles, script: ScriptSpec) -> None:
+    def __init__(self, vehicle: AnyVehicle | Vehicles, script: ScriptSpec) -> None:
         device = vehicle.model.device
         self.vehicle = vehicle
         self.script = script
@@ -146,7 +147,7 @@ class ScriptedDriver(ForceElement):
         self._script.proportional = script.proportional
         self._script.integral = script.integral
         self._script.brake_share = script.brake_share
-        self._parts = vehicle.parts if isinstance(vehicle, Vehicle) else vehicle.parts[0]
+        self._parts = vehicle.parts[0] if isinstance(vehicle, Vehicles) else vehicle.parts
         self.error_sum = wp.zeros(vehicle.input_rows.shape[:2], dtype=float, device=device)
 
     def _readable_title(self) -> str:

@@ -15,11 +15,19 @@ from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.schema import fault_text
 from simwarp.core.wording import suggestions
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
-from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
-from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, look_ahead_for
+from simwarp.vehicle.driving.drivers import HELD, ScriptSpec, read_script
+from simwarp.vehicle.driving.path_tracking import (
+    LookAhead,
+    PathTrackingSpec,
+    PIDGains,
+    Unicycle,
+    full_speed,
+    look_ahead_for,
+    unicycle_for,
+)
 from simwarp.vehicle.driving.paths import Path, circle
-from simwarp.vehicle.spec.parts import SPECS
-from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.spec.parts import SPECS, Points
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
 
 SETTLING: Final = 1.0
 """Time with full brakes before a manoeuvre begins [s]."""
@@ -46,8 +54,31 @@ class Maneuver:
     """Where the vehicle's frame of reference begins [m]; None: above the origin, as high as it stands."""
 
 
-SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7)}
+SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7), "skid-steer": (0.5, 0.8)}
 """Speeds of the reference runs that are not the usual 12 and 15 m/s: of the steer and of the brake run [m/s]."""
+
+
+def _speed_gains(spec: VehicleSpec) -> PIDGains:
+    """Of the pedals that hold a speed: the reference runs' own, or of a throttle that is a speed."""
+    if isinstance(spec.driveline, DifferentialDrive):
+        share = 1.0 / full_speed(spec)
+        return PIDGains(proportional=0.5 * share, integral=2.0 * share)
+    return PIDGains(proportional=0.5, integral=0.1)
+
+
+def _script(spec: VehicleSpec, *, speed: Points, braking: Points, steering: Points = HELD) -> ScriptSpec:
+    """A script that holds its speeds by the vehicle's gains."""
+    gains = _speed_gains(spec)
+    return ScriptSpec(
+        steering=steering, braking=braking, speed=speed, proportional=gains.proportional, integral=gains.integral
+    )
+
+
+def _steering_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) -> LookAhead | Unicycle:
+    """Steering along a path: by yaw rate where it turns on the spot, else by a point ahead."""
+    if isinstance(spec.driveline, DifferentialDrive):
+        return unicycle_for(spec)
+    return look_ahead_for(spec, seconds, speed)
 
 
 def _after_settling(*points: tuple[float, float], before: float) -> tuple[tuple[float, float], ...]:
@@ -68,7 +99,8 @@ def reference_accel(spec: VehicleSpec) -> Maneuver:
 def reference_steer(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest; at 15 s the steering goes to 0.3 in 0.2 s; until 25 s."""
     target, _ = SPEEDS.get(spec.name, (12.0, 15.0))
-    script = ScriptSpec(
+    script = _script(
+        spec,
         steering=_after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
         braking=SETTLE_BRAKE,
         speed=_after_settling((0.0, target), before=-1.0),
@@ -79,7 +111,8 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
 def reference_brake(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest until 20 s, then full brakes for 4 s."""
     _, target = SPEEDS.get(spec.name, (12.0, 15.0))
-    script = ScriptSpec(
+    script = _script(
+        spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
         speed=_after_settling((0.0, target), (20.0, target), (20.0, -1.0), before=-1.0),
     )
@@ -108,7 +141,8 @@ def step_steer(
     target = _usual_speed(spec) if speed is None else speed
     if duration <= STEP:
         raise SpecError(f"duration: must be above {STEP:g} s, where the step begins, got {duration!r}")
-    script = ScriptSpec(
+    script = _script(
+        spec,
         steering=_after_settling((STEP, 0.0), (STEP + 0.2, steering), before=0.0),
         braking=SETTLE_BRAKE,
         speed=_after_settling((0.0, target), before=-1.0),
@@ -136,7 +170,8 @@ def sine_sweep(
     # the frequency grows by the same share every second
     phase = 2.0 * math.pi * SWEEP[0] * np.expm1(growth * time) / growth
     swing = zip((STEP + time).tolist(), (steering * np.sin(phase)).tolist(), strict=True)
-    script = ScriptSpec(
+    script = _script(
+        spec,
         steering=_after_settling(*swing, before=0.0),
         braking=SETTLE_BRAKE,
         speed=_after_settling((0.0, target), before=-1.0),
@@ -150,14 +185,11 @@ FASTEST: Final = 1000.0
 SHORTEST: Final = 0.01
 """A row of the record [s]."""
 
-RADII: Final = {"gator": 15.0, "artcar": 3.0}
+RADII: Final = {"gator": 15.0, "artcar": 3.0, "skid-steer": 2.0}
 """Of the circle of vehicles that do not take the usual 30 m [m]."""
 
-LANE_SPEEDS: Final = {"gator": 6.0, "artcar": 1.7}
+LANE_SPEEDS: Final = {"gator": 6.0, "artcar": 1.7, "skid-steer": 0.8}
 """Through the lane change where it is not the usual 15 m/s."""
-
-_CRUISE: Final = PIDGains(proportional=0.5, integral=0.1)
-"""Of the speed: the reference runs' own."""
 
 
 def _needs_axles(spec: VehicleSpec) -> None:
@@ -174,8 +206,8 @@ def constant_radius(
     # 4 m/s² across: well below what a dry road takes
     target = min(_usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
-        paths=(circle(turn),), speed=target, steering=look_ahead_for(spec), speed_gains=_CRUISE, start=SETTLING,
-        ramp=10.0,
+        paths=(circle(turn),), speed=target, steering=_steering_for(spec), speed_gains=_speed_gains(spec),
+        start=SETTLING, ramp=10.0,
     )  # fmt: skip
     return Maneuver(name="constant-radius", follow=follow, duration=duration)
 
@@ -202,8 +234,8 @@ def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duratio
     _needs_axles(spec)
     approach = 10.0 * target
     follow = PathTrackingSpec(
-        paths=(lane_change_path(approach),), speed=target, steering=look_ahead_for(spec, 0.5, target),
-        speed_gains=_CRUISE, start=SETTLING,
+        paths=(lane_change_path(approach),), speed=target, steering=_steering_for(spec, 0.5, target),
+        speed_gains=_speed_gains(spec), start=SETTLING,
     )  # fmt: skip
     # a quarter more than at full speed: it starts from rest
     total = 1.25 * (approach + LANE_CHANGE[-1][0]) / target + 3.0 if duration is None else duration
@@ -215,7 +247,7 @@ def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0)
     return Maneuver(name="slope-hold", script=ScriptSpec(braking=((0.0, 1.0),)), duration=duration, slope=slope)
 
 
-PULLING_SPEEDS: Final = {"artcar": 0.3}
+PULLING_SPEEDS: Final = {"artcar": 0.3, "skid-steer": 0.2}
 """Of the drawbar test where it is not the usual 1 m/s: a creep, at which the soil's damping adds little."""
 DRAWBAR_RAMP: Final = 4.0
 """To the speed of the drawbar test [s]."""

@@ -26,9 +26,9 @@ from simwarp.vehicle.path_tracking_kernels import (
     follow_path,
     restart_trackers,
 )
-from simwarp.vehicle.spec.parts import Spec
-from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
-from simwarp.vehicle.vehicle import Vehicle
+from simwarp.vehicle.spec.parts import Spec, refuse
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,6 +73,26 @@ class Stanley(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Unicycle(Spec):
+    """Steers by yaw rate, for vehicles that turn on the spot: that of the path's curve, and that of the way back, which
+    leads towards the path by atan(distance / approach). `unicycle_for` makes one for a vehicle.
+
+    Where the path leads back, the vehicle turns on the spot first.
+    """
+
+    full_yaw_rate: Positive
+    """At full input, with the usual slip of the wheels [rad/s]."""
+    approach: Positive = 1.0
+    """Length over which it comes back to the path [m]."""
+    center: float = 0.0
+    """Of the axis about which it turns from the vehicle's frame of reference, forwards [m]."""
+    gains: PIDGains = PIDGains(proportional=0.1, integral=1.0)
+    """Steering input per error of the yaw rate [s/rad]; the integral [1/rad] finds what the ground's slip takes."""
+    soft_speed: Positive = 0.1
+    """Added to the speed, so that it turns at standstill, too [m/s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class PathTrackingSpec(Spec):
     """Configuration of a path tracker: paths, target speed and controllers.
 
@@ -87,7 +107,7 @@ class PathTrackingSpec(Spec):
     """One for all worlds, or several to choose from (`PathTracker.path`)."""
     speed: NotNegative
     """[m/s]."""
-    steering: LookAhead | Stanley = LookAhead()
+    steering: LookAhead | Stanley | Unicycle = LookAhead()
     speed_gains: PIDGains = PIDGains(proportional=0.4)
     """Pedal per speed error [s/m]."""
     throttle_threshold: float = 0.2
@@ -121,6 +141,42 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
 
 
+def full_speed(spec: VehicleSpec) -> float:
+    """Of a vehicle with differential drive at full throttle [m/s].
+
+    Raises:
+        SpecError: it has another driveline.
+    """
+    line = spec.driveline
+    if not isinstance(line, DifferentialDrive):
+        raise refuse("driveline", "'differential-drive'", None if line is None else line.template)
+    return line.max_speed * line.gear_ratio * spec.axles[0].tire.radius
+
+
+def full_yaw_rate(spec: VehicleSpec) -> float:
+    """Of a vehicle with differential drive at full steering on the spot, with the usual slip of its wheels [rad/s].
+
+    Wheels that slide with one friction all ways turn a vehicle of track b and wheelbase l as if its track were
+    b (1 + l²/b²): the moment of what they push ahead is that of what they scrub sideways.
+
+    Raises:
+        SpecError: it has another driveline.
+    """
+    track = 2.0 * abs(spec.axles[0].suspension.spindle.com[1] + spec.axles[0].wheel.offset)
+    return 2.0 * full_speed(spec) / (track * (1.0 + (wheelbase(spec) / track) ** 2))
+
+
+def unicycle_for(spec: VehicleSpec) -> Unicycle:
+    """Steering by yaw rate for a vehicle with differential drive: back to the path within two wheelbases.
+
+    Raises:
+        SpecError: it has another driveline.
+    """
+    places = [axle.location[0] for axle in spec.axles]
+    center, approach = 0.5 * (min(places) + max(places)), max(2.0 * wheelbase(spec), 4.0 * spec.axles[0].tire.radius)
+    return Unicycle(full_yaw_rate=full_yaw_rate(spec), approach=approach, center=center)
+
+
 class PathTracker(ForceElement):
     """Drives every world along a path: a `ForceElement` that comes before its vehicle.
 
@@ -135,7 +191,7 @@ class PathTracker(ForceElement):
         arc: (W,) its place along the path [m].
     """
 
-    def __init__(self, vehicle: Vehicle, spec: PathTrackingSpec) -> None:
+    def __init__(self, vehicle: AnyVehicle, spec: PathTrackingSpec) -> None:
         worlds, device = vehicle.model.world_count, vehicle.model.device
         self.vehicle = vehicle
         self.spec = spec
@@ -194,7 +250,7 @@ class PathTracker(ForceElement):
         ]  # fmt: skip
 
 
-def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
+def _tracker(vehicle: AnyVehicle, spec: PathTrackingSpec) -> PathTrackerTables:
     table = PathTrackerTables()
     steering = spec.steering
     table.chassis = vehicle.parts.chassis
@@ -205,6 +261,10 @@ def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
         table.ahead = steering.axle
         table.dead_zone, table.soft_speed = steering.dead_zone, steering.soft_speed
         table.full_angle = steering.full_angle
+    elif isinstance(steering, Unicycle):
+        table.law = int(SteeringLaw.UNICYCLE)
+        table.ahead, table.approach = steering.center, steering.approach
+        table.full_yaw_rate, table.soft_speed = steering.full_yaw_rate, steering.soft_speed
     else:
         table.law = int(SteeringLaw.LOOK_AHEAD)
         table.ahead = steering.distance
@@ -231,7 +291,7 @@ class InteractiveDriver(ForceElement):
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: AnyVehicle,
         *,
         gain: float | Sequence[float] | None = 4.0,
         rate: float | Sequence[float] | None = None,

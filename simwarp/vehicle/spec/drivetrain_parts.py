@@ -17,7 +17,7 @@ from simwarp.core.constraints import (
     Positive,
     Tagged,
 )
-from simwarp.vehicle.spec.parts import RigidPart, Spec, check_apart, refuse
+from simwarp.vehicle.spec.parts import RigidPart, Spec, SpecError, check_apart, refuse
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -130,7 +130,40 @@ class SimpleDriveline(Spec):
     """Share of the wheels' driving torque that acts back on the chassis; 1 closes the balance (docs/vehicles.md)."""
 
 
-Driveline: TypeAlias = Annotated[ShaftsDriveline2WD | ShaftsDriveline4WD | SimpleDriveline, Tagged("template")]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DifferentialDrive(Spec):
+    """An electric motor on each side turns all wheels of that side; different speeds steer. There is neither engine,
+    transmission nor steering.
+
+    A direct-current motor whose torque falls from `stall_torque` at rest to nothing at `no_load_speed`, and a
+    controller that holds the speed asked for with what the motor can give (docs/vehicles.md).
+    """
+
+    template: Literal["differential-drive"] = "differential-drive"
+    motor_inertia: Positive
+    """Of a motor's rotor [kg·m²]."""
+    stall_torque: Positive
+    """Of a motor [N·m]."""
+    no_load_speed: Positive
+    """Of a motor that nothing resists, at full voltage [rad/s]."""
+    gear_ratio: Positive
+    """Wheel speed per motor speed."""
+    max_speed: Positive
+    """Of a motor at full throttle, or at full steering on the spot [rad/s]."""
+    gain: Positive | None = None
+    """Torque of the voltage per error of the speed [N·m·s/rad]; None: the speed is held exactly as long as the torque
+    does.
+    """
+
+    def check(self) -> None:
+        """A speed that the motor can reach."""
+        if self.max_speed > self.no_load_speed:
+            raise refuse("max_speed", f"at most no_load_speed, {self.no_load_speed:g} rad/s", self.max_speed)
+
+
+Driveline: TypeAlias = Annotated[
+    ShaftsDriveline2WD | ShaftsDriveline4WD | SimpleDriveline | DifferentialDrive, Tagged("template")
+]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -232,3 +265,18 @@ class AutomaticCVT(Spec):
 
 
 Transmission: TypeAlias = Annotated[AutomaticMap | AutomaticShafts | ManualShafts | AutomaticCVT, Tagged("template")]
+
+
+def check_powertrain(engine: Engine | None, transmission: Transmission | None, driveline: object | None) -> None:
+    """Checks that an engine has a transmission and a driveline, and a transmission an engine.
+
+    Raises:
+        SpecError: it has not; says which part is missing.
+    """
+    if (engine is None) != (transmission is None):
+        key, rule = "transmission", "an engine"
+        if transmission is None:
+            key, rule = "engine", "a transmission"
+        raise SpecError(f"{key}: must be given together with {rule}; add one, or leave out {key}")
+    if engine is not None and driveline is None:
+        raise refuse("driveline", "given for an engine to drive", None)

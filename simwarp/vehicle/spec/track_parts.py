@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal, TypeAlias
 
 from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Positive, Tagged
 from simwarp.vehicle.spec.parts import ZERO, ForceLine, RigidPart, Spec, SpecError, check_apart, refuse
-from simwarp.vehicle.spec.vehicle_parts import Brake, Chassis
+from simwarp.vehicle.spec.vehicle_parts import Brake
 
 FEWEST_TEETH: Final = 3
 """Of a sprocket."""
@@ -67,7 +67,11 @@ class SinglePinShoe(Spec):
     wheel_pad: ShoePad
     """What meets road wheels and idler."""
     guide: Point
-    """Tip of the guide between the discs of wheels [m]."""
+    """Where the guide between the discs of wheels meets them [m]."""
+    guide_width: Positive = 0.01
+    """Of the guide there [m]."""
+    side_pads: tuple[ShoePad, ...] = ()
+    """What else sinks into soft ground."""
     friction: NotNegative
     roller_radius: Positive
     """Of the two cylinders, about y, that meet the sprocket [m]."""
@@ -83,9 +87,19 @@ class SinglePinShoe(Spec):
             raise refuse("roller_rear", f"behind roller_front {self.roller_front} m", self.roller_rear)
 
     @property
-    def parts(self) -> int:
-        """Bodies of one shoe."""
-        return 1
+    def lengths(self) -> tuple[float, ...]:
+        """Of the links of one shoe [m]."""
+        return (self.pitch,)
+
+    @property
+    def links(self) -> tuple[tuple[str, RigidPart], ...]:
+        """Name and body of each."""
+        return (("shoe", RigidPart(mass=self.mass, inertia=self.inertia)),)
+
+    @property
+    def rollers(self) -> tuple[float, tuple[float, float]]:
+        """Radius of what meets the sprocket, and its places along the last link [m]."""
+        return self.roller_radius, (self.roller_front, self.roller_rear)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -102,6 +116,8 @@ class DoublePinShoe(Spec):
     ground_pad: ShoePad
     wheel_pad: ShoePad
     guide: Point
+    side_pads: tuple[ShoePad, ...] = ()
+    guide_width: Positive = 0.01
     friction: NotNegative
     connector: RigidPart
     connector_length: Positive
@@ -122,9 +138,22 @@ class DoublePinShoe(Spec):
         return self.length + self.connector_length
 
     @property
-    def parts(self) -> int:
-        """Bodies of one shoe and its connectors as one."""
-        return 2
+    def lengths(self) -> tuple[float, ...]:
+        """Of the links of one shoe, itself and its connectors as one body [m]."""
+        return self.length, self.connector_length
+
+    @property
+    def links(self) -> tuple[tuple[str, RigidPart], ...]:
+        """Name and body of each. Two connectors lie at the shoe's sides."""
+        one, (x, y, z) = self.connector, self.connector.inertia
+        aside = one.mass * (0.5 * self.width) ** 2
+        both = RigidPart(mass=2.0 * one.mass, inertia=(2.0 * (x + aside), 2.0 * y, 2.0 * (z + aside)))
+        return ("shoe", RigidPart(mass=self.mass, inertia=self.inertia)), ("connector", both)
+
+    @property
+    def rollers(self) -> tuple[float, tuple[float, float]]:
+        """Radius of what meets the sprocket, and its places along the last link [m]."""
+        return self.connector_radius, (0.5 * self.connector_length, -0.5 * self.connector_length)
 
 
 Shoe: TypeAlias = Annotated[SinglePinShoe | DoublePinShoe, Tagged("template")]
@@ -172,6 +201,11 @@ class SinglePinSprocket(Spec):
         """Radius of the bottom of the gaps [m]."""
         return self.arc_center_radius - self.arc_radius
 
+    @property
+    def arc_centers(self) -> tuple[float, float]:
+        """Radius of the circle of the arcs' centres [m], and their angle from the middle of their gap [rad]."""
+        return self.arc_center_radius, 0.0
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DoublePinSprocket(Spec):
@@ -192,6 +226,12 @@ class DoublePinSprocket(Spec):
     arc_center_offset: Positive
     """Of the arcs' centres from that line [m]."""
     friction: NotNegative
+
+    @property
+    def arc_centers(self) -> tuple[float, float]:
+        """Radius of the circle of the arcs' centres [m], and their angle from the middle of their gap [rad]."""
+        height, offset = self.arc_center_height, self.arc_center_offset
+        return math.hypot(height, offset), math.atan2(offset, height)
 
 
 TrackSprocket: TypeAlias = Annotated[SinglePinSprocket | DoublePinSprocket, Tagged("template")]
@@ -270,11 +310,20 @@ class SlidingIdler(Spec):
     def check(self) -> None:
         """A tensioner along the slide."""
         first, second = self.tensioner.carrier_point, self.tensioner.chassis_point
-        along = (second[0] - first[0]) * math.cos(self.slide_angle) + (second[2] - first[2]) * math.sin(
-            self.slide_angle
-        )
-        if not math.isclose(abs(along), math.dist(first, second), rel_tol=1e-6):
+        if not math.isclose(abs(self._along), math.dist(first, second), rel_tol=1e-6):
             raise refuse("tensioner", f"along the slide, at {self.slide_angle:g} rad", (first, second))
+
+    @property
+    def _along(self) -> float:
+        """From the tensioner's point on the carrier to that on the chassis, along the slide [m]."""
+        first, second = self.tensioner.carrier_point, self.tensioner.chassis_point
+        slope = self.slide_angle
+        return (second[0] - first[0]) * math.cos(slope) + (second[2] - first[2]) * math.sin(slope)
+
+    @property
+    def tightening(self) -> float:
+        """Sign of an effort along the slide that tightens the chain: 1 or -1."""
+        return -math.copysign(1.0, self._along)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -295,10 +344,15 @@ class SupportRoller(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimpleTrackDriveline(Spec):
-    """Torque in two halves, of which steering takes from the inner side."""
+    """Torque in two halves, of which steering takes from the inner side, up to all of it."""
 
     template: Literal["simple-tracks"] = "simple-tracks"
     differential_bias: Annotated[float, Ge(1.0)] = 1.0
+    gyration: bool = False
+    """Starts in the mode in which full steering turns the inner side's torque around (`TrackedVehicle.gyration`)."""
+    legacy: bool = False
+    """The transmission sees its shaft turn backwards when the vehicle drives forwards, as in Project Chrono: a
+    converter never leaves stall, and no gear is shifted. For comparison with its runs."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -342,21 +396,3 @@ class ShoeTrack(Spec):
         if not 0.5 * self.shoe.pitch < self.sprocket.assembly_radius:
             rule = f"more than half the pitch of {self.shoe.pitch:g} m"
             raise refuse("sprocket.assembly_radius", rule, self.sprocket.assembly_radius)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TrackedVehicleSpec(Spec):
-    """A whole tracked vehicle: a chassis between two tracks. Its frame of reference is that of the left track, in the
-    middle.
-    """
-
-    name: str
-    chassis: Chassis
-    left: ShoeTrack
-    right: ShoeTrack
-    """Described as a left one."""
-    track_offset: Positive
-    """Of the middle of each track from the vehicle's middle [m]."""
-    driveline: TrackDriveline | None = None
-    start_height: float = 1.0
-    """Of the frame of reference above the ground at the start [m]."""

@@ -27,6 +27,9 @@ DATA: Final = Path(__file__).parents[1] / "data"
 MOST_FILES: Final = 100
 """Files that one vehicle may be made of: a few that name each other many times would never come to an end."""
 
+TAGS: Final = ("template", "track")
+"""Keys that choose among several classes: they are written though they hold their default."""
+
 S = TypeVar("S", bound=Spec)
 
 
@@ -190,7 +193,7 @@ def plain(value: Any) -> Any:
         for field in dataclasses.fields(value):
             item = getattr(value, field.name)
             default = field.default_factory() if callable(field.default_factory) else field.default
-            if field.name == "template" or item != default:
+            if field.name in TAGS or item != default:
                 members[field.name] = plain(item)
         return members
     if isinstance(value, Mapping):

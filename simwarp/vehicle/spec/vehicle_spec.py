@@ -17,6 +17,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
     AutomaticMap,
     AutomaticShafts,
+    DifferentialDrive,
     Driveline,
     Engine,
     EngineMap,
@@ -31,6 +32,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     SimpleDriveline,
     Steering,
     Transmission,
+    check_powertrain,
 )
 from simwarp.vehicle.spec.parts import (
     BUMP_STOP,
@@ -74,6 +76,7 @@ __all__ = [
     "Bushing",
     "Chassis",
     "DamperMap",
+    "DifferentialDrive",
     "DoubleWishbone",
     "DoubleWishboneReduced",
     "Driveline",
@@ -135,15 +138,16 @@ class VehicleSpec(Readable, Spec):
         Raises:
             SpecError: they do not; says which part breaks which rule.
         """
-        if (self.engine is None) != (self.transmission is None):
-            key, rule = "transmission", "an engine"
-            if self.transmission is None:
-                key, rule = "engine", "a transmission"
-            raise SpecError(f"{key}: must be given together with {rule}; add one, or leave out {key}")
-        if self.engine is not None and self.driveline is None:
-            raise refuse("driveline", "given for an engine to drive", None)
+        check_powertrain(self.engine, self.transmission, self.driveline)
+        if isinstance(self.driveline, DifferentialDrive):
+            self._check_differential_drive(self.driveline)
         check_vehicle(self)
         self._check_wheelbase()
+
+    @property
+    def has_gears(self) -> bool:
+        """Whether a driver chooses among reverse, neutral and forward."""
+        return self.transmission is not None or isinstance(self.driveline, DifferentialDrive)
 
     def _readable_title(self) -> str:
         return f" '{self.name}': {plural(len(self.axles), 'axle')}"
@@ -158,6 +162,16 @@ class VehicleSpec(Readable, Spec):
             "steerings": Names(len(mounts), (mount.steering.template for mount in mounts)),
             **{name: part.template for name, part in parts.items() if part is not None},
         }
+
+    def _check_differential_drive(self, driveline: DifferentialDrive) -> None:
+        for key in ("engine", "transmission", "steerings"):
+            if getattr(self, key):
+                rule = f"left out beside the driveline '{driveline.template}', whose motors drive and steer"
+                raise SpecError(f"{key}: must be {rule}; leave it out, or take another driveline")
+        radii = sorted({axle.tire.radius for axle in self.axles})
+        if radii[-1] > 1.02 * radii[0]:
+            rule = f"given tires of one radius within 2 % beside '{driveline.template}', which turns them alike"
+            raise refuse("axles", rule, radii)
 
     def _check_wheelbase(self) -> None:
         if self.wheelbase is None:

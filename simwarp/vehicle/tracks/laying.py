@@ -1,9 +1,13 @@
-"""How a chain of shoes is laid around sprocket, idler and road wheels: pins in the plane of the track."""
+"""How a chain is laid around sprocket, idler and road wheels: pins in the plane of the track.
+
+A link reaches from a pin to the next one: a shoe, or, of shoes with two pins, a shoe or a connector in turn.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -15,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 SHARPEST_FOLD: Final = math.radians(60.0)
 """Least angle between the two last straight runs: shoes of a sharper one lie in each other."""
-MOST_SHOES: Final = 2000
+MOST_LINKS: Final = 4000
 """Of one chain: lengths in millimetres would ask for more."""
 
 
@@ -44,62 +48,65 @@ class TrackCourse:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LaidChain:
-    """A closed chain of N shoes. Shoe k reaches from pin k to pin k + 1, the last one to pin 0."""
+    """A closed chain of N links. Link k reaches from pin k to pin k + 1, the last one to pin 0."""
 
     pins: Array
-    """(N, 2) x, z of the pins, in the frame of the course [m]; pin 0 is straight below the sprocket's axis."""
+    """(N, 2) x, z of the pins, in the frame of the course [m]; straight below the sprocket's axis is pin 0, or the
+    middle of link 0."""
     angles: Array
-    """(N,) direction from a shoe's first pin to its second, from +x towards +z [rad]."""
+    """(N,) direction from a link's first pin to its second, from +x towards +z [rad]."""
 
     @property
     def centres(self) -> Array:
-        """(N, 2) middle between the two pins of each shoe [m]."""
+        """(N, 2) middle between the two pins of each link [m]."""
         middle: Array = 0.5 * (self.pins + np.roll(self.pins, -1, axis=0))
         return middle
 
 
-def lay_chain(course: TrackCourse, *, pitch: float, shoes: int) -> LaidChain:
+def lay_chain(course: TrackCourse, *, lengths: Sequence[float], shoes: int) -> LaidChain:
     """Lays a closed chain: from below the sprocket around its far side, straight to the idler, around it, down to the
-    nearest road wheel, level below the wheels, and in two straight runs of equally many shoes back to the start.
+    nearest road wheel, level below the wheels, and in two straight runs of equally many links back to the start.
 
-    A sprocket in front and one behind are mirror images; shoes are numbered from the sprocket's lowest point.
+    A sprocket in front and one behind are mirror images; links are numbered from the sprocket's lowest point.
 
     Args:
         course: what it runs around.
-        pitch: distance of the two pins of a shoe [m].
+        lengths: distances of the two pins of the links of a shoe, in their order [m]: one, or shoe and connector.
+            With one pin, a shoe begins straight below the sprocket; with two, the first one lies level there, in a gap.
         shoes: how many there are.
 
     Raises:
-        SpecError: the chain does not close, or a shoe is longer than a wheel is wide.
+        SpecError: the chain does not close, or a link is longer than a wheel is wide.
     """
-    _check(course, pitch, shoes)
+    _check(course, lengths, shoes)
     forward = 1.0 if course.sprocket[0] > course.idler[0] else -1.0
-    run = _Run(x=0.0, z=course.sprocket[1] - course.sprocket_radius, pitch=pitch)
+    radius = course.sprocket_radius
+    half = 0.5 * lengths[0] if len(lengths) > 1 else 0.0
+    start = (-half, course.sprocket[1] - math.sqrt(radius**2 - half**2))
+    run = _Run(*start, lengths=tuple(lengths))
 
     def ahead(point: tuple[float, float]) -> tuple[float, float]:
         """From the sprocket, with the idler on the side of negative x."""
         return forward * (point[0] - course.sprocket[0]), point[1]
 
     idler, near, far = ahead(course.idler), ahead(course.wheel_front), ahead(course.wheel_rear)
-    _around_sprocket(run, course.sprocket_radius)
-    top = (course.sprocket[1] + course.sprocket_radius) - (idler[1] + course.idler_radius)
+    run.around(radius, -math.asin(half / radius), math.pi)
+    top = (course.sprocket[1] + radius) - (idler[1] + course.idler_radius)
     slope = math.pi + math.atan2(top, -idler[0])
     while run.x > idler[0]:
         run.add(slope)
-    turn = 2.0 * math.asin(0.5 * pitch / course.idler_radius)
-    angle = slope + turn
-    while angle < 2.0 * math.pi:
-        run.add(angle)
-        angle += turn
+    before = slope + math.asin(0.5 * run.length(run.count - 1) / course.idler_radius)
+    run.around(course.idler_radius, before, 2.0 * math.pi)
     bottom = (idler[1] - course.idler_radius) - (far[1] - course.wheel_radius)
     down = -math.atan2(bottom, far[0] - idler[0])
     while run.x < far[0]:
         run.add(down)
     while run.x < near[0]:
         run.add(0.0)
-    if (shoes - run.count) % 2 == 1:
+    count = shoes * len(lengths)
+    if (count - run.count) % 2 == 1:
         run.add(0.0)
-    _close(run, (0.0, course.sprocket[1] - course.sprocket_radius), shoes)
+    _close(run, start, count)
     pins = np.array(run.pins[:-1])
     angles = np.array(run.angles)
     return LaidChain(
@@ -114,7 +121,7 @@ class _Run:
 
     x: float
     z: float
-    pitch: float
+    lengths: tuple[float, ...]
     pins: list[tuple[float, float]] = dataclasses.field(default_factory=list)
     angles: list[float] = dataclasses.field(default_factory=list)
 
@@ -123,24 +130,45 @@ class _Run:
 
     @property
     def count(self) -> int:
-        """Shoes laid so far."""
+        """Links laid so far."""
         return len(self.angles)
 
+    def length(self, link: int) -> float:
+        """Of a link [m]."""
+        return self.lengths[link % len(self.lengths)]
+
+    def reach(self, first: int, count: int) -> float:
+        """Of some links in line [m]."""
+        return math.fsum(self.length(first + k) for k in range(count))
+
+    def around(self, radius: float, before: float, end: float) -> None:
+        """Links whose pins lie on a circle, from the pin at which its tangent has the direction `before`, until the
+        next link's direction would pass the `end`.
+        """
+        while True:
+            half = math.asin(0.5 * self.length(self.count) / radius)
+            if before + half >= end:
+                return
+            self.add(before + half)
+            before += 2.0 * half
+
     def add(self, angle: float) -> None:
-        """One more shoe."""
-        if self.count == MOST_SHOES:
+        """One more link."""
+        if self.count == MOST_LINKS:
             raise SpecError(
-                f"track: the way around takes more than {MOST_SHOES} shoes of {self.pitch:g} m; give metres"
+                f"track: the way around takes more than {MOST_LINKS} links of {self.length(0):g} m; give metres"
             )
-        self.x += self.pitch * math.cos(angle)
-        self.z += self.pitch * math.sin(angle)
+        length = self.length(self.count)
+        self.x += length * math.cos(angle)
+        self.z += length * math.sin(angle)
         self.angles.append(angle)
         self.pins.append((self.x, self.z))
 
 
-def _check(course: TrackCourse, pitch: float, shoes: int) -> None:
-    if not (math.isfinite(pitch) and pitch > 0.0):
-        raise SpecError(f"track: pitch must be > 0 m, got {pitch}; give the distance of a shoe's two pins")
+def _check(course: TrackCourse, lengths: Sequence[float], shoes: int) -> None:
+    for length in lengths:
+        if not (math.isfinite(length) and length > 0.0):
+            raise SpecError(f"track: pitch must be > 0 m, got {length}; give the distance of a link's two pins")
     if isinstance(shoes, bool) or not isinstance(shoes, int) or shoes < 3:
         raise SpecError(f"track: shoes must be a whole number >= 3, got {shoes!r}; fewer do not make a loop")
     for name in ("sprocket_radius", "idler_radius", "wheel_radius"):
@@ -148,9 +176,9 @@ def _check(course: TrackCourse, pitch: float, shoes: int) -> None:
         if not (math.isfinite(radius) and radius > 0.0):
             raise SpecError(f"track: {name} must be > 0 m, got {radius}; give the distance of the pins from the axis")
     for name in ("sprocket_radius", "idler_radius"):
-        if pitch >= 2.0 * getattr(course, name):
+        if max(lengths) >= 2.0 * getattr(course, name):
             raise SpecError(
-                f"track: {name} must be more than half the pitch of {pitch} m, got {getattr(course, name)} m; "
+                f"track: {name} must be more than half the pitch of {max(lengths)} m, got {getattr(course, name)} m; "
                 "a shoe does not fit around it"
             )
     for name in ("sprocket", "idler", "wheel_front", "wheel_rear"):
@@ -161,34 +189,35 @@ def _check(course: TrackCourse, pitch: float, shoes: int) -> None:
         raise SpecError(f"track: sprocket and idler must not have the same x, got {course.idler[0]} m for both")
 
 
-def _around_sprocket(run: _Run, radius: float) -> None:
-    """Shoes from below the sprocket to its top: all that are not yet level there."""
-    half = math.asin(0.5 * run.pitch / radius)
-    angle = half
-    while angle < math.pi:
-        run.add(angle)
-        angle += 2.0 * half
-
-
-def _close(run: _Run, start: tuple[float, float], shoes: int) -> None:
-    """The last shoes, in two straight runs that make an isosceles triangle with the way back to the start."""
-    left = shoes - run.count
+def _close(run: _Run, start: tuple[float, float], count: int) -> None:
+    """The last links, in two straight runs that make a triangle with the way back to the start."""
+    left = count - run.count
     across, up = start[0] - run.x, start[1] - run.z
-    way = math.hypot(across, up)
-    if left <= 0 or left * run.pitch < way:
-        missing = way - left * run.pitch
-        needed = run.count + 2 * math.ceil(0.5 * way / run.pitch)
+    way, pair = math.hypot(across, up), len(run.lengths)
+    reach = run.reach(run.count, max(left, 0))
+    shoes, pitch = count // pair, math.fsum(run.lengths)
+    if left <= 0 or reach < way:
+        needed = math.ceil((run.count + 2 * math.ceil(0.5 * way * pair / pitch)) / pair)
         raise SpecError(
-            f"track: a chain of {shoes} shoes of {run.pitch:g} m does not close, {missing:.4g} m are missing; "
+            f"track: a chain of {shoes} shoes of {pitch:g} m does not close, {way - reach:.4g} m are missing; "
             f"use {needed} shoes, or move idler or sprocket"
         )
-    fold = math.acos(min(1.0, way / (left * run.pitch)))
-    if math.pi - 2.0 * fold < SHARPEST_FOLD:
-        most = run.count + 2 * math.floor(0.5 * way / run.pitch / math.sin(0.5 * SHARPEST_FOLD))
+    first = run.reach(run.count, left // 2)
+    second = reach - first
+    away = _angle(first, way, second)
+    between = _angle(first, second, way)
+    if between < SHARPEST_FOLD:
+        most = (run.count + 2 * math.floor(0.5 * way * pair / pitch / math.sin(0.5 * SHARPEST_FOLD))) // pair
         raise SpecError(
-            f"track: {shoes} shoes of {run.pitch:g} m are {left * run.pitch - way:.4g} m more than the way around, and "
+            f"track: {shoes} shoes of {pitch:g} m are {reach - way:.4g} m more than the way around, and "
             f"lie in each other; use {most} shoes or fewer, or move idler or sprocket"
         )
     way_angle = math.atan2(up, across)
+    back = way_angle - away + math.pi - between
     for k in range(left):
-        run.add(way_angle - fold if k < left // 2 else way_angle + fold)
+        run.add(way_angle - away if k < left // 2 else back)
+
+
+def _angle(a: float, b: float, opposite: float) -> float:
+    """Between two sides of a triangle, by the law of cosines [rad]."""
+    return math.acos(max(-1.0, min(1.0, (a * a + b * b - opposite * opposite) / (2.0 * a * b))))

@@ -6,24 +6,33 @@ from pathlib import Path
 from typing import Final
 
 from simwarp.core import files
-from simwarp.vehicle.spec.track_parts import TrackedVehicleSpec
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_belts
 from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, shipped_or_own, to_json
 
 TRACKED: Final = DATA / "tracked"
 """The shipped tracked vehicles: NAME.json."""
 
 
+ON_BELTS: Final = "-belt"
+"""Ends the names of shipped vehicles with belts in the place of their chains."""
+
+
 def tracked_vehicle_names() -> list[str]:
-    """Names of the shipped tracked vehicles."""
-    return sorted(path.stem for path in TRACKED.glob("*.json"))
+    """Names of the shipped tracked vehicles, shoe by shoe and, with one pin, on belts."""
+    names = [path.stem for path in TRACKED.glob("*.json")]
+    single = [name for name in names if load_tracked_vehicle(name).left.shoe.template == "track-single-pin"]
+    return sorted([*names, *(f"{name}{ON_BELTS}" for name in single)])
 
 
 def load_tracked_vehicle(path_or_name: str | Path) -> TrackedVehicleSpec:
-    """The tracked vehicle of a file, or the shipped one of that name.
+    """The tracked vehicle of a file, or the shipped one of that name, such as m113 or m113-belt.
 
     Raises:
         SpecError: unknown name, unreadable file, or a value that breaks a rule.
     """
+    chains = str(path_or_name).removesuffix(ON_BELTS)
+    if isinstance(path_or_name, str) and chains != path_or_name and (TRACKED / f"{chains}.json").is_file():
+        return with_belts(load_tracked_vehicle(chains))
     return read_spec(TrackedVehicleSpec, shipped_or_own("tracked vehicle", TRACKED, path_or_name))
 
 

@@ -11,7 +11,7 @@ import warp as wp
 import simwarp as sw
 from simwarp import scenes
 from simwarp.core import memory
-from simwarp.model.layouts import run_layouts, snapshot_layouts
+from simwarp.kernels.core.layouts import run_layouts, snapshot_layouts
 from simwarp.simulation.step_sizes import step_layouts, step_sizes
 
 CPU = wp.get_device("cpu")

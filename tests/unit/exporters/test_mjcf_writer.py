@@ -208,9 +208,10 @@ def test_hulls_and_ellipsoids_and_margins():
     builder.add_shape_sphere(body, radius=0.1, margin=0.02, name="ball", pose=sw.pose((0.0, 0.5, 0.0)))
     builder.add_shape_box(body, half=(0.1, 0.1, 0.1), margin=0.02, name="box", pose=sw.pose((0.0, -0.5, 0.0)))
     builder.add_shape_plane(material=sw.Material(restitution=0.5), name="ground")
+    builder.add_shape_groove(sw.WORLD, radius=1.0, half_width=0.5, name="groove")
     made = mjcf_of(builder.finalize(1, "cpu"))
     theirs = mujoco.MjModel.from_xml_string(made.text)
-    assert made.notes == ("margin of shape 'box'",)
+    assert set(made.notes) == {"margin of shape 'box'", "shape 'groove': MJCF has no groove"}
     assert theirs.geom("ball").size[0] == pytest.approx(0.12)
     data = mujoco.MjData(theirs)
     mujoco.mj_forward(theirs, data)

@@ -11,14 +11,17 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from simwarp.importers.chrono_tracks import load_chrono_tracked_vehicle
+from simwarp.vehicle.spec.drivetrain_parts import AutomaticShafts, EngineShafts
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.track_parts import BrakedDifferential, DoublePinShoe, DoublePinSprocket
 from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 
 VALUES = json.loads((Path(__file__).parent / "chrono_track_files.json").read_text(encoding="utf-8"))
+CHRONO = Path(__file__).parents[4] / "shared/reference/chrono/vehicles"
 SINGLE, DOUBLE = (f"M113/vehicle/M113_Vehicle_{name}.json" for name in ("SinglePin", "DoublePin_BDS"))
 LEFT = "M113/track_assembly/M113_TrackAssemblySinglePin_Left.json"
 
@@ -39,7 +42,29 @@ def test_the_shipped_vehicle_is_that_of_the_files(tmp_path):
     shipped, found = load_tracked_vehicle("m113"), read(tmp_path)
     assert found.right.idler_location == (-4.0, 0.0, -0.12)
     right = dataclasses.replace(found.right, idler_location=found.left.idler_location)
-    assert dataclasses.replace(found, right=right, name=shipped.name, start_height=shipped.start_height) == shipped
+    chosen = {name: getattr(shipped, name) for name in ("name", "start_height", "driveline", "engine", "transmission")}
+    assert dataclasses.replace(found, right=right, **chosen) == shipped
+
+
+def test_engine_and_gearbox_come_from_files_of_their_own():
+    """Whose torques are rounded to 1 N·m, and whose curves are over rpm; ours are over rad/s."""
+    if not CHRONO.exists():
+        pytest.skip("the files of the other simulator are not here")
+    engine, gears = (CHRONO / f"M113/powertrain/M113_{name}Shafts.json" for name in ("Engine", "AutomaticTransmission"))
+    shipped = load_tracked_vehicle("m113")
+    assert isinstance(shipped.engine, EngineShafts)
+    assert isinstance(shipped.transmission, AutomaticShafts)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*Contact: left out")
+        path = CHRONO / "M113/vehicle/M113_Vehicle_SinglePin_BDS.json"
+        found = load_chrono_tracked_vehicle(path, engine=engine, transmission=gears)
+    assert isinstance(found.engine, EngineShafts)
+    np.testing.assert_allclose(shipped.engine.torque, found.engine.torque, atol=1.0)
+    np.testing.assert_allclose(shipped.engine.losses, found.engine.losses, atol=1.0)
+    assert isinstance(found.transmission, AutomaticShafts)
+    np.testing.assert_allclose(found.transmission.forward_ratios, shipped.transmission.forward_ratios, atol=1e-3)
+    assert found.transmission.upshift_speed == pytest.approx(shipped.transmission.upshift_speed)
+    assert found.driveline == shipped.driveline
 
 
 def test_points_are_those_of_the_left_side(tmp_path):
@@ -59,7 +84,7 @@ def test_double_pins(tmp_path):
     assert isinstance(track.sprocket, DoublePinSprocket)
     assert math.isclose(track.shoe.pitch, 0.1524)
     assert track.shoe.joined
-    assert track.shoe.parts == 2
+    assert track.shoe.lengths == (0.0984, 0.054)
     assert (track.pin_stiffness, track.pin_damping) == (1000.0, 10.0)
     assert isinstance(spec.driveline, BrakedDifferential)
     assert spec.driveline.bevel_ratio == 0.5

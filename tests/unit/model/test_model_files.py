@@ -114,6 +114,11 @@ def everything():
     mesh = builder.add_shape_mesh(
         sw.WORLD, [(2, 0, 0), (3, 0, 0), (2, 1, 0), (3, 1, 0.1)], [(0, 1, 2), (1, 3, 2)], name="step"
     )
+    builder.add_shape_sprocket(
+        base, arc_center_radius=0.3, arc_radius=0.05, tip_radius=0.27, teeth=9, half_width=0.1, arc_offset=0.07,
+        name="sprocket", group=8, mask=8,
+    )  # fmt: skip
+    builder.add_shape_groove(tip, radius=0.3, half_width=0.1, name="groove", group=8, mask=8)
     builder.exclude_collision(base, tip)
     assert isinstance(mesh, int)
     builder.exclude_shapes(ball, mesh)
@@ -222,6 +227,8 @@ BROKEN = [
     (("hulls", 0, "vertices", "base64", "!"), "vertices.base64 must be base64, got '!'"),
     (("hulls", 0, "vertices", "shape", [10**15, 3]), "must have 3000000000000000 numbers"),
     (("meshes", 0, "triangles", "shape", [2, 2]), "triangles must be int32 of shape (N, 3)"),
+    (("sprocket_profiles", 0, "teeth", 2), "sprocket_profiles[0]: sprocket profile: teeth must be 3..10000, got 2"),
+    (("sprocket_profiles", 0, "arc_radius", 0.5), "arcs must leave teeth between them"),
     (("height_fields", 0, "spacing", [0.0, 1.0]), "spacing[0]: must be positive, got 0.0; give metres"),
     (("gravity", [0.0, 0.0]), "gravity: must be a list of 3 items, got [0.0, 0.0]"),
     (("gravity", [0.0, 0.0, 1e39]), "beyond float32"),

@@ -13,7 +13,7 @@ import simwarp as sw
 import simwarp.model.model
 from simwarp.core.types import WORLD, Material, ModelError, PairRule
 from simwarp.model.model import never_meet
-from simwarp.model.shapes import shape_pairs
+from simwarp.model.shape_pairs import shape_pairs
 from tests.reference.contact_step import ContactReference
 
 Change = Callable[[sw.ModelBuilder], Any]

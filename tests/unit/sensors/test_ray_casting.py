@@ -235,6 +235,21 @@ def test_hulls_and_model_shapes_are_seen_where_they_are():
     assert rays.instance[0].tolist() == [0, -1]
 
 
+def test_a_sprocket_is_seen_as_wide_as_its_tips_and_a_groove_is_not():
+    def add(builder, visuals):
+        builder.add_shape_groove(0, radius=2.0, half_width=2.0)
+        return builder.add_shape_sprocket(
+            0, arc_center_radius=0.6, arc_radius=0.2, tip_radius=0.5, teeth=5, half_width=0.25
+        )
+
+    scene, sim = built(add, pose=sw.pose((2.0, 0.0, 0.0)))
+    rays = Cast(
+        scene, sim, [[0.0, 0.0, 0.2], [0.0, 0.0, 0.3], [2.0, 0.0, 3.0]], [[1.0, 0, 0], [1.0, 0, 0], [0, 0, -1.0]]
+    )
+    np.testing.assert_allclose(rays.t[0, [0, 2]], (1.5, 2.75), rtol=1e-5)
+    assert rays.instance[0].tolist() == [0, -1, 0]
+
+
 def test_each_world_places_scales_enables_and_chooses_its_own():
     ball, cube = trimesh.creation.icosphere(subdivisions=3), trimesh.creation.box(extents=(2.0, 2.0, 2.0))
 

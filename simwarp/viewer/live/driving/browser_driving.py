@@ -124,7 +124,7 @@ def wheel_of(subject: Subject) -> Wheel | None:
     def give(world: int, inputs: Inputs) -> None:
         write_row(vehicle.input, world, inputs.row)
 
-    return Wheel(vehicle, give, lambda world: give(world, PARKED), gears=vehicle.parts.spec.transmission is not None)
+    return Wheel(vehicle, give, lambda world: give(world, PARKED), gears=vehicle.parts.spec.has_gears)
 
 
 def _driven(vehicle: Vehicle, elements: Sequence[Any]) -> bool:

@@ -56,7 +56,7 @@ class Dashboard:
         return cls(
             spec.name, float(read_row(vehicle.velocity_b, world)[0]),
             None if spec.engine is None else float(read_row(vehicle.engine_speed, world)),
-            None if spec.transmission is None else int(read_row(vehicle.gear, world)),
+            int(read_row(vehicle.gear, world)) if spec.has_gears else None,
             steering, (throttle, brake), wheels, {} if goal is None else goal(world),
         )  # fmt: skip
 

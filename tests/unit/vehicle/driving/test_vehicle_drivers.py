@@ -20,6 +20,7 @@ from simwarp.vehicle.driving.path_tracking import (
     PathTrackingSpec,
     PIDGains,
     Stanley,
+    Unicycle,
     look_ahead_for,
 )
 from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
@@ -54,14 +55,14 @@ def build(spec, worlds, x=(0.0, 0.0)):
 
 
 def frame_of(sim, vehicle, world):
-    """Place, axes and forward speed of a vehicle's frame of reference."""
+    """Place, axes, forward speed and yaw rate of a vehicle's frame of reference."""
     state, parts = sim.state, vehicle.parts
     rotation = matrices(state.body_rot.numpy()[world, parts.chassis].astype(float))
     arm = rotation @ parts.reference
     v = state.body_v.numpy()[world, parts.chassis].astype(float)
     omega = state.body_omega.numpy()[world, parts.chassis].astype(float)
     speed = (v + np.cross(omega, arm)) @ rotation[:, 0]
-    return state.body_x.numpy()[world, parts.chassis] + arm, rotation, speed
+    return state.body_x.numpy()[world, parts.chassis] + arm, rotation, speed, omega @ rotation[:, 2]
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------------
@@ -224,10 +225,14 @@ STANLEY_SPEC = dataclasses.replace(
     PID_SPEC, ramp=0.0,
     steering=Stanley(axle=1.0, gains=PIDGains(proportional=2.0, integral=0.3), dead_zone=0.05, full_angle=0.4),
 )  # fmt: skip
+UNICYCLE_SPEC = dataclasses.replace(
+    PID_SPEC,
+    steering=Unicycle(full_yaw_rate=1.5, approach=4.0, center=0.5, gains=PIDGains(proportional=0.2, integral=0.3)),
+)
 
 
 @pytest.mark.quick("stanley")
-@pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC], ids=["look-ahead", "stanley"])
+@pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC, UNICYCLE_SPEC], ids=["look-ahead", "stanley", "unicycle"])
 def test_trackers_agree_with_their_reference(spec):
     worlds, dt = len(PATHS), 2e-3
     vehicle, model = build(GATOR, worlds)
@@ -319,7 +324,7 @@ def followed(path, steering, speed, duration):
 # ---- memory ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC], ids=["look-ahead", "stanley"])
+@pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC, UNICYCLE_SPEC], ids=["look-ahead", "stanley", "unicycle"])
 def test_a_reset_restores_what_a_tracker_remembers(spec):
     vehicle, model = build(GATOR, 3)
     driver = PathTracker(vehicle, spec)

@@ -107,6 +107,33 @@ def test_a_driven_axle_that_is_none(changed, shipped):
     assert "driveline.axles[1]: must be the index" in changed("driveline", simple | {"axles": [0, 9]})
 
 
+def test_what_does_not_fit_a_differential_drive_is_named(tmp_path):
+    """One line each: what drives or steers beside it, motors that cannot reach their speed, wheels that differ."""
+    robot, gator, sedan = (plain(load_vehicle(name)) for name in ("skid-steer", "gator", "sedan"))
+    line, axles = robot["driveline"], robot["axles"]
+    small = [axles[0], axles[1] | {"tire": axles[1]["tire"] | {"radius": 0.15}}]
+    steered = {"steerings": sedan["steerings"], "axles": [axles[0] | {"steering": 0}, axles[1]]}
+    beside = "must be left out beside the driveline 'differential-drive', whose motors drive and steer; leave it out,"
+    for changes, words in (
+        ({"engine": gator["engine"], "transmission": gator["transmission"]}, f"engine: {beside}"),
+        (steered, f"steerings: {beside}"),
+        ({"axles": small}, "axles: must be given tires of one radius within 2 % beside 'differential-drive'"),
+        ({"driveline": line | {"max_speed": 701.0}}, "driveline.max_speed: must be at most no_load_speed, 700 rad/s"),
+        ({"driveline": line | {"stall_torque": 0.0}}, "driveline.stall_torque: must be positive, got 0"),
+        ({"driveline": line | {"gear_ratio": -0.1}}, "driveline.gear_ratio: must be positive, got -0.1"),
+        ({"driveline": line | {"gain": 0}}, "driveline.gain: must be positive, got 0"),
+        ({"driveline": line | {"torque": 1.0}}, "driveline.torque: unknown key"),
+        ({"driveline": line | {"template": "differential-drives"}}, "did you mean 'differential-drive'"),
+    ):
+        (tmp_path / "v.json").write_text(json.dumps(robot | changes))
+        with pytest.raises(SpecError) as error:
+            load_vehicle(tmp_path / "v.json")
+        message = str(error.value)
+        assert message.startswith("v.json: ")
+        assert words in message
+        assert "\n" not in message
+
+
 def test_an_option_that_does_not_fit_names_its_file(tmp_path):
     rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)
     (tmp_path / "mine.json").write_text(json.dumps(rear | {"axle": 7}))

@@ -127,8 +127,8 @@ def test_round_trip(name, tmp_path):
     assert (tmp_path / "again.json").read_text() == (tmp_path / "copy.json").read_text()
 
 
-def test_all_five_are_shipped():
-    assert vehicle_names() == ["artcar", "gator", "hmmwv", "hmmwv-reduced", "sedan"]
+def test_all_six_are_shipped():
+    assert vehicle_names() == ["artcar", "gator", "hmmwv", "hmmwv-reduced", "sedan", "skid-steer"]
     assert all(load_vehicle(name).name == name for name in vehicle_names())
 
 

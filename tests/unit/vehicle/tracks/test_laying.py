@@ -42,7 +42,7 @@ def gaps(pins):
 @pytest.mark.parametrize("side", RECORDED)
 def test_a_recorded_chain(side):
     course, shoes, centres = RECORDED[side]
-    laid = lay_chain(course, pitch=PITCH, shoes=shoes)
+    laid = lay_chain(course, lengths=(PITCH,), shoes=shoes)
     assert laid.pins.shape == (shoes, 2)
     np.testing.assert_allclose(gaps(laid.pins), PITCH, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(laid.pins[0], (0.0, -0.245), atol=ROUNDING)
@@ -69,18 +69,21 @@ def random_course(rng):
     ), size * rng.uniform(0.05, 0.2)  # fmt: skip
 
 
+@pytest.mark.parametrize("share", [1.0, 0.65])
 @pytest.mark.parametrize("seed", range(20))
-def test_any_course_closes_with_the_shoes_that_its_error_asks_for(seed):
+def test_any_course_closes_with_the_shoes_that_its_error_asks_for(seed, share):
+    """Of shoes with one pin, and of shoes and connectors in turn."""
     course, pitch = random_course(np.random.default_rng(seed))
+    lengths = (pitch,) if share == 1.0 else (share * pitch, (1.0 - share) * pitch)
     with pytest.raises(SpecError, match="does not close") as error:
-        lay_chain(course, pitch=pitch, shoes=3)
+        lay_chain(course, lengths=lengths, shoes=3)
     found = re.search(r"use (\d+) shoes", str(error.value))
     assert found is not None
     shoes = int(found.group(1))
-    laid = lay_chain(course, pitch=pitch, shoes=shoes)
-    np.testing.assert_allclose(gaps(laid.pins), pitch, rtol=0.0, atol=ROUNDING)
+    laid = lay_chain(course, lengths=lengths, shoes=shoes)
+    np.testing.assert_allclose(gaps(laid.pins), lengths * shoes, rtol=0.0, atol=ROUNDING)
     with pytest.raises(SpecError, match="does not close"):
-        lay_chain(course, pitch=pitch, shoes=shoes - 2)
+        lay_chain(course, lengths=lengths, shoes=shoes - 2)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -94,9 +97,9 @@ def test_a_sprocket_behind_is_the_mirror_image(seed):
         course, **{name: mirrored(getattr(course, name)) for name in ("sprocket", "idler", "wheel_front", "wheel_rear")}
     )
     with pytest.raises(SpecError) as error:
-        lay_chain(course, pitch=pitch, shoes=3)
+        lay_chain(course, lengths=(pitch,), shoes=3)
     shoes = int(re.findall(r"use (\d+) shoes", str(error.value))[0])
-    there, here = (lay_chain(each, pitch=pitch, shoes=shoes) for each in (course, behind))
+    there, here = (lay_chain(each, lengths=(pitch,), shoes=shoes) for each in (course, behind))
     np.testing.assert_allclose(here.pins, there.pins * (-1.0, 1.0), atol=ROUNDING)
     np.testing.assert_allclose(np.cos(here.angles), -np.cos(there.angles), atol=ROUNDING)
     np.testing.assert_allclose(np.sin(here.angles), np.sin(there.angles), atol=ROUNDING)
@@ -104,27 +107,30 @@ def test_a_sprocket_behind_is_the_mirror_image(seed):
 
 def test_what_is_missing_is_told():
     """Of 62 shoes on the left, two are left for the way from the last level one, to the second digit after 60."""
-    last = lay_chain(LEFT, pitch=PITCH, shoes=63).pins[59] + (PITCH, 0.0)  # an odd number is left: one more is level
+    last = lay_chain(LEFT, lengths=(PITCH,), shoes=63).pins[59] + (
+        PITCH,
+        0.0,
+    )  # an odd number is left: one more is level
     missing = math.dist(last, (0.0, -0.245)) - 2 * PITCH
     with pytest.raises(SpecError, match=rf"62 shoes of 0\.154 m does not close, {missing:.4g} m are missing; use 64"):
-        lay_chain(LEFT, pitch=PITCH, shoes=62)
+        lay_chain(LEFT, lengths=(PITCH,), shoes=62)
 
 
 def test_shoes_that_lie_in_each_other():
     with pytest.raises(SpecError, match=r"80 shoes .* more than the way around, and lie in each other"):
-        lay_chain(LEFT, pitch=PITCH, shoes=80)
+        lay_chain(LEFT, lengths=(PITCH,), shoes=80)
 
 
 MISTAKES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "no pitch": ({}, {"pitch": 0.0}, "pitch must be > 0 m, got 0"),
-    "an endless pitch": ({}, {"pitch": math.inf}, "pitch must be > 0 m, got inf"),
+    "no pitch": ({}, {"lengths": (0.0,)}, "pitch must be > 0 m, got 0"),
+    "an endless pitch": ({}, {"lengths": (0.1, math.inf)}, "pitch must be > 0 m, got inf"),
     "two shoes": ({}, {"shoes": 2}, "shoes must be a whole number >= 3, got 2"),
     "half a shoe": ({}, {"shoes": 63.5}, "shoes must be a whole number >= 3, got 63.5"),
     "no sprocket": ({"sprocket_radius": 0.0}, {}, "sprocket_radius must be > 0 m, got 0"),
     "a sunken wheel": ({"wheel_radius": -0.3}, {}, "wheel_radius must be > 0 m, got -0.3"),
     "a small idler": ({"idler_radius": 0.07}, {}, "idler_radius must be more than half the pitch"),
     "an endless track": ({"wheel_front": (math.inf, 0.0)}, {}, "wheel_front must be two finite numbers"),
-    "millimetres": ({"idler": (-3950.0, -120.0)}, {}, "the way around takes more than 2000 shoes"),
+    "millimetres": ({"idler": (-3950.0, -120.0)}, {}, "the way around takes more than 4000 links"),
     "an idler in the sprocket": ({"idler": (0.0, -1.0)}, {}, "sprocket and idler must not have the same x"),
 }
 
@@ -132,6 +138,6 @@ MISTAKES: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes(mistake):
     course, arguments, message = MISTAKES[mistake]
-    given: dict[str, Any] = {"pitch": PITCH, "shoes": 63, **arguments}
+    given: dict[str, Any] = {"lengths": (PITCH,), "shoes": 63, **arguments}
     with pytest.raises(SpecError, match=f"track: {message}"):
         lay_chain(dataclasses.replace(LEFT, **course), **given)

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from simwarp.vehicle.spec.parts import SpecError, merged
-from simwarp.vehicle.spec.track_parts import DoublePinSprocket, ShoeTrack, TrackedVehicleSpec
-from simwarp.vehicle.tracks.track_construction import drum_radius, lay_track
+from simwarp.vehicle.spec.track_parts import DoublePinSprocket, ShoeTrack
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
+from simwarp.vehicle.tracks.shoe_construction import drum_radius, lay_track
 from simwarp.vehicle.tracks.tracked_files import (
     TRACKED,
     load_tracked_vehicle,
@@ -18,7 +19,8 @@ from simwarp.vehicle.tracks.tracked_files import (
 )
 
 M113 = load_tracked_vehicle("m113")
-TRACK = M113.left
+assert isinstance(M113.left, ShoeTrack)
+TRACK: ShoeTrack = M113.left
 SHOE, SPROCKET, IDLER = TRACK.shoe, TRACK.sprocket, TRACK.idler
 WHEEL = IDLER.wheel
 ARM = TRACK.road_wheels[0].suspension
@@ -30,9 +32,10 @@ DOUBLE = DoublePinSprocket(
 
 def test_the_shipped_vehicle():
     """Its masses add up to what the recorded run printed, and both chains are laid."""
-    assert tracked_vehicle_names() == ["m113"]
+    assert tracked_vehicle_names() == ["m113", "m113-belt", "m113-double-pin"]
     mass = merged(M113.chassis.components)[0]
     for track in (M113.left, M113.right):
+        assert isinstance(track, ShoeTrack)
         arms = sum(mount.suspension.arm.mass + mount.suspension.wheel.mass for mount in track.road_wheels)
         mass += track.sprocket.mass + track.idler.carrier.mass + track.idler.wheel.mass + arms
         mass += track.shoes * track.shoe.mass

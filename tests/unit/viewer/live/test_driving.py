@@ -186,6 +186,34 @@ def test_reset_gear_and_camera_keys(view):
     assert read_row(vehicle(view).gear, 1) == 1
 
 
+def test_arrows_turn_a_robot_on_the_spot_and_a_gear_key_reverses_it():
+    view = LiveView(vehicle_subject("skid-steer", 2, "cpu"), worlds=2, port=0)
+    add_panels(view)
+    view.speed = 0.0
+    view.wheel.open = True
+    try:
+        with DrivingPage(view, steer=1.0) as page:
+            run_for(view, 2.0)
+            assert vehicle(view).omega_b.numpy()[0, 2] > 1.0
+            assert np.linalg.norm(vehicle(view).position.numpy()[0, :2]) < 0.02
+            page.say()
+            run_for(view, 1.0)
+            assert abs(vehicle(view).omega_b.numpy()[0, 2]) < 1e-2
+            heading = vehicle(view).angles.numpy()[0, 2]
+            page.presses = ["gear_down", "gear_down"]
+            time.sleep(0.1)
+            run_for(view, 0.04)
+            assert read_row(vehicle(view).gear, 0) == -1
+            page.say(throttle=1.0)
+            time.sleep(0.1)
+            run_for(view, 2.0)
+            assert vehicle(view).velocity_b.numpy()[0, 0] < -0.5
+            assert vehicle(view).angles.numpy()[0, 2] == pytest.approx(heading, abs=0.02)
+        assert np.abs(vehicle(view).position.numpy()[1, :2]).max() < 1e-3
+    finally:
+        view.stop()
+
+
 def test_one_driver_at_a_time_and_the_next_one_after_him(view):
     with DrivingPage(view), connect(address(view), origin=view.url) as second:
         with pytest.raises(ConnectionClosed) as closed:

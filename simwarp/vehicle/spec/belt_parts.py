@@ -1,0 +1,112 @@
+"""Descriptions of tracks by belt: those of tracks shoe by shoe, and a block with what a belt takes besides."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any, Final, Literal
+
+from simwarp.core.constraints import Ge, Le, MinLen, NotNegative, Point, Positive
+from simwarp.vehicle.spec.parts import ZERO, Spec, SpecError
+from simwarp.vehicle.spec.track_parts import (
+    RoadWheelMount,
+    Shoe,
+    ShoeTrack,
+    SinglePinShoe,
+    SinglePinSprocket,
+    SlidingIdler,
+    SupportRoller,
+    TrackSprocket,
+)
+from simwarp.vehicle.spec.vehicle_parts import Brake
+
+MOST_POINTS: Final = 16
+"""On a stretch of a belt."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BeltLaw(Spec):
+    """What a track by belt takes beside its wheels and shoes. Defaults are the M113's, as far as they are known."""
+
+    friction: NotNegative | None = None
+    """On hard ground, at most that of the ground; None: the shoes'."""
+    width: Positive | None = None
+    """That meets the ground [m]; None: that of a shoe's pad."""
+    span_points: Annotated[int, Ge(0), Le(MOST_POINTS)] = 4
+    """Points of contact between two neighbouring road wheels; each wheel has one besides."""
+    ramp_points: Annotated[int, Ge(1), Le(MOST_POINTS)] = 4
+    """Of the way from the first wheel to the sprocket, and from the last one to the idler; each has two besides."""
+    ground_stiffness: Positive = 7.0e6
+    """Of pads on hard ground, per length of the belt [N/m²]."""
+    ground_damping_time: NotNegative = 0.005
+    """Of pads on hard ground, damping over stiffness [s]."""
+    shear_length: Positive = 0.005
+    """Way over hard ground after which all friction acts [m]."""
+    shear_damping_time: NotNegative = 0.01
+    """Of friction below its limit, damping over stiffness [s]."""
+    wheel_sink: NotNegative = 3.8e-7
+    """Of a wheel in a shoe, per force [m/N]."""
+    dry_loss: NotNegative = 0.005
+    """Resistance of the belt to its motion, per tension."""
+    linear_loss: NotNegative = 0.0
+    """The same, per speed [s/m]."""
+    square_loss: NotNegative = 1.4e-3
+    """The same, per square of the speed [s²/m²]."""
+    loss_length: Positive = 0.002
+    """Way over which the dry resistance comes up [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BeltTrack(Spec):
+    """One track by belt: the description of the same track shoe by shoe, with `belt` besides.
+
+    Its shoes are a belt of `shoes` times their pitch. Support rollers and springs at pins have no effect on it but by
+    their mass.
+    """
+
+    track: Literal["belt"] = "belt"
+    sprocket: TrackSprocket
+    sprocket_location: Point = ZERO
+    idler: SlidingIdler
+    idler_location: Point
+    road_wheels: Annotated[tuple[RoadWheelMount, ...], MinLen(1)]
+    shoe: Shoe
+    shoes: Annotated[int, Ge(3)]
+    rollers: tuple[SupportRoller, ...] = ()
+    pin_stiffness: NotNegative = 0.0
+    pin_damping: NotNegative = 0.0
+    brake: Brake | None = None
+    belt: BeltLaw = dataclasses.field(default_factory=BeltLaw)
+
+    def check(self) -> None:
+        """Rules of a track shoe by shoe, whose place the belt takes, and shoes with one pin.
+
+        Raises:
+            SpecError: one is broken.
+        """
+        self.shoe_track()
+        if not isinstance(self.shoe, SinglePinShoe) or not isinstance(self.sprocket, SinglePinSprocket):
+            raise SpecError(f"shoe: '{self.shoe.template}' is not there yet for belts; use 'track-single-pin'")
+
+    def shoe_track(self) -> ShoeTrack:
+        """Return the description of the same track shoe by shoe."""
+        names = (field.name for field in dataclasses.fields(ShoeTrack) if field.name != "track")
+        return ShoeTrack(**{name: getattr(self, name) for name in names})
+
+
+def belt_of(track: ShoeTrack | BeltTrack, **values: Any) -> BeltTrack:
+    """The belt of a track that is described shoe by shoe, or a belt made anew.
+
+    Args:
+        track: its wheels, sprocket and shoes.
+        values: fields of `BeltLaw` other than its defaults.
+
+    Raises:
+        SpecError: a value breaks a rule.
+    """
+    unknown = sorted(set(values) - {field.name for field in dataclasses.fields(BeltLaw)})
+    if unknown:
+        names = ", ".join(field.name for field in dataclasses.fields(BeltLaw))
+        raise SpecError(f"belt: must have fields of BeltLaw, got {unknown[0]!r}; they are {names}")
+    names_of_track = (field.name for field in dataclasses.fields(ShoeTrack) if field.name != "track")
+    shown: dict[str, Any] = {name: getattr(track, name) for name in names_of_track}
+    return BeltTrack(**shown, belt=BeltLaw(**values))
