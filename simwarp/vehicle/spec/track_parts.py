@@ -15,6 +15,7 @@ from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Po
 from simwarp.vehicle.spec.drivetrain_parts import Engine, Transmission, check_powertrain
 from simwarp.vehicle.spec.parts import ZERO, ForceLine, RigidPart, Spec, SpecError, check_apart, refuse
 from simwarp.vehicle.spec.vehicle_parts import Brake, Chassis
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 FEWEST_TEETH: Final = 3
 """Of a sprocket."""
@@ -381,3 +382,7 @@ class TrackedVehicleSpec(Spec):
     def check(self) -> None:
         """An engine with a transmission, and a driveline behind them."""
         check_powertrain(self.engine, self.transmission, self.driveline)
+
+
+AnyVehicleSpec: TypeAlias = VehicleSpec | TrackedVehicleSpec
+"""Of a vehicle on wheels or tracks."""

@@ -15,7 +15,8 @@ import pytest
 import simwarp as sw
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import SCRIPT_COLUMNS, TIMES
-from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver, maneuver_options
 from simwarp.vehicle.results.channels import Recorder
 from simwarp.vehicle.spec import vehicle_spec as specs
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
