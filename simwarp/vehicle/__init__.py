@@ -33,7 +33,13 @@ from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from simwarp.vehicle.tracks.track_construction import SprocketContact, TrackedVehicleParts, add_tracked_vehicle
-from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
+from simwarp.vehicle.tracks.tracked_files import (
+    all_vehicle_names,
+    load_any_vehicle,
+    load_tracked_vehicle,
+    save_tracked_vehicle,
+    tracked_vehicle_names,
+)
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
@@ -77,11 +83,13 @@ __all__ = [
     "add_payload",
     "add_tracked_vehicle",
     "add_vehicle",
+    "all_vehicle_names",
     "bezier",
     "circle",
     "ground",
     "ground_of",
     "load",
+    "load_any_vehicle",
     "load_tracked_vehicle",
     "load_vehicle",
     "look_ahead_for",

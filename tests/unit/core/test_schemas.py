@@ -26,7 +26,7 @@ def schema(name: str) -> dict[str, Any]:
     return json.loads((DATA / f"{name}.schema.json").read_text(encoding="utf-8"))
 
 
-VEHICLE, SENSOR = schema("vehicle"), schema("sensor")
+VEHICLE, TRACKED, SENSOR = schema("vehicle"), schema("tracked_vehicle"), schema("sensor")
 
 
 def valid(value: Any, whole: dict[str, Any], part: dict[str, Any] | None = None) -> bool:
