@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ DT = 1e-3
 CONTROL = 1.0 / 50.0
 """Time of one step of the page [s]."""
 FRICTION = 0.9
+LIVE_TRACK_SOLVER = dataclasses.replace(TRACK_SOLVER, max_iterations=30)
+"""A step of tracks takes milliseconds a world: fewer iterations, and a step of the page for each."""
 
 
 def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
@@ -54,12 +57,12 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     )
     vehicle: AnyVehicle
     if isinstance(parts, TrackedVehicleParts):
-        vehicle, solver = TrackedVehicle(parts, model), TRACK_SOLVER
+        vehicle, solver, steps = TrackedVehicle(parts, model), LIVE_TRACK_SOLVER, 1
     else:
         vehicle, solver = Vehicle(parts, model, ground=ground(model.device)), VEHICLE_SOLVER
+        steps = round(CONTROL / DT)
         vehicle.tires.ground_friction.fill_(FRICTION)
     simulation = Simulation(model, DT, elements=[vehicle, *with_hand(model)], solver=solver)
-    steps = round(CONTROL / DT)
 
     def reset(mask: Mask | None) -> None:
         simulation.reset(None if mask is None else np.asarray(mask))
