@@ -68,7 +68,7 @@ MANEUVER_HINT: Final = "(default: reference-accel, on tracks accelerate)"
 SPEEDS_HINT: Final = (
     "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 5 or 2 on tracks)"
 )
-STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep, 0.5 of steady-turn, 1 of pivot)"
+STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot)"
 RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar; 0.2 of obstacle)"
 SLOPE_HINT: Final = "(default: 0.2, on tracks 0.3)"
 WIDTH_HINT: Final = "(default: 1.2)"

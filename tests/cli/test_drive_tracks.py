@@ -156,3 +156,6 @@ def test_whole_manoeuvres(drive, name):
     if name == "slope":
         assert found["climbed"] > 1.0
         assert abs(found["held"]) < 100.0
+    if name == "drawbar":
+        # below what the shoes' friction of 0.8 takes of the weight, 111 kN
+        assert 5e3 < found["greatest_pull"] < 0.8 * 111e3

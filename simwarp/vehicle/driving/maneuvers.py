@@ -18,7 +18,7 @@ from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
 from simwarp.vehicle.driving.maneuver_spec import SETTLING, Maneuver, after_settling
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, circle
-from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
+from simwarp.vehicle.driving.track_maneuvers import DRAWBAR_HOLD, DRAWBAR_RAMP, TRACK_MANEUVERS
 from simwarp.vehicle.spec.parts import SPECS
 from simwarp.vehicle.spec.track_parts import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
@@ -188,10 +188,6 @@ def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0)
 
 PULLING_SPEEDS: Final = {"artcar": 0.3}
 """Of the drawbar test where it is not the usual 1 m/s: a creep, at which the soil's damping adds little."""
-DRAWBAR_RAMP: Final = 4.0
-"""To the speed of the drawbar test [s]."""
-DRAWBAR_HOLD: Final = 1.0
-"""At the last slip [s]."""
 
 
 def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 40.0) -> Maneuver:

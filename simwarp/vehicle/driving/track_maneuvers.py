@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.drivers import ScriptSpec
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver, after_settling
 from simwarp.vehicle.spec.parts import SpecError
@@ -56,7 +57,7 @@ def brake(spec: TrackedVehicleSpec, *, speed: float = 5.0) -> Maneuver:
 
 
 def steady_turn(
-    spec: TrackedVehicleSpec, *, speed: float = 5.0, steering: float = 0.5, duration: float = 13.0
+    spec: TrackedVehicleSpec, *, speed: float = 5.0, steering: float = 1.0, duration: float = 13.0
 ) -> Maneuver:
     """A speed [m/s] held from rest; at 7 s the steering goes to its value (-1..1) in 0.2 s."""
     _longer(duration, STEERED, "the turn begins")
@@ -108,6 +109,20 @@ def slope(spec: TrackedVehicleSpec, *, slope: float = 0.3, duration: float = 10.
     return Maneuver(name="slope", script=script, start=TRACK_SETTLING, duration=duration, slope=slope)
 
 
+DRAWBAR_RAMP: Final = 4.0
+"""To the speed of the drawbar test [s]."""
+DRAWBAR_HOLD: Final = 1.0
+"""At the last slip [s]."""
+
+
+def drawbar(spec: TrackedVehicleSpec, *, speed: float = 1.0, duration: float = 20.0) -> Maneuver:
+    """Pull over slip: a carriage holds the vehicle at a speed [m/s] while its tracks' slip goes from 0 to 0.65."""
+    _longer(duration, DRAWBAR_RAMP + DRAWBAR_HOLD, "the slip begins to rise")
+    sweep = duration - DRAWBAR_RAMP - DRAWBAR_HOLD
+    test = DrawbarSpec(speed=speed, start=TRACK_SETTLING, ramp=DRAWBAR_RAMP, sweep=sweep)
+    return Maneuver(name="drawbar", drawbar=test, start=TRACK_SETTLING, duration=duration)
+
+
 TRACK_MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
     "accelerate": accelerate,
     "brake": brake,
@@ -116,5 +131,6 @@ TRACK_MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
     "obstacle": obstacle,
     "trench": trench,
     "slope": slope,
+    "drawbar": drawbar,
 }
 """By name; each takes a vehicle and its own options."""

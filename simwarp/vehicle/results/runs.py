@@ -134,9 +134,7 @@ def _acting(
 ) -> tuple[ForceElement, list[ForceElement]]:
     """The driver of a manoeuvre, and all force elements in the order in which they act."""
     driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
-    if isinstance(vehicle, TrackedVehicle):
-        return driver, [driver, vehicle, *further]
-    if maneuver.follow is not None:
+    if maneuver.follow is not None and not isinstance(vehicle, TrackedVehicle):
         driver = PathTracker(vehicle, maneuver.follow)
     if maneuver.drawbar is not None:
         # it adds to the forces that the vehicle writes

@@ -10,6 +10,7 @@ import simwarp as sw
 from simwarp.core.types import ModelError
 from simwarp.vehicle import (
     TRACK_SOLVER,
+    Drive,
     SpecError,
     TrackedVehicle,
     add_tracked_vehicle,
@@ -128,6 +129,24 @@ def test_set_up_of_tracks():
         set_up(SPEC, what, on_soil=True)
     with pytest.raises(SpecError, match="tire: 'M113' has tracks and no tires, got 'tmeasy'; leave it out"):
         with_options(SPEC, tire="tmeasy")
+
+
+def test_a_drawbar_test_of_tracks_measures_slip_at_the_pins_of_the_sprockets():
+    setup = set_up(SPEC, maneuver("drawbar", SPEC), device="cpu")
+    recorder = Drive(setup).recorder
+    assert recorder.names[-3:] == ("slip", "pull_N", "pull_per_weight")
+    parts = setup.vehicle.parts
+    dofs = [setup.simulation.model.joint_dof_start[side.sprocket] for side in (parts.left, parts.right)]
+    rates = setup.simulation.state.joint_qd.numpy().copy()
+    rates[0, dofs] = 8.0, 12.0
+    setup.simulation.set_joint_state(None, setup.simulation.state.joint_q.numpy(), rates)
+    before = setup.vehicle.velocity_b.numpy()[0, 0]
+    setup.simulation.step()
+    # 10 rad/s at 0.245 m, of a vehicle that stands
+    assert recorder._further["slip"].numpy()[0] == pytest.approx(1.0 - before / 2.45, rel=1e-4)
+    idle = dataclasses.replace(SPEC, driveline=None, engine=None, transmission=None)
+    with pytest.raises(SpecError, match="driveline: must turn the sprockets in a drawbar test, got none"):
+        set_up(idle, maneuver("drawbar", SPEC), device="cpu")
 
 
 def test_names_lead_to_the_right_loader():
