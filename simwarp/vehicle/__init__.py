@@ -22,6 +22,7 @@ from simwarp.vehicle.driving.path_tracking import (
 from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
+from simwarp.vehicle.results.chain_record import ChainProfile, ChainRecord
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.parts import SpecError
@@ -51,6 +52,8 @@ __all__ = [
     "PAYLOAD",
     "TRACK_SOLVER",
     "VEHICLE_SOLVER",
+    "ChainProfile",
+    "ChainRecord",
     "CommonTire",
     "Convoy",
     "Drive",

@@ -45,7 +45,7 @@ def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
         SpecError: unknown name, unreadable file, or a value that breaks a rule.
     """
     names = vehicle_names()
-    if path_or_name not in names and (TRACKED / f"{path_or_name}.json").is_file():
+    if path_or_name in {path.stem for path in TRACKED.glob("*.json")}:
         raise SpecError(f"vehicle {formatted(path_or_name)}: has tracks; load it by load_tracked_vehicle")
     return read_spec(VehicleSpec, shipped_or_own("vehicle", names, path_or_name))
 

@@ -99,6 +99,12 @@ def test_a_climb_and_what_the_brakes_hold():
     assert math.isnan(lost["held"])
 
 
+@pytest.mark.parametrize("name", TRACK_MANEUVERS)
+def test_a_run_of_a_moment_has_results(name):
+    found = results(made_up(0.01), maneuver(name, SPEC))
+    assert {"top_speed", "engine_work", "losses"} <= {item.key for item in found}
+
+
 def test_manoeuvres_know_their_vehicle():
     for name in TRACK_MANEUVERS:
         what = maneuver(name, SPEC)
@@ -140,10 +146,9 @@ def test_a_drawbar_test_of_tracks_measures_slip_at_the_pins_of_the_sprockets():
     rates = setup.simulation.state.joint_qd.numpy().copy()
     rates[0, dofs] = 8.0, 12.0
     setup.simulation.set_joint_state(None, setup.simulation.state.joint_q.numpy(), rates)
-    before = setup.vehicle.velocity_b.numpy()[0, 0]
     setup.simulation.step()
-    # 10 rad/s at 0.245 m, of a vehicle that stands
-    assert recorder._further["slip"].numpy()[0] == pytest.approx(1.0 - before / 2.45, rel=1e-4)
+    # 10 rad/s at 0.245 m, of a vehicle that stands but for some mm/s
+    assert recorder._further["slip"].numpy()[0] == pytest.approx(1.0, abs=2e-3)
     idle = dataclasses.replace(SPEC, driveline=None, engine=None, transmission=None)
     with pytest.raises(SpecError, match="driveline: must turn the sprockets in a drawbar test, got none"):
         set_up(idle, maneuver("drawbar", SPEC), device="cpu")
