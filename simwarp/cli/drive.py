@@ -66,14 +66,14 @@ UNITS: Final = {"speed": " m/s", "steering": "", "radius": " m", "slope": "", "w
 OWN: Final = "(default: the vehicle's own)"
 MANEUVER_HINT: Final = "(default: reference-accel, on tracks accelerate)"
 SPEEDS_HINT: Final = (
-    "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 5 or 2 on tracks)"
+    "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 4, 2 or 1 on tracks)"
 )
 STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot)"
 RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar; 0.2 of obstacle)"
 SLOPE_HINT: Final = "(default: 0.2, on tracks 0.3)"
 WIDTH_HINT: Final = "(default: 1.2)"
 DURATION_HINT: Final = (
-    "(default: 5 to 13 on tracks, 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the"
+    "(default: 5 to 20 on tracks, 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the"
     " end of the course of double-lane-change, to the last row of a .csv file)"
 )
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"

@@ -149,7 +149,7 @@ def test_whole_manoeuvres(drive, name):
         assert found["top_speed"] == pytest.approx(6.0, rel=0.15)
     if name in ("obstacle", "trench"):
         assert found["crossed_after"] < 9.0
-        assert found["nose_up"] > 2.0
+        assert found["nose_up"] + found["nose_down"] > 2.0  # degrees, as a level road never shows
     if name == "brake":
         # at rest within the friction of the shoes, 0.8, and no faster
         assert found["stopping_distance"] > 0.9 * found["braking_from"] ** 2 / (2.0 * 0.8 * 9.81)

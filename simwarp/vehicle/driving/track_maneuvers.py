@@ -48,7 +48,7 @@ def accelerate(spec: TrackedVehicleSpec, *, duration: float = 10.0) -> Maneuver:
     return Maneuver(name="accelerate", script=script, start=TRACK_SETTLING, duration=duration)
 
 
-def brake(spec: TrackedVehicleSpec, *, speed: float = 5.0) -> Maneuver:
+def brake(spec: TrackedVehicleSpec, *, speed: float = 4.0) -> Maneuver:
     """A speed [m/s] held from rest for 6 s, then full brakes."""
     braking = (*RELEASED, (TRACK_SETTLING + BRAKES_ON, 0.0), (TRACK_SETTLING + BRAKES_ON, 1.0))
     held = _points((0.0, speed), (BRAKES_ON, speed), (BRAKES_ON, -1.0), before=-1.0)
@@ -57,7 +57,7 @@ def brake(spec: TrackedVehicleSpec, *, speed: float = 5.0) -> Maneuver:
 
 
 def steady_turn(
-    spec: TrackedVehicleSpec, *, speed: float = 5.0, steering: float = 1.0, duration: float = 13.0
+    spec: TrackedVehicleSpec, *, speed: float = 4.0, steering: float = 1.0, duration: float = 13.0
 ) -> Maneuver:
     """A speed [m/s] held from rest; at 7 s the steering goes to its value (-1..1) in 0.2 s."""
     _longer(duration, STEERED, "the turn begins")
