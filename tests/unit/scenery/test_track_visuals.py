@@ -20,6 +20,7 @@ from simwarp.scenery.track_bodies import (
 )
 from simwarp.sensors.scene import Visuals
 from simwarp.vehicle import SprocketContact, add_tracked_vehicle, load_tracked_vehicle
+from simwarp.vehicle.spec.track_parts import SinglePinSprocket
 from tests.unit.scenery.scenery_meshes import assert_outward
 
 SPEC = load_tracked_vehicle("m113")
@@ -49,6 +50,7 @@ def test_bodies_are_closed_and_few_triangles():
 
 def test_teeth_reach_the_tips_and_gaps_their_seat():
     sprocket = TRACK.sprocket
+    assert isinstance(sprocket, SinglePinSprocket)
     outline = tooth_outline(sprocket)
     radius = np.linalg.norm(outline, axis=1)
     assert radius.min() == pytest.approx(sprocket.roller_seat)

@@ -6,8 +6,9 @@ import pytest
 pytest.importorskip("viser")
 
 from simwarp.cli import main
+from simwarp.cli.view.maneuver_view import maneuver_subject
 from simwarp.cli.view.vehicle_subject import vehicle_subject
-from simwarp.vehicle import TrackedVehicle
+from simwarp.vehicle import TrackedVehicle, load_tracked_vehicle, maneuver, set_up
 from simwarp.viewer.live.driving.browser_driving import wheel_of
 from simwarp.viewer.live.driving.chase import Chase, Eye
 from simwarp.viewer.live.driving.human_driver import Inputs
@@ -54,6 +55,15 @@ def test_the_camera_stands_behind_the_tracks(view):
     assert chase._length == pytest.approx(1.5 * np.hypot(3.407 - 0.655, 2.0 * 1.0795), abs=0.1)
     for eye in Eye:
         chase.use(eye)
+
+
+def test_a_manoeuvre_in_the_page_shows_what_lies_across_the_way():
+    spec = load_tracked_vehicle("m113")
+    setup = set_up(spec, maneuver("trench", spec), device="cpu")
+    subject = maneuver_subject(setup, "m113 trench")
+    assert wheel_of(subject) is None  # a script drives
+    fixed = {name for name, body in zip(subject.scene.names, subject.scene.body, strict=True) if body < 0}
+    assert fixed == {"ground_near", "ground_far", "bottom"}
 
 
 def test_a_recording_of_tracks(tmp_path):
