@@ -95,7 +95,6 @@ def _set_up(scene: VehicleScene, worlds: int, device: str, dt: float | None) -> 
         return Driven(row.simulation, row.vehicles, straight)
     course = maneuver("reference-steer", spec) if soil is None else maneuver("step-steer", spec, speed=speed)
     one = set_up(spec, course, worlds=worlds, device=device, dt=step, elements=elements)
-    assert isinstance(one.vehicle, Vehicle)  # of a description with wheels
     return Driven(one.simulation, one.vehicle, course)
 
 

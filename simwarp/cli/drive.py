@@ -341,7 +341,7 @@ def _soil(vehicle: AnyVehicle, options: DriveOptions) -> list[Soil]:
     return [soil_under(vehicle, options.soil or "mid", **given)]
 
 
-def _films(setup: Setup, options: DriveOptions) -> tuple[DriveFilm | DriveSceneFilm, ...]:
+def _films(setup: Setup[AnyVehicle], options: DriveOptions) -> tuple[DriveFilm | DriveSceneFilm, ...]:
     """The film or picture, and the scene, that were asked for."""
     films: list[DriveFilm | DriveSceneFilm] = []
     if options.video is not None:
@@ -355,7 +355,7 @@ def _films(setup: Setup, options: DriveOptions) -> tuple[DriveFilm | DriveSceneF
     return tuple(films)
 
 
-def _page(setup: Setup, title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
+def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
     """The page that was asked for, with a browser that looks."""
     if not options.view:
         return None

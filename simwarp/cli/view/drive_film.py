@@ -11,7 +11,7 @@ from simwarp.cli.view.maneuver_scene import maneuver_scene
 from simwarp.sensors.cameras.lights import Lighting, Sun
 from simwarp.train.evaluation.play import Frame, write_video
 from simwarp.vehicle.results.runs import Progress, Setup
-from simwarp.vehicle.tracks.tracked_vehicle import TrackedVehicle
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.viewer.sheets import write_image
 from simwarp.viewer.studio import FollowCamera, Shot
 
@@ -47,7 +47,7 @@ def check_film(path: Path, seconds: float) -> None:
         )
 
 
-def drive_shot(setup: Setup) -> Shot:
+def drive_shot(setup: Setup[AnyVehicle]) -> Shot:
     """Behind the vehicle, beside one on tracks; turned with it."""
     if isinstance(setup.vehicle, TrackedVehicle):
         return Shot(body=setup.vehicle.parts.chassis, target=TRACKS_TARGET, eye=TRACKS_EYE, fov=0.9, turns=True)
@@ -62,7 +62,7 @@ class DriveFilm:
         path: .mp4 or .gif: a film; .png or .jpg: its end.
     """
 
-    def __init__(self, setup: Setup, path: Path) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], path: Path) -> None:
         self.path = path
         self._camera = FollowCamera(
             setup.simulation, maneuver_scene(setup), drive_shot(setup), width=SIZE[0], height=SIZE[1],

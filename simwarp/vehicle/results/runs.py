@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final
+from typing import Any, Final, Generic, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.track_parts import AnyVehicleSpec, SimpleTrackDriveline, TrackedVehicleSpec
-from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.tracks.track_construction import SprocketContact, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, AnyVehicle, TrackedVehicle
@@ -53,14 +53,42 @@ Progress = Callable[[float], None]
 """Called with the time of the manoeuvre [s] after every row."""
 
 
+Kind = TypeVar("Kind", bound=AnyVehicle, covariant=True)
+
+
 @dataclasses.dataclass(frozen=True)
-class Setup:
-    """A manoeuvre ready to run."""
+class Setup(Generic[Kind]):
+    """A manoeuvre ready to run, of a `Vehicle` or a `TrackedVehicle`."""
 
     simulation: Simulation
-    vehicle: AnyVehicle
+    vehicle: Kind
     driver: ForceElement
     maneuver: Maneuver
+
+
+class SetUpOptions(TypedDict, total=False):
+    """Keyword arguments of `set_up`, for its two kinds of vehicles."""
+
+    worlds: int
+    device: str | None
+    dt: float
+    friction: float
+    randomised: Iterable[str]
+    elements: Callable[[Any], Sequence[ForceElement]]
+    on_soil: bool
+    solver: SolverOptions | None
+
+
+@overload
+def set_up(spec: VehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[Vehicle]: ...
+
+
+@overload
+def set_up(spec: TrackedVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[TrackedVehicle]: ...
+
+
+@overload
+def set_up(spec: AnyVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[AnyVehicle]: ...
 
 
 def set_up(
@@ -75,7 +103,7 @@ def set_up(
     elements: Callable[[Any], Sequence[ForceElement]] = lambda vehicle: (),
     on_soil: bool = False,
     solver: SolverOptions | None = None,
-) -> Setup:
+) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
     Args:
@@ -174,7 +202,7 @@ class Drive(Readable):
         worlds: indices of those that are recorded; the first alone by default.
     """
 
-    def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], worlds: slice = slice(0, 1)) -> None:
         self.setup = setup
         further = setup.driver.measured if isinstance(setup.driver, Drawbar) else {}
         self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further)

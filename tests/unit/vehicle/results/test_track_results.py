@@ -141,7 +141,6 @@ def test_a_drawbar_test_of_tracks_measures_slip_at_the_pins_of_the_sprockets():
     setup = set_up(SPEC, maneuver("drawbar", SPEC), device="cpu")
     recorder = Drive(setup).recorder
     assert recorder.names[-3:] == ("slip", "pull_N", "pull_per_weight")
-    assert isinstance(setup.vehicle, TrackedVehicle)
     parts = setup.vehicle.parts
     dofs = [setup.simulation.model.joint_dof_start[side.sprocket] for side in (parts.left, parts.right)]
     rates = setup.simulation.state.joint_qd.numpy().copy()
