@@ -28,9 +28,8 @@ ON_BELTS: Final = "-belt"
 
 def tracked_vehicle_names() -> list[str]:
     """Names of the shipped tracked vehicles, shoe by shoe and, with one pin, on belts."""
-    names = [path.stem for path in TRACKED.glob("*.json")]
-    single = [name for name in names if load_tracked_vehicle(name).left.shoe.template == "track-single-pin"]
-    return sorted([*names, *(f"{name}{ON_BELTS}" for name in single)])
+    shoes = {path.stem: read_json(path)["left"]["shoe"]["template"] for path in TRACKED.glob("*.json")}
+    return sorted([*shoes, *(f"{name}{ON_BELTS}" for name, shoe in shoes.items() if shoe == "track-single-pin")])
 
 
 def load_tracked_vehicle(path_or_name: str | Path) -> TrackedVehicleSpec:
