@@ -107,7 +107,7 @@ def test_it_is_listed_viewed_and_told_of_in_help(drive):
         (["m113", "--maneuver", "trench", "--width", "x"], "--width must be a number [m], got 'x'"),
         (["gator", "--chains", "a.png"], "--chains: 'gator' has wheels and no chains; take --plot"),
         (["m113", "--chains", "a.txt"], "must end in .png"),
-        (["half.json"], "half.json: name: missing"),
+        (["half.json"], "half.json: left.track: missing; give one of shoes, belt"),
         (["chrono.json"], "chrono.json"),
     ],
 )

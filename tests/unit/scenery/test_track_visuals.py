@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.core.rotation import rotate
 from simwarp.scenery import Label, add_tracked_vehicle_visual
 from simwarp.scenery.track_bodies import (
     OLIVE,
@@ -19,7 +20,7 @@ from simwarp.scenery.track_bodies import (
     track_wheel_mesh,
 )
 from simwarp.sensors.scene import Visuals
-from simwarp.vehicle import SprocketContact, add_tracked_vehicle, load_tracked_vehicle
+from simwarp.vehicle import add_tracked_vehicle, load_tracked_vehicle, tracked_vehicle_names
 from simwarp.vehicle.spec.track_parts import SinglePinSprocket
 from tests.unit.scenery.scenery_meshes import assert_outward
 
@@ -30,10 +31,30 @@ WHEEL = TRACK.road_wheels[0].suspension.wheel
 
 def built(**options):
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, SPEC, sprocket=SprocketContact.DRUM, **options)
+    parts = add_tracked_vehicle(builder, SPEC, **options)
     visuals = Visuals(builder)
     visuals.hide(*(each.shape for each in visuals.instances))
     return builder, parts, visuals
+
+
+@pytest.mark.parametrize("name", tracked_vehicle_names())
+def test_every_shipped_vehicle_is_drawn(name):
+    """Hull, and of each side sprocket, idler, five wheels and all shoes at least; wheels and shoes where they are."""
+    spec = load_tracked_vehicle(name)
+    builder = sw.ModelBuilder()
+    parts = add_tracked_vehicle(builder, spec)
+    visuals = Visuals(builder)
+    found = add_tracked_vehicle_visual(visuals, parts)
+    assert len(found) >= 1 + 2 * 7 + 63 + 64
+    named = {visuals.instances[index].name: visuals.instances[index] for index in found}
+    for side, track, sign in (("left", spec.left, 1.0), ("right", spec.right, -1.0)):
+        for k, mount in enumerate(track.road_wheels):
+            shown = named[f"{side}_wheel_{k}"]
+            body = builder.bodies[shown.body].pose
+            at = body.position + rotate(body.rotation, shown.pose.position)
+            x, y, z = mount.location
+            wanted = (x, sign * (spec.track_offset + y), z + spec.start_height)
+            np.testing.assert_allclose(at, wanted, atol=1e-9)
 
 
 def test_bodies_are_closed_and_few_triangles():

@@ -28,7 +28,6 @@ from simwarp.vehicle.results.chain_record import ChainRecord, lowest_shoe
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.results import results
-from simwarp.vehicle.results.runs import SPROCKETS
 from simwarp.vehicle.results.track_readings import track_columns
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
 from simwarp.vehicle.tracks.shoe_construction import lay_track
@@ -155,13 +154,36 @@ def test_a_drawbar_test_of_tracks_measures_slip_at_the_pins_of_the_sprockets():
 
 
 def test_names_lead_to_the_right_loader():
-    assert sw.vehicle.all_vehicle_names() == [*sw.vehicle.vehicle_names(), "m113"]
+    assert sw.vehicle.all_vehicle_names() == [
+        *sw.vehicle.vehicle_names(), "m113", "m113-belt", "m113-double-pin",
+    ]  # fmt: skip
     assert sw.vehicle.load_any_vehicle("m113") == SPEC
+    assert sw.vehicle.load_any_vehicle("m113-belt") == sw.vehicle.with_belts(SPEC)
     assert sw.vehicle.load_any_vehicle("gator") == load_vehicle("gator")
     with pytest.raises(SpecError, match="vehicle 'm113': has tracks; load it by load_tracked_vehicle"):
         load_vehicle("m113")
-    with pytest.raises(SpecError, match=r"did you mean 'm113'.*known: artcar, gator, .*, m113"):
+    with pytest.raises(
+        SpecError, match=r"did you mean 'm113'.*known: artcar, .*, m113, m113-belt, m113-double-pin"
+    ):
         sw.vehicle.load_any_vehicle("m1133")
+
+
+def test_belts_drive_manoeuvres_and_have_no_pins():
+    """Their record lacks the pins' columns alone; what lies across the way is for chains."""
+    spec = sw.vehicle.with_belts(SPEC)
+    setup = sw.vehicle.set_up(spec, maneuver("accelerate", spec))
+    recorder = sw.vehicle.Recorder(setup.simulation, setup.vehicle)
+    setup.simulation.step(2500)  # two seconds on the brakes first
+    recorder.sample()
+    assert not any(name.startswith("pin_") for name in recorder.names)
+    row = dict(zip(recorder.names, recorder.rows[-1][0].tolist(), strict=True))
+    assert 0.2 < row["speed_mps"] < row["track_speed_L_mps"] < 3.0
+    assert row["ground_z_N"] == pytest.approx(11342.9 * 9.81, rel=0.2)  # it pitches
+    assert row["idler_L_m"] == pytest.approx(-4.02, abs=0.05)
+    with pytest.raises(SpecError, match="obstacle: must be driven shoe by shoe, got belts"):
+        sw.vehicle.set_up(spec, maneuver("obstacle", spec))
+    with pytest.raises(ModelError, match="is on belts, which have no pins"):
+        sw.vehicle.ChainRecord(setup.simulation, setup.vehicle)
 
 
 # ---- chains ----------------------------------------------------------------------------------------------------------
@@ -171,7 +193,7 @@ def test_names_lead_to_the_right_loader():
 def resting():
     """The vehicle 0.25 s after its start in two worlds, and records of its chains."""
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, SPEC, sprocket=SPROCKETS)
+    parts = add_tracked_vehicle(builder, SPEC)
     builder.add_shape_plane(material=sw.Material(friction=0.9))
     model = builder.finalize(1, "cpu", per_world=per_world())
     vehicle = TrackedVehicle(parts, model)

@@ -8,7 +8,6 @@ import simwarp as sw
 from simwarp.vehicle import TrackedVehicle, add_tracked_vehicle, load_tracked_vehicle, maneuver, per_world
 from simwarp.vehicle.driving.maneuvers import maneuver_options
 from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
-from simwarp.vehicle.results.runs import SPROCKETS
 from simwarp.vehicle.results.track_readings import track_columns
 
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "tracks.md").read_text(encoding="utf-8")
@@ -50,7 +49,7 @@ def test_the_columns_are_listed():
 
 def test_the_arrays_that_are_listed_exist():
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, SPEC, sprocket=SPROCKETS)
+    parts = add_tracked_vehicle(builder, SPEC)
     vehicle = TrackedVehicle(parts, builder.finalize(3, "cpu", per_world=per_world()))
     for names, shape, _ in rows("array of tracks"):
         wanted = tuple(
