@@ -16,7 +16,7 @@ from simwarp.scenery.visual import Label
 from simwarp.vehicle.spec.belt_parts import BeltTrack
 from simwarp.vehicle.spec.track_parts import ShoeTrack
 from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
-from simwarp.vehicle.tracks.shoe_construction import ShoeTrackParts, lay_track
+from simwarp.vehicle.tracks.shoe_construction import ShoeTrackParts
 from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+CIRCLE_POINTS: Final = 72
+"""Of a wheel, on the way of a belt around it."""
 ROD: Final = 0.1
 """Radius of an arm over that of its wheel."""
 
@@ -63,7 +65,7 @@ def _add_belt(
     visuals: Visuals, name: str, parts: TrackedVehicleParts, belt: BeltTrackParts, track: BeltTrack,
     look: PlainAppearanceOptions,
 ) -> list[int]:  # fmt: skip
-    """Instances of a track by belt: wheels on their arms; sprocket, idler and the shoes as laid stay on the hull."""
+    """Instances of a track by belt: wheels on their arms; sprocket, idler and the shoes, as at rest, on the hull."""
     builder = visuals.builder
     side = 1.0 if name.endswith("left") else -1.0
     middle = parts.reference + np.array([0.0, side * parts.spec.track_offset, 0.0])
@@ -87,12 +89,43 @@ def _add_belt(
         wheel = track_wheel_mesh(mount.suspension.wheel)
         at = pose(rotate(back, away))
         found.append(visuals.add_mesh(body, wheel, name=f"{name}_wheel_{k}", pose=at, **look))
-    laid, asset = lay_track(track.shoe_track()), visuals.add_mesh_asset(shoe_mesh(track.shoe, shoe_width(track)))
-    for k, ((x, z), angle) in enumerate(zip(laid.centres.tolist(), laid.angles.tolist(), strict=True)):
+    asset = visuals.add_mesh_asset(shoe_mesh(track.shoe, shoe_width(track)))
+    for k, (x, z, angle) in enumerate(_around(belt, track.shoes)):
         turn = (0.0, -math.sin(0.5 * angle), 0.0, math.cos(0.5 * angle))
         at = pose(place(x, 0.0, z), turn)
         found.append(visuals.add_mesh_instance(parts.chassis, asset, name=f"{name}_shoe_{k}", pose=at, **look))
     return found
+
+
+def _around(belt: BeltTrackParts, shoes: int) -> list[tuple[float, float, float]]:
+    """Places x, z and directions of shoes that lie evenly on the taut way around sprocket, wheels and idler [m, rad],
+    from the track's origin: the convex hull of circles.
+    """
+    rest, angle = belt.resting, np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = (rest.centers[:, None] + rest.radii[:, None, None] * circle).reshape(-1, 2)
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    hull: list[Array] = []
+    for run in (order, order[::-1]):  # lower, then upper half, from left to right and back
+        first = len(hull)
+        for point in points[run]:
+            while len(hull) >= first + 2 and _turns_right(hull[-2], hull[-1], point):
+                hull.pop()
+            hull.append(point)
+        hull.pop()
+    way = np.array([*hull, hull[0]])
+    passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    ends = np.linspace(0.0, passed[-1], shoes + 1)
+    pins = np.stack([np.interp(ends, passed, way[:, k]) for k in (0, 1)], axis=1) * (rest.forward, 1.0)
+    middle, along = 0.5 * (pins[1:] + pins[:-1]), np.diff(pins, axis=0) * (rest.forward)
+    # shoes go from the lower pin of a sprocket in front over its far side: forwards below
+    angles = np.arctan2(along[:, 1], along[:, 0])
+    return list(zip(middle[:, 0].tolist(), middle[:, 1].tolist(), angles.tolist(), strict=True))
+
+
+def _turns_right(a: Array, b: Array, c: Array) -> bool:
+    """True if the way from a over b to c does not turn to the left."""
+    return bool((b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _fixed_frame(visuals: Visuals, parts: TrackedVehicleParts) -> Pose:

@@ -162,9 +162,7 @@ def test_names_lead_to_the_right_loader():
     assert sw.vehicle.load_any_vehicle("gator") == load_vehicle("gator")
     with pytest.raises(SpecError, match="vehicle 'm113': has tracks; load it by load_tracked_vehicle"):
         load_vehicle("m113")
-    with pytest.raises(
-        SpecError, match=r"did you mean 'm113'.*known: artcar, .*, m113, m113-belt, m113-double-pin"
-    ):
+    with pytest.raises(SpecError, match=r"did you mean 'm113'.*known: artcar, .*, m113, m113-belt, m113-double-pin"):
         sw.vehicle.load_any_vehicle("m1133")
 
 
