@@ -35,7 +35,11 @@ class TrackedVehicleSpec(Readable, Spec):
     """Of the frame of reference above the ground at the start [m]."""
 
     def check(self) -> None:
-        """Two tracks of one kind; an engine with a transmission, and a driveline behind them."""
+        """Two tracks of one kind; an engine with a transmission, and a driveline behind them.
+
+        Raises:
+            SpecError: they are not; says which part breaks which rule.
+        """
         if self.left.track != self.right.track:
             raise refuse("right.track", f"'{self.left.track}' as that of the left one", self.right.track)
         check_powertrain(self.engine, self.transmission, self.driveline)
