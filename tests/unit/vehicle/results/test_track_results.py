@@ -29,7 +29,7 @@ from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.track_readings import track_columns
-from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
+from simwarp.vehicle.spec.track_parts import ShoeTrack, SimpleTrackDriveline
 from simwarp.vehicle.tracks.shoe_construction import lay_track
 
 SPEC = load_tracked_vehicle("m113")
@@ -247,11 +247,13 @@ def test_the_mean_of_a_state_with_itself_is_that_state(resting, tmp_path):
 @pytest.mark.parametrize("moved", [0, 1, 20, 62])
 def test_the_lowest_shoe_is_that_below_the_sprocket_wherever_numbers_begin(moved):
     """As laid, pin 0 is straight below the axis, between the centres of the last shoe and the first one."""
-    laid = lay_track(SPEC.left)
+    track = SPEC.left
+    assert isinstance(track, ShoeTrack)
+    laid = lay_track(track)
     centres = np.roll(laid.centres, moved, axis=0)
     before, after = math.cos(laid.angles[-1]), math.cos(laid.angles[0])
     expected = 62.0 + before / (before + after)
-    assert (lowest_shoe(centres[:, 0], centres[:, 1], SPEC.left) - moved) % 63 == pytest.approx(expected, rel=1e-12)
+    assert (lowest_shoe(centres[:, 0], centres[:, 1], track) - moved) % 63 == pytest.approx(expected, rel=1e-12)
 
 
 def test_pages_of_runs_on_tracks_are_drawn(tmp_path):
