@@ -8,7 +8,8 @@ from typing import Any
 
 from simwarp.model.rules import RULES
 from simwarp.sensors.presets import FOR_PEOPLE, KINDS
-from simwarp.vehicle.spec.parts import SPECS
+from simwarp.vehicle.spec.parts import SPECS, Spec
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 DATA = Path(__file__).resolve().parents[1] / "simwarp" / "data"
@@ -23,7 +24,11 @@ TAGS = ("template", "kind")
 
 def schemas() -> dict[Path, str]:
     """Text of every schema by its file."""
-    made = {"vehicle": vehicle_schema(), "sensor": sensor_schema()}
+    made = {
+        "vehicle": vehicle_schema(VehicleSpec, "A vehicle of simwarp"),
+        "tracked_vehicle": vehicle_schema(TrackedVehicleSpec, "A tracked vehicle of simwarp"),
+        "sensor": sensor_schema(),
+    }
     return {DATA / f"{name}.schema.json": _text(schema) for name, schema in made.items()}
 
 
@@ -34,9 +39,9 @@ def _text(schema: dict[str, Any]) -> str:
     return f'{{\n{head},\n "$defs": {{\n{classes}\n }}\n}}\n'
 
 
-def vehicle_schema() -> dict[str, Any]:
-    """That of a vehicle: any value in it may be `{"file": ...}`."""
-    whole = SPECS.json_schema(VehicleSpec)
+def vehicle_schema(cls: type[Spec], title: str) -> dict[str, Any]:
+    """That of a vehicle on wheels or tracks: any value in it may be `{"file": ...}`."""
+    whole = SPECS.json_schema(cls)
     classes = whole["$defs"]
     for schema in classes.values():
         _tidy(schema)
@@ -45,8 +50,8 @@ def vehicle_schema() -> dict[str, Any]:
                 value["items"] = _or_file(value["items"])
             if key not in TAGS:
                 schema["properties"][key] = _or_file(value)
-    classes["VehicleSpec"]["properties"]["$schema"] = {"type": "string"}
-    return {"$schema": DIALECT, "title": "A vehicle of simwarp", **whole, "$defs": {**classes, "File": FILE}}
+    classes[cls.__name__]["properties"]["$schema"] = {"type": "string"}
+    return {"$schema": DIALECT, "title": title, **whole, "$defs": {**classes, "File": FILE}}
 
 
 def sensor_schema() -> dict[str, Any]:

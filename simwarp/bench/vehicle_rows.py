@@ -13,7 +13,8 @@ from simwarp.bench.measure import Row, TimedRun, measure_run, steps_before
 from simwarp.bench.workloads import CONVOYS, ON_SOIL
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import soil_under
-from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.results.runs import REFERENCE_DT, set_up
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle

@@ -25,16 +25,20 @@ from simwarp.core.memory import check_fits
 from simwarp.importers.chrono_json import without_comments
 from simwarp.model.model import resolve_device
 from simwarp.soil import Soil, soil_under
-from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
+from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
+from simwarp.vehicle.results.chain_plot import draw_chains
+from simwarp.vehicle.results.chain_record import ChainRecord
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.results import Result, results
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
+from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import with_options
-from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
-from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.tires.soil_tires import SoilTires
-from simwarp.vehicle.vehicle import Vehicle
+from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_vehicle
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 
 if TYPE_CHECKING:
     from simwarp.cli.view.drive_film import DriveFilm
@@ -44,28 +48,34 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".pdf", ".svg")
 TOLD_EVERY = 10.0
 """Between lines of progress where there is no terminal [s]."""
+CHAINS_TIME: Final = 1.0
+"""Over which the plot of --chains takes means [s]."""
 MOST_STEPS: Final = 10**9
 """Of one run: days of driving."""
 ROW_BYTES: Final = 1000
 """That a row of the record takes, with what is made of it in the end."""
 
 MANEUVER_HELP: Final = (
-    f"What to do: {', '.join(MANEUVERS)} (docs/vehicles.md tells what each does); or a .csv file with a column t_s (or"
+    f"What to do: {', '.join(MANEUVERS)} (docs/vehicles.md tells what each does); on tracks: "
+    f"{', '.join(TRACK_MANEUVERS)} (docs/tracks.md); or a .csv file with a column t_s (or"
     " time, t) [s] and any of steering (or steer), throttle, braking (or brake) and speed_target [m/s], such as a file"
     " of --csv."
 )
-UNITS: Final = {"speed": " m/s", "steering": "", "radius": " m", "slope": "", "duration": " s"}
+UNITS: Final = {"speed": " m/s", "steering": "", "radius": " m", "slope": "", "width": " m", "duration": " s"}
 """Of the options of manoeuvres."""
 OWN: Final = "(default: the vehicle's own)"
+MANEUVER_HINT: Final = "(default: reference-accel, on tracks accelerate)"
 SPEEDS_HINT: Final = (
-    "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 0.5 or 0.8 of skid-steer)"
+    "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 0.5 or 0.8 of skid-steer,"
+    " 4, 2 or 1 on tracks)"
 )
-STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep)"
-RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar, 2 of skid-steer)"
-SLOPE_HINT: Final = "(default: 0.2)"
+STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot)"
+RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar, 2 of skid-steer; 0.2 of obstacle)"
+SLOPE_HINT: Final = "(default: 0.2, on tracks 0.3)"
+WIDTH_HINT: Final = "(default: 1.2)"
 DURATION_HINT: Final = (
-    "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"
-    " double-lane-change, to the last row of a .csv file)"
+    "(default: 5 to 20 on tracks, 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the"
+    " end of the course of double-lane-change, to the last row of a .csv file)"
 )
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
@@ -79,7 +89,9 @@ class DriveOptions(CommonOptions):
     The CSV file has a row every 10 ms, from t = -1 s on (the vehicle settles on its brakes before t = 0).
     """
 
-    maneuver: Annotated[str, tyro.conf.arg(metavar="M", help=MANEUVER_HELP)] = "reference-accel"
+    maneuver: Annotated[
+        str | None, tyro.conf.arg(metavar="M", help=MANEUVER_HELP, help_behavior_hint=MANEUVER_HINT)
+    ] = None
     tire: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Other tires: a name that is shipped for the vehicle, or a JSON file."""
     powertrain: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
@@ -98,6 +110,8 @@ class DriveOptions(CommonOptions):
     """Writes the run to this file."""
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
+    chains: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
+    """Writes a plot of the tension round the tracks and the load under their shoes, means of the last second."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is made)")] = None
     """Films the first world, soil with its ruts: .mp4 or .gif; .png or .jpg: a picture of the end."""
     export_scene: Annotated[
@@ -115,13 +129,16 @@ class DriveOptions(CommonOptions):
     open: bool = True
     """Open a browser."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="m/s", help_behavior_hint=SPEEDS_HINT)] = None
-    """To hold, of step-steer, sine-sweep, double-lane-change and constant-radius."""
+    """To hold, of step-steer, sine-sweep, double-lane-change and constant-radius; of brake, steady-turn, obstacle and
+    trench on tracks."""
     steering: Annotated[float | None, tyro.conf.arg(metavar="-1..1", help_behavior_hint=STEERING_HINT)] = None
-    """Of step-steer and sine-sweep, positive to the left."""
+    """Of step-steer, sine-sweep, steady-turn and pivot, positive to the left."""
     radius: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=RADIUS_HINT)] = None
-    """Of constant-radius, negative to the right."""
+    """Of constant-radius, negative to the right; of the half round of obstacle."""
     slope: Annotated[float | None, tyro.conf.arg(metavar="rise/run", help_behavior_hint=SLOPE_HINT)] = None
-    """Of slope-hold."""
+    """Of slope-hold, and of slope on tracks."""
+    width: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=WIDTH_HINT)] = None
+    """Of trench."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
     """Of the manoeuvre after t = 0; reference-* have their own."""
 
@@ -143,6 +160,7 @@ class Outcome:
     interrupted: bool = False
     broken: bool = False
     films: tuple[DriveFilm | DriveSceneFilm, ...] = ()
+    chains: ChainRecord | None = None
 
 
 def run(arguments: list[str]) -> int:
@@ -153,7 +171,8 @@ def run(arguments: list[str]) -> int:
     spec = _vehicle(name, options)
     if options.duration is not None:
         _check_effort(options, options.duration)  # a table of a manoeuvre is as long as it lasts
-    what = maneuver(options.maneuver, spec, **options.chosen)
+    usual = "accelerate" if isinstance(spec, TrackedVehicleSpec) else "reference-accel"
+    what = maneuver(usual if options.maneuver is None else options.maneuver, spec, **options.chosen)
     _check_effort(options, what.start + what.duration)
     if options.video is not None:
         from simwarp.cli.view.drive_film import check_film
@@ -176,8 +195,11 @@ def run(arguments: list[str]) -> int:
 
 def _split_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the VEHICLE off the arguments: the first one, or the first that names a shipped one or ends in .json."""
-    known, usage = vehicle_names(), "usage: simwarp drive VEHICLE --maneuver M [options]"
-    vehicles, maneuvers = f"vehicles: {', '.join(known)}", f"maneuvers: {', '.join(MANEUVERS)}"
+    known, usage = all_vehicle_names(), "usage: simwarp drive VEHICLE --maneuver M [options]"
+    vehicles, maneuvers = (
+        f"vehicles: {', '.join(known)}",
+        f"maneuvers: {', '.join(MANEUVERS)}; on tracks {', '.join(TRACK_MANEUVERS)}",
+    )
     hint = "`simwarp drive VEHICLE --help` lists the options."
     overview = f"{usage}\n\n{vehicles}, or a JSON file\n{maneuvers}\n\n{hint}"
     word, rest = split_subject(arguments, known.__contains__)
@@ -188,7 +210,10 @@ def _check(name: str, options: DriveOptions) -> None:
     """Refuse what cannot work, before any work is done."""
     words = [name, options.maneuver, options.tire, options.driveline, *(options.powertrain or "").split(",")]
     files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
-    options.check(*files, csv=options.csv, plot=options.plot, video=options.video, export_scene=options.export_scene)
+    options.check(
+        *files, csv=options.csv, plot=options.plot, chains=options.chains, video=options.video,
+        export_scene=options.export_scene,
+    )  # fmt: skip
     resolve_device(None if options.device == "auto" else options.device)
     for key in ("dt", "friction"):
         value = getattr(options, key)
@@ -198,8 +223,9 @@ def _check(name: str, options: DriveOptions) -> None:
         raise UsageError(f"dt must be at most 0.05 s for a vehicle, got {options.dt:g}")
     if options.worlds < 1:
         raise UsageError(f"worlds must be at least 1, got {options.worlds}")
-    if options.plot is not None and options.plot.suffix not in PICTURES:
-        raise UsageError(f"cannot write '{options.plot}': the name must end in {', '.join(PICTURES)}")
+    for picture in (options.plot, options.chains):
+        if picture is not None and picture.suffix not in PICTURES:
+            raise UsageError(f"cannot write '{picture}': the name must end in {', '.join(PICTURES)}")
 
 
 def _check_effort(options: DriveOptions, time: float) -> None:
@@ -214,9 +240,14 @@ def _check_effort(options: DriveOptions, time: float) -> None:
     check_fits("the rows of the record", round(ROW_BYTES * rows), wp.get_device("cpu"), "shorten --duration")
 
 
-def _vehicle(name: str, options: DriveOptions) -> VehicleSpec:
+def _vehicle(name: str, options: DriveOptions) -> AnyVehicleSpec:
     """The vehicle with its options: a shipped one, one of our JSON files, or one of Chrono's."""
-    if _is_chrono(Path(name)):
+    chrono = _chrono_template(Path(name))
+    if chrono == "TrackedVehicle":
+        from simwarp.importers.chrono_tracks import load_chrono_tracked_vehicle
+
+        return _on_tracks(load_chrono_tracked_vehicle(name), options)
+    if chrono is not None:
         from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 
         engine, _, transmission = (options.powertrain or "").partition(",")
@@ -224,22 +255,39 @@ def _vehicle(name: str, options: DriveOptions) -> VehicleSpec:
             raise UsageError("powertrain of a Chrono vehicle: its engine's file, a comma, its transmission's file")
         spec = load_chrono_vehicle(name, engine=engine or None, transmission=transmission or None, tire=options.tire)
         return with_options(spec, driveline=options.driveline)
-    spec = load_vehicle(name)
-    return with_options(spec, tire=options.tire, powertrain=options.powertrain, driveline=options.driveline)
+    any_spec = load_any_vehicle(name)
+    if isinstance(any_spec, TrackedVehicleSpec):
+        return _on_tracks(any_spec, options)
+    if options.chains is not None:
+        raise UsageError(f"--chains: '{any_spec.name}' has wheels and no chains; take --plot")
+    return with_options(any_spec, tire=options.tire, powertrain=options.powertrain, driveline=options.driveline)
 
 
-def _is_chrono(path: Path) -> bool:
-    """True if a file declares itself a vehicle of Chrono's; False for one that cannot be read."""
+def _on_tracks(spec: TrackedVehicleSpec, options: DriveOptions) -> TrackedVehicleSpec:
+    """A tracked vehicle with its options.
+
+    Raises:
+        UsageError: one makes no sense on tracks.
+    """
+    for key in ("tire", "soil", "spacing"):
+        if getattr(options, key) is not None:
+            raise UsageError(f"--{key}: '{spec.name}' has tracks, which drive on rigid ground; leave it out")
+    return with_options(spec, powertrain=options.powertrain, driveline=options.driveline)
+
+
+def _chrono_template(path: Path) -> str | None:
+    """The template of a file that declares itself a vehicle of Chrono's; None of others and unreadable ones."""
     if path.suffix != ".json":
-        return False
+        return None
     try:
         content = parse_json(without_comments(read_text(path)), path.name)
     except FileError:
-        return False
-    return isinstance(content, dict) and content.get("Type") == "Vehicle"
+        return None
+    found = isinstance(content, dict) and content.get("Type") == "Vehicle"
+    return str(content.get("Template")) if found else None
 
 
-def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
+def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
     setup = set_up(
         spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
@@ -249,12 +297,16 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
     outcome.films = films = _films(setup, options)
+    if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
+        outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
     with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
             shown: Callable[[float], None] = bar.advance
             for film in films:
                 shown = film.beside(shown)
+            if outcome.chains is not None:
+                shown = _sampled(outcome.chains, what, shown)
             drive.run(shown if page is None else page.beside(shown))
             if page is not None:
                 page.hold()
@@ -269,15 +321,28 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     return outcome
 
 
-def _soil(vehicle: Vehicle, options: DriveOptions) -> list[Soil]:
-    """The soil below a vehicle; none below tires that need none."""
+def _sampled(chains: ChainRecord, what: Maneuver, progress: Callable[[float], None]) -> Callable[[float], None]:
+    """Progress that records the chains in the last second."""
+
+    def advance(t: float) -> None:
+        progress(t)
+        if t > what.duration - CHAINS_TIME - 1e-9:
+            chains.sample()
+
+    return advance
+
+
+def _soil(vehicle: AnyVehicle, options: DriveOptions) -> list[Soil]:
+    """The soil below a vehicle; none below tracks, and tires that need none."""
+    if isinstance(vehicle, TrackedVehicle):
+        return []
     if options.soil is None and not isinstance(vehicle.tires, SoilTires):
         return []
     given: dict[str, Any] = {} if options.spacing is None else {"spacing": options.spacing}
     return [soil_under(vehicle, options.soil or "mid", **given)]
 
 
-def _films(setup: Setup, options: DriveOptions) -> tuple[DriveFilm | DriveSceneFilm, ...]:
+def _films(setup: Setup[AnyVehicle], options: DriveOptions) -> tuple[DriveFilm | DriveSceneFilm, ...]:
     """The film or picture, and the scene, that were asked for."""
     films: list[DriveFilm | DriveSceneFilm] = []
     if options.video is not None:
@@ -291,7 +356,7 @@ def _films(setup: Setup, options: DriveOptions) -> tuple[DriveFilm | DriveSceneF
     return tuple(films)
 
 
-def _page(setup: Setup, title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
+def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
     """The page that was asked for, with a browser that looks."""
     if not options.view:
         return None
@@ -337,7 +402,11 @@ class _Bar:
 
 
 def _print_results(
-    console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]
+    console: Console,
+    spec: AnyVehicleSpec,
+    options: DriveOptions,
+    outcome: Outcome,
+    found: list[Result],
 ) -> None:
     console.print(_title(spec, options, outcome.maneuver), style="bold", highlight=False, soft_wrap=True)
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
@@ -360,7 +429,7 @@ def _print_results(
     console.print(f"{worlds}, {outcome.wall:.1f} s, {rate:,.0f} steps/s", highlight=False, soft_wrap=True)
 
 
-def _title(spec: VehicleSpec, options: DriveOptions, what: Maneuver) -> str:
+def _title(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
     """Vehicle and manoeuvre with what is not as usual."""
     parts = [f"{spec.name}, {what.name}"]
     parts += [f"{key} {value:g}{UNITS[key]}" for key, value in options.chosen.items()]
@@ -377,7 +446,13 @@ def _title(spec: VehicleSpec, options: DriveOptions, what: Maneuver) -> str:
     return ", ".join(parts)
 
 
-def _write(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> None:
+def _write(
+    console: Console,
+    spec: AnyVehicleSpec,
+    options: DriveOptions,
+    outcome: Outcome,
+    found: list[Result],
+) -> None:
     """The files that were asked for."""
     what = outcome.maneuver
     if options.csv is not None:
@@ -387,18 +462,21 @@ def _write(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: 
         path = None if what.follow is None else what.follow.paths[0]
         draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
+    if options.chains is not None and outcome.chains is not None and outcome.chains.samples:
+        draw_chains(outcome.chains, options.chains, _title(spec, options, what))
+        console.print(f"wrote {options.chains}", highlight=False, markup=False, soft_wrap=True)
     for film in outcome.films:
         film.write()
         console.print(f"wrote {film.path}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
+def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
     """For scripts: what ran, its results, and the last value of every column."""
     return {
         "vehicle": spec.name,
         "maneuver": outcome.maneuver.name,
         "options": options.chosen,
-        "tire": options.tire or spec.axles[0].tire.template,
+        "tire": None if isinstance(spec, TrackedVehicleSpec) else options.tire or spec.axles[0].tire.template,
         "powertrain": options.powertrain,
         "driveline": options.driveline,
         "soil": options.soil,
@@ -409,6 +487,7 @@ def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: 
         "final": outcome.run.final(),
         "csv": None if options.csv is None else str(options.csv),
         "plot": None if options.plot is None else str(options.plot),
+        "chains": None if options.chains is None else str(options.chains),
         "video": None if options.video is None else str(options.video),
         "file": None if options.export_scene is None else str(options.export_scene),
         "interrupted": outcome.interrupted,

@@ -26,6 +26,7 @@ from simwarp.scenery.rocks import ROCKS, rock
 from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
 from simwarp.scenery.terrain import flattened, height_at, hills, steepness
 from simwarp.scenery.textures import TEXTURES, ground_texture
+from simwarp.scenery.track_visuals import add_tracked_vehicle_visual
 from simwarp.scenery.tracks import Track, indoor_track, race_track, rounded
 from simwarp.scenery.vehicle_visuals import (
     VEHICLES,
@@ -41,8 +42,9 @@ from simwarp.scenery.visual import Label, Proxy, Visual, add_collision, add_visu
 __all__ = [
     "BUSHES", "CONES", "CONVOY_PATHS", "LEVELS", "ROCKS", "TEXTURES", "TREES", "VEHICLES", "Corridor", "Course",
     "Detour", "GroundKind", "GroundPatch", "Label", "Proxy", "Track", "VehicleVisuals", "Visual", "VisualMesh",
-    "add_collision", "add_vehicle_visual", "add_visual", "arranged", "barrier", "barrier_chain", "beside", "bush",
-    "cone", "convoy_path", "convoy_visuals", "corridor", "crate", "detour", "flattened", "ground_patch",
+    "add_collision", "add_tracked_vehicle_visual", "add_vehicle_visual", "add_visual", "arranged", "barrier",
+    "barrier_chain", "beside", "bush", "cone",
+    "convoy_path", "convoy_visuals", "corridor", "crate", "detour", "flattened", "ground_patch",
     "ground_texture", "has_body", "height_at", "hills", "indoor_track", "joined", "level_colors", "pillar",
     "race_course", "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree", "vehicle_visual",
     "vehicle_visuals_of", "yaw_pose",

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.driving.path_tracking import (
     InteractiveDriver,
     LookAhead,
@@ -24,6 +25,7 @@ from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.driving.twist import SteeredVehicle, TwistDriver, TwistGains, twist_gains_for
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
+from simwarp.vehicle.results.chain_record import ChainProfile, ChainRecord
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
@@ -40,7 +42,13 @@ from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter
 from simwarp.vehicle.tracks.belts import Belts
 from simwarp.vehicle.tracks.shoe_construction import ShoeTrackParts, SprocketContact
 from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
-from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle, save_tracked_vehicle, tracked_vehicle_names
+from simwarp.vehicle.tracks.tracked_files import (
+    all_vehicle_names,
+    load_any_vehicle,
+    load_tracked_vehicle,
+    save_tracked_vehicle,
+    tracked_vehicle_names,
+)
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
@@ -57,6 +65,8 @@ __all__ = [
     "BeltTrack",
     "BeltTrackParts",
     "Belts",
+    "ChainProfile",
+    "ChainRecord",
     "CommonTire",
     "Convoy",
     "Drive",
@@ -94,12 +104,14 @@ __all__ = [
     "add_payload",
     "add_tracked_vehicle",
     "add_vehicle",
+    "all_vehicle_names",
     "belt_of",
     "bezier",
     "circle",
     "ground",
     "ground_of",
     "load",
+    "load_any_vehicle",
     "load_tracked_vehicle",
     "load_vehicle",
     "look_ahead_for",

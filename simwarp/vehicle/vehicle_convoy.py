@@ -16,7 +16,7 @@ from simwarp.simulation.attachments import ForceElement
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver
-from simwarp.vehicle.driving.maneuvers import Maneuver
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.tires import ground

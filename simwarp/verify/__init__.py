@@ -17,6 +17,7 @@ from simwarp.verify import (
     laws,
     mechanism_checks,
     soil_checks,
+    tracked_runs,
     vehicle_runs,
 )
 from simwarp.verify.check_result import CheckResult
@@ -62,5 +63,6 @@ SCENES: Final[dict[str, Callable[..., list[CheckResult]]]] = {
     "analysis": analysis_checks.analysis,
     "flexible": flexible_checks.flexible,
     "vehicles": vehicle_runs.vehicles,
+    "tracks": tracked_runs.tracks,
 }
 """Name -> check, in the order in which they run. The first argument is the device."""

@@ -23,7 +23,7 @@ def require(rows: list[CheckResult]) -> bool:
 
 
 # A minute of many bricks, balls or wheels each: laws of the same contacts and soils are held by quicker tests
-LONG = {"vehicles", "wall", "arch", "stack", "pile", "card-house", "soil"}
+LONG = {"vehicles", "wall", "arch", "stack", "pile", "card-house", "soil", "tracks"}
 CHECKS = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SCENES]
 
 

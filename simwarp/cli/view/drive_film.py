@@ -11,6 +11,7 @@ from simwarp.cli.view.maneuver_scene import maneuver_scene
 from simwarp.sensors.cameras.lights import Lighting, Sun
 from simwarp.train.evaluation.play import Frame, write_video
 from simwarp.vehicle.results.runs import Progress, Setup
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.viewer.sheets import write_image
 from simwarp.viewer.studio import FollowCamera, Shot
 
@@ -22,6 +23,9 @@ SIZE: Final = (960, 540)
 EYE: Final = (-11.0, -4.2, 5.2)
 """Behind and above, a little to the right, in the vehicle's axes: what it leaves behind is in sight [m]."""
 TARGET: Final = (-3.4, 0.2, -0.6)
+TRACKS_EYE: Final = (4.7, -6.4, 1.2)
+TRACKS_TARGET: Final = (0.0, 0.0, -0.35)
+"""Of a vehicle on tracks, from the right and the front: wheels and shoes are in sight [m]."""
 LIGHTING: Final = Lighting(suns=(Sun(direction=(0.55, -1.0, 0.8)),), shadow_reach=30.0, fog_density=0.004)
 """A sun that is low, from the right: edges of ruts throw shadows."""
 MOST_FRAMES: Final = 3000
@@ -43,8 +47,10 @@ def check_film(path: Path, seconds: float) -> None:
         )
 
 
-def drive_shot(setup: Setup) -> Shot:
-    """Behind the vehicle, and turned with it."""
+def drive_shot(setup: Setup[AnyVehicle]) -> Shot:
+    """Behind the vehicle, beside one on tracks; turned with it."""
+    if isinstance(setup.vehicle, TrackedVehicle):
+        return Shot(body=setup.vehicle.parts.chassis, target=TRACKS_TARGET, eye=TRACKS_EYE, fov=0.9, turns=True)
     return Shot(body=setup.vehicle.parts.chassis, target=TARGET, eye=EYE, fov=0.9, turns=True)
 
 
@@ -56,7 +62,7 @@ class DriveFilm:
         path: .mp4 or .gif: a film; .png or .jpg: its end.
     """
 
-    def __init__(self, setup: Setup, path: Path) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], path: Path) -> None:
         self.path = path
         self._camera = FollowCamera(
             setup.simulation, maneuver_scene(setup), drive_shot(setup), width=SIZE[0], height=SIZE[1],

@@ -15,13 +15,14 @@ from simwarp.sensors.instances import PlainAppearanceOptions
 from simwarp.sensors.scene import Scene, Visuals
 from simwarp.soil.soil import Soil
 from simwarp.vehicle.results.runs import Setup
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 from simwarp.viewer.default_visuals import paint
 
 ASPHALT = (0.36, 0.37, 0.38)
 SAND = (0.75, 0.68, 0.6)
 
 
-def maneuver_scene(setup: Setup) -> Scene:
+def maneuver_scene(setup: Setup[AnyVehicle]) -> Scene:
     """The scene of a manoeuvre's simulation; a soil among its elements covers the ground."""
     simulation = setup.simulation
     soil = next((each for each in simulation.elements if isinstance(each, Soil)), None)

@@ -8,6 +8,7 @@ from typing import Final
 from simwarp.cli.view.maneuver_scene import maneuver_scene
 from simwarp.core.types import ModelError
 from simwarp.vehicle.results.runs import SAMPLE_TIME, Progress, Setup
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 from simwarp.viewer.live.driving.chase import Chase, Eye
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.pacing import Pace
@@ -20,7 +21,7 @@ OPENING: Final = 10.0
 REST: Final = 1.0 / 30.0
 
 
-def maneuver_subject(setup: Setup, name: str) -> Subject:
+def maneuver_subject(setup: Setup[AnyVehicle], name: str) -> Subject:
     """A manoeuvre's simulation with the vehicle's body and its ground, as a subject that the manoeuvre moves on."""
 
     def refuse(mask: Mask | None) -> None:
@@ -45,7 +46,7 @@ class ManeuverView:
         view: the page.
     """
 
-    def __init__(self, setup: Setup, name: str, port: int = 8080) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], name: str, port: int = 8080) -> None:
         worlds = setup.simulation.model.world_count
         subject = maneuver_subject(setup, name)
         subject.advance = self._let_pass

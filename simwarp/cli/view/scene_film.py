@@ -14,6 +14,7 @@ from simwarp.exporters.scene_recording import SceneRecording
 from simwarp.tasks import Task
 from simwarp.train.evaluation.filming import FilmOptions, viewed
 from simwarp.vehicle.results.runs import Progress, Setup
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 
 LONGEST: Final = 3600.0
 """Time that is recorded at most [s]: all frames are kept until they are written."""
@@ -74,7 +75,7 @@ class DriveSceneFilm:
         path: of the file.
     """
 
-    def __init__(self, setup: Setup, path: Path) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], path: Path) -> None:
         self.path, self._start = path, setup.maneuver.start
         self._recording = SceneRecording(
             setup.simulation, maneuver_scene(setup), shot=drive_shot(setup), size=SIZE, lighting=LIGHTING

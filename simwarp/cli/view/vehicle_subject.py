@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import resolve_device
 from simwarp.sensors.scene import Visuals
 from simwarp.simulation.simulation import Simulation
-from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.vehicle_files import load_vehicle
+from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.tires.tires import ground
+from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
+from simwarp.vehicle.tracks.tracked_files import load_any_vehicle
+from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from simwarp.viewer.default_visuals import paint
 from simwarp.viewer.live.controls.joint_coordinates import joint_series
@@ -26,6 +30,8 @@ DT = 1e-3
 CONTROL = 1.0 / 50.0
 """Time of one step of the page [s]."""
 FRICTION = 0.9
+LIVE_TRACK_SOLVER = dataclasses.replace(TRACK_SOLVER, max_iterations=30)
+"""A step of tracks takes milliseconds a world: fewer iterations, and a step of the page for each."""
 
 
 def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
@@ -34,9 +40,13 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     Raises:
         SpecError: the file cannot be read, or breaks a rule.
     """
-    spec = load_vehicle(name)
+    spec = load_any_vehicle(name)
     builder = ModelBuilder()
-    parts = add_vehicle(builder, spec, at=pose((0.0, 0.0, spec.start_height)))
+    parts: VehicleParts | TrackedVehicleParts
+    if isinstance(spec, TrackedVehicleSpec):
+        parts = add_tracked_vehicle(builder, spec)
+    else:
+        parts = add_vehicle(builder, spec, at=pose((0.0, 0.0, spec.start_height)))
     builder.add_shape_plane(name="ground", material=Material(friction=FRICTION))
     visuals = Visuals(builder)
     show_body(visuals, parts)
@@ -44,10 +54,17 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     model = builder.finalize(
         world_count=worlds, device=resolve_device(None if device == "auto" else device), per_world=per_world()
     )
-    vehicle = Vehicle(parts, model, ground=ground(model.device))
-    vehicle.tires.ground_friction.fill_(FRICTION)
-    simulation = Simulation(model, DT, elements=[vehicle, *with_hand(model)], solver=VEHICLE_SOLVER)
-    steps = round(CONTROL / DT)
+    vehicle: AnyVehicle
+    if isinstance(parts, TrackedVehicleParts):
+        vehicle, solver, steps = TrackedVehicle(parts, model), LIVE_TRACK_SOLVER, 1
+        if vehicle.belts is not None:
+            solver, steps = VEHICLE_SOLVER, round(CONTROL / DT)
+            vehicle.belts.ground_friction.fill_(FRICTION)
+    else:
+        vehicle, solver = Vehicle(parts, model, ground=ground(model.device)), VEHICLE_SOLVER
+        steps = round(CONTROL / DT)
+        vehicle.tires.ground_friction.fill_(FRICTION)
+    simulation = Simulation(model, DT, elements=[vehicle, *with_hand(model)], solver=solver)
 
     def reset(mask: Mask | None) -> None:
         simulation.reset(None if mask is None else np.asarray(mask))
@@ -60,10 +77,13 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     )  # fmt: skip
 
 
-def show_body(visuals: Visuals, parts: Any) -> None:
-    """The vehicle's body and wheels, in place of its shapes."""
+def show_body(visuals: Visuals, parts: VehicleParts | TrackedVehicleParts) -> None:
+    """The vehicle's body and its wheels or tracks, in place of its shapes."""
+    from simwarp.scenery.track_visuals import add_tracked_vehicle_visual
     from simwarp.scenery.vehicle_visuals import add_vehicle_visual
 
-    for instance in [each for each in visuals.instances if each.body >= 0]:
-        visuals.hide(instance.shape)
-    add_vehicle_visual(visuals, parts)
+    visuals.hide(*(each.shape for each in visuals.instances if each.body >= 0))
+    if isinstance(parts, TrackedVehicleParts):
+        add_tracked_vehicle_visual(visuals, parts)
+    else:
+        add_vehicle_visual(visuals, parts)

@@ -54,7 +54,8 @@ def find_target(name: str) -> ViewTarget:
     package = files("simwarp")
     if name in json.loads((package / "tasks" / "built_in.json").read_text(encoding="utf-8")):
         return ViewTarget("task", name)
-    if (package / "vehicle" / "data" / f"{name}.json").is_file():
+    shipped = package / "vehicle" / "data"
+    if (shipped / f"{name}.json").is_file() or (shipped / "tracked" / f"{name}.json").is_file():
         return ViewTarget("vehicle", name)
     from simwarp.cli.listing import catalogue
 
@@ -62,11 +63,11 @@ def find_target(name: str) -> ViewTarget:
     if name in scenes:
         return ViewTarget("scene", name)
     from simwarp.tasks import task_names
-    from simwarp.vehicle.spec.vehicle_files import vehicle_names
+    from simwarp.vehicle.tracks.tracked_files import all_vehicle_names
 
     if name in task_names():
         return ViewTarget("task", name)
-    close = close_names(name, [*task_names(), *vehicle_names(), *scenes])
+    close = close_names(name, [*task_names(), *all_vehicle_names(), *scenes])
     hint = f"; did you mean {' or '.join(close)}?" if close else ";"
     raise UsageError(
         f"nothing is called '{name}'{hint} `simwarp list` shows all, and model files end in {', '.join(MODEL_FILES)} or"

@@ -20,6 +20,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
 )
 from simwarp.vehicle.spec.parts import Spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import Vehicle
 
 GRAVITY: Final = 9.81
@@ -91,32 +92,65 @@ def with_locks(spec: VehicleSpec) -> VehicleSpec:
     return spec
 
 
+@dataclasses.dataclass(frozen=True)
+class Driven:
+    """A wheel or sprocket that the engine turns: index among the tires, body, joint, radius of its surface [m]."""
+
+    wheel: int
+    body: int
+    joint: int
+    radius: float
+
+
+def _driven_wheels(vehicle: Vehicle) -> list[Driven]:
+    axles, spec = driven_axles(vehicle.parts.spec), vehicle.parts.spec
+    return [
+        Driven(wheel, side.spindle, side.turn, spec.axles[side.axle].tire.radius)
+        for wheel, side in enumerate(vehicle.parts.sides)
+        if side.axle in axles
+    ]
+
+
+def _driven_tracks(vehicle: TrackedVehicle) -> list[Driven]:
+    parts, spec = vehicle.parts, vehicle.parts.spec
+    if spec.driveline is None:
+        raise SpecError("driveline: must turn the sprockets in a drawbar test, got none; give the vehicle one")
+    joints: Any = vehicle.model.builder.joints
+    return [
+        Driven(number, joints[side.sprocket].child, side.sprocket, track.sprocket.assembly_radius)
+        for number, (side, track) in enumerate(((parts.left, spec.left), (parts.right, spec.right)))
+    ]
+
+
 class Drawbar(ForceElement):
     """A `ForceElement` that comes after its vehicle, to whose forces it adds: the carriage's pull, and the pedals.
 
     Args:
-        vehicle: that pulls; its differentials are locked from now on if they can be (`with_locks`).
+        vehicle: that pulls; its differentials are locked from now on if they can be (`with_locks`). Of one on tracks
+            the sprockets count, with the radius of their pins.
         spec: of the test.
 
     Attributes:
-        measured: (W,) arrays: mean slip of the driven wheels, pull on the carriage [N], pull over the vehicle's weight,
-            and torque of the ground on the driven wheels against their turning [N·m].
+        measured: (W,) arrays: mean slip of the driven wheels or tracks, pull on the carriage [N], pull over the
+            vehicle's weight, and, of wheels, torque of the ground on the driven ones against their turning [N·m].
     """
 
-    def __init__(self, vehicle: Vehicle, spec: DrawbarSpec) -> None:
+    def __init__(self, vehicle: AnyVehicle, spec: DrawbarSpec) -> None:
         model, parts = vehicle.model, vehicle.parts
         self.vehicle, self.spec = vehicle, spec
         device = model.device
         table: Any = Carriage()
         table.chassis, table.reference = parts.chassis, wp.vec3(*parts.reference)
-        driven = driven_axles(parts.spec)
-        wheels = [wheel for wheel, side in enumerate(parts.sides) if side.axle in driven]
-        sides = [parts.sides[wheel] for wheel in wheels]
-        table.wheel = wp.array(wheels, dtype=int, device=device)
-        radii = [parts.spec.axles[side.axle].tire.radius for side in sides]
-        table.spindle = wp.array([side.spindle for side in sides], dtype=int, device=device)
-        table.turn = wp.array([model.joint_dof_start[side.turn] for side in sides], dtype=int, device=device)
-        table.radius = wp.array(radii, dtype=float, device=device)
+        turning = _driven_tracks(vehicle) if isinstance(vehicle, TrackedVehicle) else _driven_wheels(vehicle)
+        table.wheel = wp.array([each.wheel for each in turning], dtype=int, device=device)
+        table.spindle = wp.array([each.body for each in turning], dtype=int, device=device)
+        table.turn = wp.array([model.joint_dof_start[each.joint] for each in turning], dtype=int, device=device)
+        table.radius = wp.array([each.radius for each in turning], dtype=float, device=device)
+        self._torque: wp.array = (
+            wp.zeros((model.world_count, len(turning)), dtype=wp.vec3, device=device)
+            if isinstance(vehicle, TrackedVehicle)
+            else vehicle.tires.torque_w
+        )
         table.mass = float(np.sum(model.body_mass.numpy()[0]))
         table.weight = GRAVITY * table.mass
         table.start, table.ramp, table.sweep, table.speed = spec.start, spec.ramp, spec.sweep, spec.speed
@@ -125,7 +159,8 @@ class Drawbar(ForceElement):
         table.stiffness, table.damping = 100.0, 20.0
         table.proportional, table.integral = 1.0, 2.0
         self._table = table
-        vehicle.lock.fill_(1.0)
+        if not isinstance(vehicle, TrackedVehicle):
+            vehicle.lock.fill_(1.0)
         self._state: Any = DrawbarState()
         for name in ("force_sum", "throttle_sum", *MEASURED):
             setattr(self._state, name, wp.zeros(model.world_count, dtype=float, device=device))
@@ -136,7 +171,8 @@ class Drawbar(ForceElement):
     @property
     def measured(self) -> Mapping[str, wp.array]:
         """(W,) arrays by the name of their column."""
-        return {column: getattr(self._state, name) for name, column in MEASURED.items()}
+        names = [name for name in MEASURED if name != "torque" or not isinstance(self.vehicle, TrackedVehicle)]
+        return {MEASURED[name]: getattr(self._state, name) for name in names}
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -148,7 +184,7 @@ class Drawbar(ForceElement):
         return [
             simulation.shares.record(
                 pull_carriage,
-                inputs=[dt, self._table, self.vehicle.tires.torque_w, simulation.state.arrays],
+                inputs=[dt, self._table, self._torque, simulation.state.arrays],
                 outputs=[self._state, simulation.control.arrays, self.vehicle.input],
             )
         ]  # fmt: skip

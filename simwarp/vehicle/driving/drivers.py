@@ -18,6 +18,7 @@ from simwarp.core.wording import nearest
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.drivers_kernels import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, PULLS, SINKAGES, Run
+from simwarp.vehicle.results.track_readings import MOST_ARMS, track_columns
 from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
@@ -89,7 +90,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
         raise SpecError(f"{path}: needs a column of times (t_s), has {', '.join(run.columns)}")
     if len(names) < 2:
         raise SpecError(f"{path}: needs a column of steering, throttle or braking, has {', '.join(run.columns)}")
-    known = (*TIMES, *SCRIPT_COLUMNS, *COLUMNS, *SINKAGES, *PULLS)
+    known = (*TIMES, *SCRIPT_COLUMNS, *COLUMNS, *SINKAGES, *PULLS, *track_columns((MOST_ARMS, MOST_ARMS)))
     for name in run.columns:
         if name not in known:
             listed = f"{', '.join((*TIMES, *SCRIPT_COLUMNS))} and those of a record"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
-from typing import Annotated, Final, TypedDict
+from typing import Annotated, Final, TypeAlias, TypedDict
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from simwarp.core.schema import fault_text
 from simwarp.core.wording import suggestions
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.drivers import HELD, ScriptSpec, read_script
+from simwarp.vehicle.driving.maneuver_spec import SETTLING, Maneuver, after_settling
 from simwarp.vehicle.driving.path_tracking import (
     LookAhead,
     PathTrackingSpec,
@@ -26,33 +26,10 @@ from simwarp.vehicle.driving.path_tracking import (
     unicycle_for,
 )
 from simwarp.vehicle.driving.paths import Path, circle
+from simwarp.vehicle.driving.track_maneuvers import DRAWBAR_HOLD, DRAWBAR_RAMP, TRACK_MANEUVERS
 from simwarp.vehicle.spec.parts import SPECS, Points
+from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
-
-SETTLING: Final = 1.0
-"""Time with full brakes before a manoeuvre begins [s]."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Maneuver:
-    """A script over time from the start of the simulation, or a path to follow.
-
-    It lasts for `duration` [s] from its zero on, which is `start` [s] after the start of the simulation.
-    """
-
-    name: str
-    script: ScriptSpec = dataclasses.field(default_factory=ScriptSpec)
-    duration: float
-    start: float = SETTLING
-    follow: PathTrackingSpec | None = None
-    """If given, a path tracker that drives in place of the script."""
-    drawbar: DrawbarSpec | None = None
-    """If given, a drawbar test in place of the script."""
-    slope: float = 0.0
-    """Of the ground, rise per run; the vehicle faces uphill."""
-    place: tuple[float, float, float] | None = None
-    """Where the vehicle's frame of reference begins [m]; None: above the origin, as high as it stands."""
-
 
 SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7), "skid-steer": (0.5, 0.8)}
 """Speeds of the reference runs that are not the usual 12 and 15 m/s: of the steer and of the brake run [m/s]."""
@@ -81,18 +58,12 @@ def _steering_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) -
     return look_ahead_for(spec, seconds, speed)
 
 
-def _after_settling(*points: tuple[float, float], before: float) -> tuple[tuple[float, float], ...]:
-    """Points of the manoeuvre's own time, with a value until it begins."""
-    moved = tuple((SETTLING + time, value) for time, value in points)
-    return ((0.0, before), (SETTLING, before), *moved)
-
-
-SETTLE_BRAKE: Final = _after_settling((0.0, 0.0), before=1.0)
+SETTLE_BRAKE: Final = after_settling((0.0, 0.0), before=1.0)
 
 
 def reference_accel(spec: VehicleSpec) -> Maneuver:
     """Full throttle from rest for 20 s."""
-    script = ScriptSpec(throttle=_after_settling((0.0, 1.0), before=0.0), braking=SETTLE_BRAKE)
+    script = ScriptSpec(throttle=after_settling((0.0, 1.0), before=0.0), braking=SETTLE_BRAKE)
     return Maneuver(name="reference-accel", script=script, duration=20.0)
 
 
@@ -101,9 +72,9 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
     target, _ = SPEEDS.get(spec.name, (12.0, 15.0))
     script = _script(
         spec,
-        steering=_after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
+        steering=after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
         braking=SETTLE_BRAKE,
-        speed=_after_settling((0.0, target), before=-1.0),
+        speed=after_settling((0.0, target), before=-1.0),
     )
     return Maneuver(name="reference-steer", script=script, duration=25.0)
 
@@ -114,14 +85,14 @@ def reference_brake(spec: VehicleSpec) -> Maneuver:
     script = _script(
         spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
-        speed=_after_settling((0.0, target), (20.0, target), (20.0, -1.0), before=-1.0),
+        speed=after_settling((0.0, target), (20.0, target), (20.0, -1.0), before=-1.0),
     )
     return Maneuver(name="reference-brake", script=script, duration=24.07)
 
 
 def reference_soil(spec: VehicleSpec) -> Maneuver:
     """Dropped onto the ground, a second of rest without brakes, then throttle to 0.7 within 0.2 s; until 5 s."""
-    script = ScriptSpec(throttle=_after_settling((0.0, 0.0), (0.2, 0.7), before=0.0))
+    script = ScriptSpec(throttle=after_settling((0.0, 0.0), (0.2, 0.7), before=0.0))
     height = spec.start_height + 0.1
     return Maneuver(name="reference-soil", script=script, duration=5.0, place=(-15.0, 0.0, height))
 
@@ -143,9 +114,9 @@ def step_steer(
         raise SpecError(f"duration: must be above {STEP:g} s, where the step begins, got {duration!r}")
     script = _script(
         spec,
-        steering=_after_settling((STEP, 0.0), (STEP + 0.2, steering), before=0.0),
+        steering=after_settling((STEP, 0.0), (STEP + 0.2, steering), before=0.0),
         braking=SETTLE_BRAKE,
-        speed=_after_settling((0.0, target), before=-1.0),
+        speed=after_settling((0.0, target), before=-1.0),
     )
     return Maneuver(name="step-steer", script=script, duration=duration)
 
@@ -172,9 +143,9 @@ def sine_sweep(
     swing = zip((STEP + time).tolist(), (steering * np.sin(phase)).tolist(), strict=True)
     script = _script(
         spec,
-        steering=_after_settling(*swing, before=0.0),
+        steering=after_settling(*swing, before=0.0),
         braking=SETTLE_BRAKE,
-        speed=_after_settling((0.0, target), before=-1.0),
+        speed=after_settling((0.0, target), before=-1.0),
     )
     return Maneuver(name="sine-sweep", script=script, duration=duration)
 
@@ -249,10 +220,6 @@ def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0)
 
 PULLING_SPEEDS: Final = {"artcar": 0.3, "skid-steer": 0.2}
 """Of the drawbar test where it is not the usual 1 m/s: a creep, at which the soil's damping adds little."""
-DRAWBAR_RAMP: Final = 4.0
-"""To the speed of the drawbar test [s]."""
-DRAWBAR_HOLD: Final = 1.0
-"""At the last slip [s]."""
 
 
 def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 40.0) -> Maneuver:
@@ -287,18 +254,28 @@ class ManeuverOptions(TypedDict, total=False):
     steering: Annotated[float, Ge(-1.0), Le(1.0), Meaning("a share of full steering")]
     radius: Annotated[float, Meaning("metres, negative to the right")]
     slope: Annotated[float, Ge(-1.0), Le(1.0), Meaning("rise per run")]
+    width: Annotated[float, Ge(SHORTEST), Le(FASTEST), Meaning("metres")]
 
 
-def maneuver_options(name: str) -> list[str]:
+Maneuvers: TypeAlias = Mapping[str, Callable[..., Maneuver]]
+"""Functions that make manoeuvres of a vehicle, by name."""
+
+
+def maneuvers_of(spec: AnyVehicleSpec) -> Maneuvers:
+    """Those that a vehicle of this kind can drive: `MANEUVERS` on wheels, `TRACK_MANEUVERS` on tracks."""
+    return TRACK_MANEUVERS if isinstance(spec, TrackedVehicleSpec) else MANEUVERS
+
+
+def maneuver_options(name: str, known: Maneuvers = MANEUVERS) -> list[str]:
     """Names of the options of a manoeuvre."""
-    return [key for key in inspect.signature(MANEUVERS[name]).parameters if key != "spec"]
+    return [key for key in inspect.signature(known[name]).parameters if key != "spec"]
 
 
-def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
+def maneuver(name: str, spec: AnyVehicleSpec, **options: float) -> Maneuver:
     """The manoeuvre of that name for a vehicle, or the script of a CSV file (`read_script`).
 
     Args:
-        name: one of `MANEUVERS`, or a path that ends in .csv.
+        name: one of `maneuvers_of(spec)`, or a path that ends in .csv.
         spec: of the vehicle.
         options: those of the manoeuvre's function, such as speed [m/s].
 
@@ -312,12 +289,21 @@ def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
             raise SpecError(f"{min(options.keys() - {'duration'})}: no option of a script; it has only duration")
         script, end = read_script(FilePath(name))
         return Maneuver(name=FilePath(name).name, script=script, start=0.0, duration=options.get("duration", end))
-    if name not in MANEUVERS:
-        hint = suggestions(name, MANEUVERS, f"choose from {', '.join(MANEUVERS)}", count=2)
-        raise SpecError(f"maneuver '{name}' is not known; {hint}")
-    known = maneuver_options(name)
+    known = maneuvers_of(spec)
+    if name not in known:
+        raise SpecError(_unknown(name, spec, known))
+    listed = maneuver_options(name, known)
     for key in options:
-        if key not in known:
-            has = f"it has {', '.join(known)}" if known else "it has none"
+        if key not in listed:
+            has = f"it has {', '.join(listed)}" if listed else "it has none"
             raise SpecError(f"{key}: no option of the maneuver {name}; {has}")
-    return MANEUVERS[name](spec, **options)
+    return known[name](spec, **options)
+
+
+def _unknown(name: str, spec: AnyVehicleSpec, known: Maneuvers) -> str:
+    """What is wrong with a name that is no manoeuvre of a vehicle."""
+    choice = f"choose from {', '.join(known)}"
+    if name in MANEUVERS or name in TRACK_MANEUVERS:
+        other, own = ("wheels", "tracks") if name in MANEUVERS else ("tracks", "wheels")
+        return f"maneuver '{name}' is for vehicles on {other}, got '{spec.name}' on {own}; {choice}"
+    return f"maneuver '{name}' is not known; {suggestions(name, known, choice, count=2)}"

@@ -20,9 +20,12 @@ from simwarp.core.files import replacing
 from simwarp.core.object_repr import Readable, ReadableFields, plural
 from simwarp.core.types import formatted
 from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
+from simwarp.vehicle.results.track_readings import TrackReadings
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.soil_tires import SoilTires
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]
@@ -36,21 +39,52 @@ COLUMNS: Final = (
 """Of the first and the last axle. Wheel speeds are negative in forward drive; position and speed are those of the
 vehicle's frame of reference, pitch is positive nose down, the lateral acceleration is the chassis' centre of mass's.
 """
+WHEELS: Final = ("FL", "FR", "RL", "RR")
 SINKAGES: Final = ("sink_FL_m", "sink_FR_m", "sink_RL_m", "sink_RR_m")
 """Further columns of a vehicle on soil: depth of the soil below the wheels' centres."""
 PULLS: Final = ("slip", "pull_N", "pull_per_weight", "wheel_torque_Nm")
 """Further columns of a drawbar test: slip of the driven wheels, pull, pull over weight, the ground's torque on them."""
 
 
-def matrices(q: Array) -> Array:
-    """(n, 3, 3) rotation matrices of (n, 4) xyzw quaternions."""
-    x, y, z, w = np.moveaxis(q, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+class WheelReadings:
+    """Columns of a wheeled vehicle from the arrays of its Simulation, beside the motion of its chassis."""
+
+    def __init__(self, simulation: Simulation, vehicle: Vehicle) -> None:
+        self._simulation, self._vehicle = simulation, vehicle
+        self._on_soil = isinstance(vehicle.tires, SoilTires)
+        self.names = (*COLUMNS, *(SINKAGES if self._on_soil else ()))
+        """Of the columns."""
+        axles = len(vehicle.parts.spec.axles)
+        self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
+        self._last_v: Array | None = None
+        self._last_t: Array | None = None
+
+    def read(self, motion: ChassisMotion, worlds: slice) -> dict[str, Array]:
+        """(n,) by name, of the present state."""
+        state, vehicle, parts, w = self._simulation.state, self._vehicle, self._vehicle.parts, worlds
+        acceleration = np.zeros_like(motion.velocity)
+        if self._last_v is not None and self._last_t is not None:
+            acceleration = (motion.velocity - self._last_v) / np.maximum(motion.time - self._last_t, 1e-9)[:, None]
+        self._last_v, self._last_t = motion.velocity, motion.time
+        starts = self._simulation.model.joint_dof_start
+        spins = -state.joint_qd.numpy()[w][:, [starts[parts.sides[k].turn] for k in self._wheels]]
+        loads, inputs = vehicle.tires.load.numpy()[w][:, self._wheels], vehicle.input.numpy()[w]
+        found = {
+            "latacc_com_mps2": np.einsum("wi,wi->w", acceleration, motion.rotation[:, :, 1]),
+            "v_times_yawrate_mps2": motion.speed * motion.yaw_rate,
+            "engine_radps": vehicle.engine_speed.numpy()[w], "gear": vehicle.gear.numpy()[w].astype(float),
+            "throttle": inputs[:, 1], "brake": inputs[:, 2], "steer": inputs[:, 0],
+        }  # fmt: skip
+        for k, wheel in enumerate(WHEELS):
+            found |= {f"omega_{wheel}_radps": spins[:, k], f"Fz_{wheel}_N": loads[:, k]}
+        for k, wheel in enumerate(WHEELS[:2]):
+            axis = matrices(state.body_rot.numpy()[w, parts.sides[k].spindle].astype(float))[:, :, 1]
+            local = np.einsum("wij,wi->wj", motion.rotation, axis)
+            found[f"steerangle_{wheel}_rad"] = np.arctan2(-local[:, 0], local[:, 1])
+        if self._on_soil:
+            sinkage = vehicle.tires.deflection.numpy()[w][:, self._wheels]
+            found |= {name: sinkage[:, k] for k, name in enumerate(SINKAGES)}
+        return found
 
 
 class Recorder(Readable):
@@ -65,58 +99,30 @@ class Recorder(Readable):
     """
 
     def __init__(
-        self, simulation: Simulation, vehicle: Vehicle, worlds: slice = slice(0, 1), start: float = 0.0,
+        self, simulation: Simulation, vehicle: AnyVehicle, worlds: slice = slice(0, 1), start: float = 0.0,
         further: Mapping[str, wp.array] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self.simulation, self.vehicle, self.worlds, self.start = simulation, vehicle, worlds, start
-        self._on_soil, self._further = isinstance(vehicle.tires, SoilTires), dict(further)
-        self.names = (*COLUMNS, *(SINKAGES if self._on_soil else ()), *further)
+        self._further = dict(further)
+        self._readings: WheelReadings | TrackReadings = (
+            TrackReadings(simulation, vehicle)
+            if isinstance(vehicle, TrackedVehicle)
+            else WheelReadings(simulation, vehicle)
+        )
+        self.names = (*self._readings.names, *further)
         """Of the columns."""
         self.rows: list[Array] = []
-        self._last_v: Array | None = None
-        self._last_t: Array | None = None
-        axles = len(vehicle.parts.spec.axles)
-        self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
 
     def _readable_title(self) -> str:
         return f" of vehicle '{self.vehicle.parts.spec.name}': {plural(len(self.rows), 'row')}"
 
     def sample(self) -> None:
         """Adds one row per world, of the present state; waits for the device."""
-        state, parts, w = self.simulation.state, self.vehicle.parts, self.worlds
-        t = state.world_time.numpy()[w].copy()  # the array itself goes on
-        rotations = matrices(state.body_rot.numpy()[w].astype(float))
-        rotation = rotations[:, parts.chassis]
-        v = state.body_v.numpy()[w, parts.chassis].astype(float)
-        omega = state.body_omega.numpy()[w, parts.chassis].astype(float)
-        arm = rotation @ parts.reference
-        x = state.body_x.numpy()[w, parts.chassis] + arm
-        speed = np.einsum("wi,wi->w", v + np.cross(omega, arm), rotation[:, :, 0])
-        yaw_rate = np.einsum("wi,wi->w", omega, rotation[:, :, 2])
-        acceleration = np.zeros_like(v)
-        if self._last_v is not None and self._last_t is not None:
-            acceleration = (v - self._last_v) / np.maximum(t - self._last_t, 1e-9)[:, None]
-        self._last_v, self._last_t = v, t
-        starts = self.simulation.model.joint_dof_start
-        spins = [starts[parts.sides[k].turn] for k in self._wheels]
-        wheel_speed = -state.joint_qd.numpy()[w][:, spins]
-        inputs = self.vehicle.input.numpy()[w]
-        rolls = [rotations[:, parts.sides[k].spindle, :, 1] for k in (0, 1)]
-        angles = []
-        for axis in rolls:
-            local = np.einsum("wij,wi->wj", rotation, axis)
-            angles.append(np.arctan2(-local[:, 0], local[:, 1]))
-        columns = [
-            self._manoeuvre_time(t), x[:, 0], x[:, 1], x[:, 2], np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]),
-            -np.arcsin(np.clip(rotation[:, 2, 0], -1.0, 1.0)), np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2]),
-            speed, yaw_rate, np.einsum("wi,wi->w", acceleration, rotation[:, :, 1]), speed * yaw_rate,
-            *wheel_speed.T, self.vehicle.engine_speed.numpy()[w], self.vehicle.gear.numpy()[w].astype(float),
-            *self.vehicle.tires.load.numpy()[w][:, self._wheels].T, inputs[:, 1], inputs[:, 2], inputs[:, 0], *angles,
-        ]  # fmt: skip
-        if self._on_soil:
-            columns += [*self.vehicle.tires.deflection.numpy()[w][:, self._wheels].T]
-        columns += [array.numpy()[w] for array in self._further.values()]
-        self.rows.append(np.stack(columns, axis=-1))
+        motion = ChassisMotion.of(self.simulation, self.vehicle, self.worlds)
+        found = {"t_s": self._manoeuvre_time(motion.time)} | motion.columns()
+        found |= self._readings.read(motion, self.worlds)
+        found |= {name: array.numpy()[self.worlds] for name, array in self._further.items()}
+        self.rows.append(np.stack([found[name] for name in self.names], axis=-1))
 
     def _manoeuvre_time(self, t: Array) -> Array:
         """Whole steps: the simulation adds up a step of single precision, 30 µs off after ten minutes."""
@@ -125,7 +131,7 @@ class Recorder(Readable):
 
     def record_inputs(self) -> None:
         """Enters what the driver did in the step after `sample`: the inputs at the sample's own time."""
-        throttle = COLUMNS.index("throttle")
+        throttle = self.names.index("throttle")
         inputs = self.vehicle.input.numpy()[self.worlds]
         self.rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
 
@@ -154,7 +160,7 @@ def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[f
 
 @dataclasses.dataclass(frozen=True)
 class Run(ReadableFields):
-    """A recorded run of one world: `COLUMNS` by name."""
+    """A recorded run of one world: `COLUMNS` by name, or `track_columns` of a vehicle on tracks."""
 
     columns: dict[str, Array]
 
@@ -195,9 +201,8 @@ class Run(ReadableFields):
         """
         with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            names = [*COLUMNS, *(name for name in (*SINKAGES, *PULLS) if name in self.columns)]
-            writer.writerow(names)
-            for row in np.stack([self.columns[name] for name in names], axis=1):
+            writer.writerow(self.columns)
+            for row in np.stack(list(self.columns.values()), axis=1):
                 writer.writerow([f"{value:.9g}" for value in row])
 
     def resampled(self, every: float) -> Run:

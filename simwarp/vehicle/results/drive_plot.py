@@ -1,4 +1,4 @@
-"""A recorded run as one page: motion, tires, powertrain, inputs, and the way seen from above."""
+"""A recorded run as one page: motion, tires or tracks, powertrain, inputs, and the way seen from above."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from simwarp.core.files import replacing
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.results.results import Result
+from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, spanned, title_of
+from simwarp.vehicle.results.results import ON_TRACKS, Result
+from simwarp.vehicle.results.track_panels import arms, ground_or_pins, tensions, track_speeds
 
-INK: Final = "#1f2933"
-GREY: Final = "#9aa5b1"
-WHEELS: Final = {"FL": "#0b6e99", "FR": "#5bb5d5", "RL": "#b8470f", "RR": "#f0a35e"}
+WHEELS: Final = {"FL": BLUE, "FR": "#5bb5d5", "RL": ORANGE, "RR": "#f0a35e"}
 """Front wheels blue, rear ones orange; the left ones darker."""
 LINE: Final = 120
 """Characters of results side by side."""
@@ -49,16 +49,17 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     note.axis("off")
     note.text(0.0, 1.0, "\n".join(lines), fontsize=10, color=INK, va="top", linespacing=1.6)
     first: Any = None
-    for index, draw in enumerate(_PANELS):
+    panels = _TRACK_PANELS if ON_TRACKS in run.columns else _PANELS
+    for index, draw in enumerate(panels):
         axes = figure.add_subplot(grid[1 + index // 2, index % 2], sharex=first)
         first = axes if first is None else first
-        _dress(axes)
+        dress(axes)
         draw(axes, run)
-        if index >= len(_PANELS) - 2:
+        if index >= len(panels) - 2:
             axes.set_xlabel("time [s]", fontsize=9, color=INK)
     first.set_xlim(run["t_s"][0], max(run["t_s"][-1], run["t_s"][0] + 0.01))
     above = figure.add_subplot(grid[5, :])
-    _dress(above)
+    dress(above)
     _draw_way(above, run, path)
     with replacing(target) as draft:
         figure.savefig(draft, dpi=120)
@@ -76,40 +77,20 @@ def joined(told: Iterable[str]) -> list[str]:
     return lines
 
 
-def _dress(axes: Any) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(GREY)
-    axes.tick_params(colors=INK, labelsize=9)
-    axes.grid(alpha=0.3, linewidth=0.5)
-
-
-def _title(axes: Any, text: str) -> None:
-    axes.set_title(text, loc="left", fontsize=10, color=INK)
-
-
-def _legend(axes: Any) -> None:
-    """Above the panel, beside its title, where no curve comes."""
-    count = len(axes.get_legend_handles_labels()[0])
-    axes.legend(
-        frameon=False, fontsize=8, ncols=count, columnspacing=1.0, handlelength=1.2, loc="lower right",
-        bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
-    )  # fmt: skip
-
-
 def _speed(axes: Any, run: Run) -> None:
-    _title(axes, "speed [m/s]")
+    title_of(axes, "speed [m/s]")
     axes.plot(run["t_s"], run["speed_mps"], color=INK, linewidth=1.4)
-    _spanned(axes, 0.05)
+    spanned(axes, 0.05)
 
 
 def _yaw_rate(axes: Any, run: Run) -> None:
-    _title(axes, "yaw rate [rad/s]")
+    title_of(axes, "yaw rate [rad/s]")
     axes.plot(run["t_s"], run["yawrate_radps"], color=INK, linewidth=1.2)
-    _spanned(axes, 0.01)
+    spanned(axes, 0.01)
 
 
 def _lateral(axes: Any, run: Run) -> None:
-    _title(axes, "lateral acceleration [m/s²]")
+    title_of(axes, "lateral acceleration [m/s²]")
     t = run["t_s"]
     axes.plot(t, run["latacc_com_mps2"], color=GREY, linewidth=0.8, label="of the centre of mass")
     axes.plot(t, run["v_times_yawrate_mps2"], color=INK, linewidth=1.2, label="speed x yaw rate")
@@ -118,31 +99,31 @@ def _lateral(axes: Any, run: Run) -> None:
         # the drop onto the ground before t = 0 would flatten all that follows
         low, high = min(-0.05, float(calm.min())), max(0.05, float(calm.max()))
         axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
-    _legend(axes)
+    legend(axes)
 
 
 def _loads(axes: Any, run: Run) -> None:
-    _title(axes, "wheel loads [kN]" if run["Fz_FL_N"].max() > 1e3 else "wheel loads [N]")
+    title_of(axes, "wheel loads [kN]" if run["Fz_FL_N"].max() > 1e3 else "wheel loads [N]")
     scale = 1e-3 if run["Fz_FL_N"].max() > 1e3 else 1.0
     for wheel, colour in WHEELS.items():
         axes.plot(run["t_s"], scale * run[f"Fz_{wheel}_N"], color=colour, linewidth=1.0, label=NAMES[wheel])
     late = run["t_s"] >= min(0.0, run["t_s"][-1])
     top = max(float(run[f"Fz_{wheel}_N"][late].max()) for wheel in WHEELS)
     axes.set_ylim(0.0, max(1.15 * scale * top, 1e-3))
-    _legend(axes)
+    legend(axes)
 
 
 def _wheels(axes: Any, run: Run) -> None:
-    _title(axes, "wheel speeds [rad/s], forwards positive")
+    title_of(axes, "wheel speeds [rad/s], forwards positive")
     for wheel, colour in WHEELS.items():
         axes.plot(run["t_s"], -run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
-    _spanned(axes, 0.1)
+    spanned(axes, 0.1)
 
 
 def _engine(axes: Any, run: Run) -> None:
-    _title(axes, "engine [rad/s], and gear")
+    title_of(axes, "engine [rad/s], and gear")
     axes.plot(run["t_s"], run["engine_radps"], color=INK, linewidth=1.2)
-    _spanned(axes, 1.0)
+    spanned(axes, 1.0)
     gears = axes.twinx()
     gears.spines[["top", "left"]].set_visible(False)
     gears.spines[["right", "bottom"]].set_color(GREY)
@@ -153,44 +134,39 @@ def _engine(axes: Any, run: Run) -> None:
 
 
 def _inputs(axes: Any, run: Run) -> None:
-    _title(axes, "inputs")
+    title_of(axes, "inputs")
     for name, label, colour in (
         ("steer", "steering", INK), ("throttle", "throttle", WHEELS["FL"]), ("brake", "brake", WHEELS["RL"]),
     ):  # fmt: skip
         axes.plot(run["t_s"], run[name], color=colour, linewidth=1.2, label=label)
     axes.set_ylim(min(-0.1, 1.1 * run["steer"].min()), 1.1)
-    _legend(axes)
+    legend(axes)
 
 
 def _attitude(axes: Any, run: Run) -> None:
-    _title(axes, "pitch (nose down) and roll (to the right) [deg]")
+    title_of(axes, "pitch (nose down) and roll (to the right) [deg]")
     late = run["t_s"] >= min(0.0, run["t_s"][-1])
     for name, label, colour in (("pitch_rad", "pitch", WHEELS["FL"]), ("roll_rad", "roll", WHEELS["RL"])):
         axes.plot(run["t_s"], np.degrees(run[name]), color=colour, linewidth=1.2, label=label)
     both = np.degrees(np.concatenate([run["pitch_rad"][late], run["roll_rad"][late]]))
     low, high = min(-0.1, float(both.min())), max(0.1, float(both.max()))
     axes.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
-    _legend(axes)
+    legend(axes)
 
 
 _PANELS: Final = (_speed, _yaw_rate, _lateral, _loads, _wheels, _engine, _inputs, _attitude)
-
-
-def _spanned(axes: Any, size: float) -> None:
-    """No magnified noise: the axis spans zero and a least size to either side."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -size), max(high, size))
+_TRACK_PANELS: Final = (track_speeds, _yaw_rate, tensions, ground_or_pins, arms, _engine, _inputs, _attitude)
 
 
 def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
-    _title(axes, "way from above [m], a mark every second")
+    title_of(axes, "way from above [m], a mark every second")
     x, y = run["x_m"], run["y_m"]
     width = max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
     if path is not None:
         near = (path.points[:, 0] > x.min() - 0.05 * width) & (path.points[:, 0] < x.max() + 0.05 * width)
         # what is left out leaves a gap, and no chord across it
         axes.plot(*np.where(near[:, None], path.points, np.nan).T, color=GREY, linewidth=3.0, alpha=0.6, label="path")
-        _legend(axes)
+        legend(axes)
     axes.plot(x, y, color=INK, linewidth=1.4)
     axes.plot(x[::100], y[::100], ".", color=WHEELS["RL"], markersize=4.0)
     # a straight run stays a line of readable height: its sideways drift is centimetres

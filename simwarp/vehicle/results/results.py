@@ -10,14 +10,19 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.vehicle.driving.maneuvers import Maneuver
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
 
 Array = npt.NDArray[np.float64]
 
 MARKS: Final = (5.0, 10.0, 15.0, 20.0, 25.0)
-"""Speeds whose times are reported [m/s]."""
+TRACK_MARKS: Final = (1.0, 2.0, 3.0, 4.0, 5.0, *MARKS[1:])
+"""Speeds whose times are reported, of vehicles on wheels and on tracks [m/s]."""
+CLIMBED: Final = 0.5
+"""Way up a slope from which on a vehicle has climbed it [m]."""
+ON_TRACKS: Final = "track_speed_L_mps"
+"""A column that only runs on tracks have."""
 STANDSTILL: Final = 0.05
 """[m/s]."""
 STEADY: Final = 3.0
@@ -56,7 +61,7 @@ def results(run: Run, maneuver: Maneuver) -> list[Result]:
         return []
     special = _SPECIAL.get(maneuver.name)
     found = [] if special is None else special(moving, maneuver)
-    return [*found, *_missed_speed(moving, maneuver), *_common(moving)]
+    return [*found, *_missed_speed(moving, maneuver), *_common(moving), *_energy(moving)]
 
 
 def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:
@@ -93,7 +98,8 @@ def crossing(t: Array, values: Array, mark: float) -> float:
 
 def acceleration(run: Run, maneuver: Maneuver) -> list[Result]:
     """Times to speeds."""
-    times = [(mark, crossing(run["t_s"], run["speed_mps"], mark)) for mark in MARKS]
+    marks = TRACK_MARKS if ON_TRACKS in run.columns else MARKS
+    times = [(mark, crossing(run["t_s"], run["speed_mps"], mark)) for mark in marks]
     reached = [(mark, time) for mark, time in times if math.isfinite(time)]
     return [Result(f"time_to_{mark:g}", f"time to {mark:g} m/s", time, "s") for mark, time in reached]
 
@@ -262,6 +268,92 @@ def drawbar_pull(run: Run, maneuver: Maneuver) -> list[Result]:
     return found
 
 
+def _energy(run: Run) -> list[Result]:
+    """Of a run on tracks: work of the engine and into the driveline, and what is neither in motion nor in height."""
+    if ON_TRACKS not in run.columns:
+        return []
+    t = run["t_s"]
+    engine = 1e-3 * float(np.trapezoid(run["engine_Nm"] * run["engine_radps"], t))
+    drive = 1e-3 * float(np.trapezoid(run["drive_W"], t))
+    gain = 1e-3 * float(run["energy_J"][-1] - run["energy_J"][0])
+    return [
+        Result("engine_work", "work of the engine", engine, "kJ"),
+        Result("drive_work", "work into the driveline", drive, "kJ"),
+        Result("energy_gain", "gain of energy", gain, "kJ"),
+        Result("losses", "losses: converter, brakes, contacts", engine - gain, "kJ"),
+    ]
+
+
+def track_turn(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Steady values of a turn on tracks, with the speeds of both."""
+    tracks = [
+        Result(f"steady_track_speed_{side}", f"steady speed of the {name} track", _mean(run, f"track_speed_{side}_mps"),
+               "m/s")
+        for side, name in (("L", "left"), ("R", "right"))
+    ]  # fmt: skip
+    return [*step_response(run, maneuver), *tracks]
+
+
+def turn_on_the_spot(run: Run, maneuver: Maneuver) -> list[Result]:
+    """How far and how fast a vehicle turns about itself, and how far it moves meanwhile."""
+    yaw, rate = np.unwrap(run["yaw_rad"]), run["yawrate_radps"]
+    turned = np.degrees(yaw - yaw[0])
+    moved = float(np.hypot(run["x_m"] - run["x_m"][0], run["y_m"] - run["y_m"][0]).max())
+    quarter = crossing(run["t_s"], np.abs(turned), 90.0)
+    return [
+        Result("turned", "turned", float(turned[-1]), "deg"),
+        Result("quarter_turn", "a quarter turn after", quarter, "s", "not reached"),
+        Result("peak_yaw_rate", "peak yaw rate", float(np.abs(rate).max()), "rad/s"),
+        Result("steady_yaw_rate", "steady yaw rate", _mean(run, "yawrate_radps", 1.0), "rad/s"),
+        Result("moved", "moved meanwhile", moved, "m"),
+    ]
+
+
+def over_a_crossing(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Whether a vehicle came over what lies across its way, and how far it pitched there."""
+    crossed = maneuver.crossing
+    if crossed is None:
+        return []
+    t, x, pitch, height = run["t_s"], run["x_m"], np.degrees(run["pitch_rad"]), run["z_m"]
+    near = x >= crossed.ahead - 2.0 * crossed.size
+    if not near.any():
+        return [Result("crossed_after", "crossed after", math.nan, "s", "it did not come there")]
+    after = crossing(t, x, crossed.beyond + crossed.length)
+    return [
+        Result("crossed_after", "crossed after", after, "s", "stuck"),
+        Result("nose_up", "most nose up", -float(pitch[near].min()), "deg"),
+        Result("nose_down", "most nose down", float(pitch[near].max()), "deg"),
+        Result("lowest", "frame of reference, lowest", float(height[near].min()), "m"),
+        Result("highest", "frame of reference, highest", float(height[near].max()), "m"),
+        Result("least_speed", "least speed there", float(run["speed_mps"][near].min()), "m/s"),
+        Result("greatest_pin", "greatest force of a pin", 1e-3 * _greatest_pin(run), "kN", "not recorded"),
+    ]
+
+
+def _greatest_pin(run: Run) -> float:
+    """Of all pins and times [N]; NaN without a record of them."""
+    return max((float(run[name].max()) for name in ("pin_max_L_N", "pin_max_R_N") if name in run.columns),
+               default=math.nan)  # fmt: skip
+
+
+def climb(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Way up a slope at full throttle, and what the brakes hold then."""
+    t, lean = run["t_s"], math.atan(maneuver.slope)
+    way = math.cos(lean) * (run["x_m"] - run["x_m"][0]) + math.sin(lean) * (run["z_m"] - run["z_m"][0])
+    braked = np.flatnonzero((run["brake"] >= 1.0) & (t > 1.0))
+    top = int(braked[0]) if braked.size else len(t) - 1
+    risen = float(way[top])
+    found = [
+        Result("climbed", "climbed", risen if risen > CLIMBED else math.nan, "m", "not climbed"),
+        Result("climbing_speed", "speed at the end of the climb", float(run["speed_mps"][top]), "m/s"),
+    ]
+    stood = np.flatnonzero((t > t[top] + 1.0) & (np.abs(run["speed_mps"]) < STANDSTILL))
+    if braked.size:
+        held = float(way[-1] - way[stood[0]]) if stood.size else math.nan
+        found.append(Result("held", "moved since it stood on the brakes", 1e3 * held, "mm", "it slides"))
+    return found
+
+
 _SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
     "reference-accel": acceleration,
     "reference-steer": step_response,
@@ -272,4 +364,11 @@ _SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
     "constant-radius": steady_circle,
     "slope-hold": standstill_drift,
     "drawbar": drawbar_pull,
+    "accelerate": acceleration,
+    "brake": stop,
+    "steady-turn": track_turn,
+    "pivot": turn_on_the_spot,
+    "obstacle": over_a_crossing,
+    "trench": over_a_crossing,
+    "slope": climb,
 }

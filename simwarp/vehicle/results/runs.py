@@ -5,23 +5,30 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Generic, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 
 from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import rotate
-from simwarp.core.types import Material, WorldStatus, pose
+from simwarp.core.types import WORLD, Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.attachments import ForceElement
 from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drawbar import Drawbar, with_locks
 from simwarp.vehicle.driving.drivers import ScriptedDriver
-from simwarp.vehicle.driving.maneuvers import Maneuver
+from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
+from simwarp.vehicle.spec.parts import Array
+from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
+from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.tires import ground
+from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
+from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
 SAMPLE_TIME = 0.01
@@ -32,22 +39,59 @@ FRICTION = (1.0e-4, 10.0)
 """Least and most of a ground."""
 REFERENCE_DT = 1.0e-3
 
+GROUND_LENGTH: Final = 50.0
+GROUND_WIDTH: Final = 20.0
+"""Half lengths of the ground on either side of a trench [m]."""
+TRENCH_DEPTH: Final = 2.0
+HALF_ROUND_LENGTH: Final = 2.0
+"""To either side [m]."""
+ACROSS: Final = (math.sin(0.25 * math.pi), 0.0, 0.0, math.cos(0.25 * math.pi))
+"""Turns a cylinder's axis from z to y."""
+
 Progress = Callable[[float], None]
 """Called with the time of the manoeuvre [s] after every row."""
 
 
+Kind = TypeVar("Kind", bound=AnyVehicle, covariant=True)
+
+
 @dataclasses.dataclass(frozen=True)
-class Setup:
-    """A manoeuvre ready to run."""
+class Setup(Generic[Kind]):
+    """A manoeuvre ready to run, of a `Vehicle` or a `TrackedVehicle`."""
 
     simulation: Simulation
-    vehicle: Vehicle
+    vehicle: Kind
     driver: ForceElement
     maneuver: Maneuver
 
 
+class SetUpOptions(TypedDict, total=False):
+    """Keyword arguments of `set_up`, for its two kinds of vehicles."""
+
+    worlds: int
+    device: str | None
+    dt: float
+    friction: float
+    randomised: Iterable[str]
+    elements: Callable[[Any], Sequence[ForceElement]]
+    on_soil: bool
+    solver: SolverOptions | None
+
+
+@overload
+def set_up(spec: VehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[Vehicle]: ...
+
+
+@overload
+def set_up(spec: TrackedVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[TrackedVehicle]: ...
+
+
+@overload
+def set_up(spec: AnyVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[AnyVehicle]: ...
+
+
 def set_up(
-    spec: VehicleSpec,
+    spec: AnyVehicleSpec,
     maneuver: Maneuver,
     *,
     worlds: int = 1,
@@ -55,21 +99,23 @@ def set_up(
     dt: float = REFERENCE_DT,
     friction: float = REFERENCE_FRICTION,
     randomised: Iterable[str] = (),
-    elements: Callable[[Vehicle], Sequence[ForceElement]] = lambda vehicle: (),
+    elements: Callable[[Any], Sequence[ForceElement]] = lambda vehicle: (),
     on_soil: bool = False,
-) -> Setup:
+    solver: SolverOptions | None = None,
+) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
     Args:
-        spec: of the vehicle.
+        spec: of the vehicle, on wheels or tracks.
         maneuver: of `simwarp.vehicle.driving.maneuvers`.
         worlds: number of worlds.
         device: device of the run.
         dt: time step [s].
         friction: of the ground.
         randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
-        elements: returns further force elements for the vehicle, such as the soil below it.
+        elements: returns further force elements for the `Vehicle` or `TrackedVehicle`, such as the soil below it.
         on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
+        solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -84,21 +130,68 @@ def set_up(
     builder = ModelBuilder()
     place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
     start = pose(rotate(rotation, np.array(place)), rotation)
-    parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
-    if not on_soil and any(side.meets_shapes for side in parts.sides):
-        builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=Material(friction=friction))
-    model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-    vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
-    vehicle.tires.ground_friction.fill_(friction)
+    vehicle: AnyVehicle
+    if isinstance(spec, TrackedVehicleSpec):
+        if on_soil:
+            raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
+        tracked = add_tracked_vehicle(builder, spec, at=start)
+        if spec.on_belts and maneuver.crossing is not None:
+            rule = "must be driven shoe by shoe, got belts, which meet no shapes; take the vehicle with chains"
+            raise SpecError(f"maneuver: {maneuver.name}: {rule}")
+        add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
+        model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
+        below = ground(model.device, rotation=rotation) if spec.on_belts else None
+        vehicle = TrackedVehicle(tracked, model, ground=below)
+        if vehicle.belts is not None:
+            vehicle.belts.ground_friction.fill_(friction)
+        if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
+            vehicle.gyration.fill_(1)
+    else:
+        parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
+        if not on_soil and any(side.meets_shapes for side in parts.sides):
+            add_ground(builder, None, rotation, Material(friction=friction))
+        model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
+        vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
+        vehicle.tires.ground_friction.fill_(friction)
+    driver, acting = _acting(vehicle, maneuver, elements(vehicle))
+    chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
+    usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
+    simulation = Simulation(
+        model, dt, elements=acting, solver=usual if solver is None else solver,
+        joint_reactions=chains,
+    )  # fmt: skip
+    return Setup(simulation, vehicle, driver, maneuver)
+
+
+def _acting(
+    vehicle: AnyVehicle, maneuver: Maneuver, further: Sequence[ForceElement]
+) -> tuple[ForceElement, list[ForceElement]]:
+    """The driver of a manoeuvre, and all force elements in the order in which they act."""
     driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
-    if maneuver.follow is not None:
+    if maneuver.follow is not None and not isinstance(vehicle, TrackedVehicle):
         driver = PathTracker(vehicle, maneuver.follow)
-    acting = [driver, vehicle, *elements(vehicle)]
     if maneuver.drawbar is not None:
         # it adds to the forces that the vehicle writes
         driver = Drawbar(vehicle, maneuver.drawbar)
-        acting = [vehicle, driver, *acting[2:]]
-    return Setup(Simulation(model, dt, elements=acting, solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
+        return driver, [vehicle, driver, *further]
+    return driver, [driver, vehicle, *further]
+
+
+def add_ground(builder: ModelBuilder, crossing: Crossing | None, rotation: Array, material: Material) -> None:
+    """The plane of a manoeuvre with what lies across the way; a trench is between two boxes above it."""
+    if crossing is not None and crossing.kind is CrossingKind.TRENCH:
+        half = (GROUND_LENGTH, GROUND_WIDTH, 0.5 * TRENCH_DEPTH)
+        for name, x in (("near", crossing.ahead - half[0]), ("far", crossing.beyond + half[0])):
+            place = pose((x, 0.0, -half[2]))
+            builder.add_shape_box(WORLD, half=half, pose=place, material=material, name=f"ground_{name}")
+        builder.add_shape_plane(name="bottom", pose=pose((0.0, 0.0, -TRENCH_DEPTH)), material=material)
+        return
+    builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=material)
+    if crossing is not None:
+        builder.add_shape_cylinder(
+            WORLD, radius=crossing.size, half_length=HALF_ROUND_LENGTH, pose=pose((crossing.ahead, 0.0, 0.0), ACROSS),
+            material=material, name="half_round",
+        )  # fmt: skip
 
 
 def row_steps(dt: float) -> int:
@@ -115,7 +208,7 @@ class Drive(Readable):
         worlds: indices of those that are recorded; the first alone by default.
     """
 
-    def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], worlds: slice = slice(0, 1)) -> None:
         self.setup = setup
         further = setup.driver.measured if isinstance(setup.driver, Drawbar) else {}
         self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import KINDS, option_names
-from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
-from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_vehicle
 
 _SUSPENSIONS = {
     "double-wishbone": "double wishbones",
@@ -20,14 +20,17 @@ _SUSPENSIONS = {
 
 
 def catalogue() -> dict[str, str]:
-    """Name -> what it is, with the names of its options."""
-    return {name: describe(load_vehicle(name)) for name in vehicle_names()}
+    """Name -> what it is, with the names of its options; those on tracks come last."""
+    return {name: describe(load_any_vehicle(name)) for name in all_vehicle_names()}
 
 
-def describe(spec: VehicleSpec) -> str:
-    """Suspensions, chassis mass and the names that `--tire`, `--powertrain` and `--driveline` take."""
-    templates = [getattr(axle.suspension, "template", "") for axle in spec.axles]
-    kinds = list(dict.fromkeys(_SUSPENSIONS.get(template, template) for template in templates))
+def describe(spec: AnyVehicleSpec) -> str:
+    """Suspensions or tracks, chassis mass and the names that `--tire`, `--powertrain` and `--driveline` take."""
+    if isinstance(spec, TrackedVehicleSpec):
+        kinds = [f"tracks of {spec.left.shoes} and {spec.right.shoes} shoes"]
+    else:
+        templates = [getattr(axle.suspension, "template", "") for axle in spec.axles]
+        kinds = list(dict.fromkeys(_SUSPENSIONS.get(template, template) for template in templates))
     mass = sum(part.mass for part in spec.chassis.components)
     parts = [f"{', '.join(kinds)}, chassis {mass:.4g} kg"]
     for kind in KINDS:

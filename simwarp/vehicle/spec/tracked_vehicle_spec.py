@@ -12,6 +12,7 @@ from simwarp.vehicle.spec.drivetrain_parts import Engine, Transmission, check_po
 from simwarp.vehicle.spec.parts import Spec, refuse
 from simwarp.vehicle.spec.track_parts import ShoeTrack, TrackDriveline
 from simwarp.vehicle.spec.vehicle_parts import Chassis
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 Track: TypeAlias = Annotated[ShoeTrack | BeltTrack, Tagged("track")]
 
@@ -34,10 +35,19 @@ class TrackedVehicleSpec(Readable, Spec):
     """Of the frame of reference above the ground at the start [m]."""
 
     def check(self) -> None:
-        """Two tracks of one kind; an engine with a transmission, and a driveline behind them."""
+        """Two tracks of one kind; an engine with a transmission, and a driveline behind them.
+
+        Raises:
+            SpecError: they are not; says which part breaks which rule.
+        """
         if self.left.track != self.right.track:
             raise refuse("right.track", f"'{self.left.track}' as that of the left one", self.right.track)
         check_powertrain(self.engine, self.transmission, self.driveline)
+
+    @property
+    def has_gears(self) -> bool:
+        """A driver chooses among gears, reverse at least."""
+        return self.transmission is not None
 
     @property
     def on_belts(self) -> bool:
@@ -68,3 +78,7 @@ def with_belts(spec: TrackedVehicleSpec, **values: Any) -> TrackedVehicleSpec:
         SpecError: a value breaks a rule, or its shoes have two pins.
     """
     return dataclasses.replace(spec, left=belt_of(spec.left, **values), right=belt_of(spec.right, **values))
+
+
+AnyVehicleSpec: TypeAlias = VehicleSpec | TrackedVehicleSpec
+"""Of a vehicle on wheels or tracks."""

@@ -1,6 +1,7 @@
 """Other tires, powertrains and drivelines for a vehicle, by name.
 
-They lie beside the shipped vehicles: data/NAME/tires, powertrains and drivelines, one file per option. Tires that
+They lie beside the shipped vehicles: data/NAME/tires, powertrains and drivelines, one file per option; of those on
+tracks, data/tracked/NAME/drivelines. Tires that
 differ between the axles have a folder for the front and one for the rear. `hmmwv-reduced` shares those of `hmmwv`:
 the folder is what stands before the first dash of a vehicle's name.
 """
@@ -9,12 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from simwarp.core.types import formatted
 from simwarp.core.wording import nearest
-from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, read_value
+from simwarp.vehicle.spec.track_parts import TrackDriveline
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
+from simwarp.vehicle.spec.vehicle_files import DATA, TRACKED, read_spec, read_value
 from simwarp.vehicle.spec.vehicle_spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
+
+AnySpec = TypeVar("AnySpec", VehicleSpec, TrackedVehicleSpec)
 
 KINDS = ("tire", "powertrain", "driveline")
 
@@ -29,7 +34,9 @@ class Powertrain(Spec):
 
 def folder_of(name: str, kind: str) -> Path:
     """Folder of the options of a kind."""
-    return DATA / name.partition("-")[0] / f"{kind}s"
+    family = name.partition("-")[0]
+    tracked = TRACKED / family.lower()
+    return (tracked if tracked.is_dir() else DATA / family) / f"{kind}s"
 
 
 def option_names(vehicle: str, kind: str) -> list[str]:
@@ -39,7 +46,7 @@ def option_names(vehicle: str, kind: str) -> list[str]:
     return sorted(path.stem for path in (split if split.is_dir() else folder).glob("*.json"))
 
 
-def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
+def find(spec: AnySpec, kind: str, option: str, side: str = "") -> Path:
     """The file of an option: one of the shipped, or a path that ends in .json."""
     if option.endswith(".json"):
         return Path(option)
@@ -55,14 +62,16 @@ def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
 
 
 def with_options(
-    spec: VehicleSpec, *, tire: str | None = None, powertrain: str | None = None, driveline: str | None = None
-) -> VehicleSpec:
+    spec: AnySpec, *, tire: str | None = None, powertrain: str | None = None, driveline: str | None = None
+) -> AnySpec:
     """The vehicle with other parts; each is the name of a shipped option or the path of a .json file.
 
     Raises:
         SpecError: no such option (the message lists those there are), or a file with a mistake.
     """
     if tire is not None:
+        if isinstance(spec, TrackedVehicleSpec):
+            raise SpecError(f"tire: '{spec.name}' has tracks and no tires, got {formatted(tire)}; leave it out")
         axles = tuple(
             dataclasses.replace(axle, tire=read_spec(Tire, find(spec, "tire", tire, "front" if index == 0 else "rear")))
             for index, axle in enumerate(spec.axles)
@@ -70,14 +79,15 @@ def with_options(
         spec = replaced(spec, tire, axles=axles)
     if driveline is not None:
         path = find(spec, "driveline", driveline)
-        spec = replaced(spec, driveline, driveline=read_value(Driveline, path))
+        hint: Any = TrackDriveline if isinstance(spec, TrackedVehicleSpec) else Driveline
+        spec = replaced(spec, driveline, driveline=read_value(hint, path))
     if powertrain is not None:
         parts = read_spec(Powertrain, find(spec, "powertrain", powertrain))
         spec = replaced(spec, powertrain, engine=parts.engine, transmission=parts.transmission)
     return spec
 
 
-def replaced(spec: VehicleSpec, option: str, **parts: Any) -> VehicleSpec:
+def replaced(spec: AnySpec, option: str, **parts: Any) -> AnySpec:
     """The vehicle with other parts, if they fit; the error names the option that they come from."""
     try:
         return dataclasses.replace(spec, **parts)

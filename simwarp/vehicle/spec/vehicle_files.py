@@ -8,7 +8,7 @@ file it stands in (a .tir file gives the object of its keys). A key "$schema", f
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -23,6 +23,9 @@ from simwarp.vehicle.tires.tire_files import PropertyFileError, TirValues, parse
 
 DATA: Final = Path(__file__).parents[1] / "data"
 """The shipped vehicles: NAME.json, with their options in folders of the same name."""
+
+TRACKED: Final = DATA / "tracked"
+"""The shipped tracked vehicles, likewise."""
 
 MOST_FILES: Final = 100
 """Files that one vehicle may be made of: a few that name each other many times would never come to an end."""
@@ -44,11 +47,14 @@ def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
     Raises:
         SpecError: unknown name, unreadable file, or a value that breaks a rule.
     """
-    return read_spec(VehicleSpec, shipped_or_own("vehicle", DATA, path_or_name))
+    names = vehicle_names()
+    if path_or_name in {path.stem for path in TRACKED.glob("*.json")}:
+        raise SpecError(f"vehicle {formatted(path_or_name)}: has tracks; load it by load_tracked_vehicle")
+    return read_spec(VehicleSpec, shipped_or_own("vehicle", names, path_or_name))
 
 
-def shipped_or_own(kind: str, folder: Path, path_or_name: str | Path) -> Path:
-    """A path, or that of the shipped vehicle of a name in a folder; `kind` is what errors call it.
+def shipped_or_own(kind: str, names: Sequence[str], path_or_name: str | Path) -> Path:
+    """A path, or that of the shipped vehicle of one of the names; `kind` is what errors call it.
 
     Raises:
         SpecError: there is none of that name.
@@ -56,10 +62,9 @@ def shipped_or_own(kind: str, folder: Path, path_or_name: str | Path) -> Path:
     text = str(path_or_name)
     if not isinstance(path_or_name, str) or text.endswith(".json") or "/" in text or "\\" in text:
         return Path(path_or_name)
-    names = sorted(path.stem for path in folder.glob("*.json"))
     if text not in names:
         raise SpecError(f"{kind} {formatted(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
-    return folder / f"{text}.json"
+    return next(path for path in (DATA / f"{text}.json", TRACKED / f"{text}.json") if path.is_file())
 
 
 def read_spec(cls: type[S], path: str | Path) -> S:

@@ -580,6 +580,7 @@ APART: Final[dict[str, str]] = {
     "ForceElement.record_reset": "does nothing: the Simulation calls it",
     "Snapshot.empty": "allocates like the arrays that it gets",
     "Vehicles.record_outputs": "Vehicle.record_outputs calls it",
+    "TrackedVehicle.record_outputs": "as that of Vehicle, with readings of tracks",
     "Imported.q_from": "host data of another simulator",
     "Imported.qd_from": "host data of another simulator",
     "Imported.qpos_from": "host data of another simulator",

@@ -13,6 +13,7 @@ from simwarp.core.types import ModelError
 from simwarp.sensors.presets import load_config
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, to_json
+from simwarp.vehicle.tracks.tracked_files import load_tracked_vehicle
 from tests.reference.json_schema import fits
 
 ROOT = DATA.parent
@@ -26,7 +27,7 @@ def schema(name: str) -> dict[str, Any]:
     return json.loads((DATA / f"{name}.schema.json").read_text(encoding="utf-8"))
 
 
-VEHICLE, SENSOR = schema("vehicle"), schema("sensor")
+VEHICLE, TRACKED, SENSOR = schema("vehicle"), schema("tracked_vehicle"), schema("sensor")
 
 
 def valid(value: Any, whole: dict[str, Any], part: dict[str, Any] | None = None) -> bool:
@@ -52,6 +53,25 @@ def test_they_are_made_of_the_types():
 @pytest.mark.parametrize("path", VEHICLES, ids=lambda path: path.stem)
 def test_every_shipped_vehicle_fits(path):
     assert valid(read(path), VEHICLE)
+
+
+def test_the_shipped_tracked_vehicle_fits_and_mistakes_do_not(tmp_path):
+    folder = ROOT / "vehicle" / "data" / "tracked"
+    right = read(folder / "m113.json")
+    assert valid(right, TRACKED)
+    assert not valid(right, VEHICLE)
+    driveline = TRACKED["$defs"]["TrackedVehicleSpec"]["properties"]["driveline"]
+    assert all(valid(read(path), TRACKED, driveline) for path in folder.glob("*/drivelines/*.json"))
+    assert valid({**right, "$schema": "tracked_vehicle.schema.json", "left": {"file": "left.json"}}, TRACKED)
+    for keys, new in (
+        ("left.shoes", 2), ("left.sprocket.teeth", 2.5), ("right.idler.tensioner.stiffness", -1.0),
+        ("track_ofset", 1.0), ("left.shoe.template", "track-rubber"), ("driveline", {"template": "simple"}),
+    ):  # fmt: skip
+        wrong = changed(right, keys, new)
+        assert not valid(wrong, TRACKED), keys
+        (tmp_path / "wrong.json").write_text(json.dumps(wrong))
+        with pytest.raises(SpecError):
+            load_tracked_vehicle(tmp_path / "wrong.json")
 
 
 def test_every_shipped_part_and_sensor_fits():

@@ -15,13 +15,15 @@ import pytest
 import simwarp as sw
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import SCRIPT_COLUMNS, TIMES
-from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver, maneuver_options
 from simwarp.vehicle.results.channels import Recorder
 from simwarp.vehicle.spec import vehicle_spec as specs
-from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import Spec
 from simwarp.vehicle.tires import tire_parameters
 from simwarp.vehicle.tires.parameter_vector import MODELS
+from simwarp.vehicle.tracks.tracked_files import all_vehicle_names
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "vehicles.md").read_text(encoding="utf-8")
@@ -156,7 +158,7 @@ def test_code_stands_alone_and_prints_what_is_shown(index, tmp_path):
 
 
 def test_the_shipped_vehicles_are_listed():
-    assert sorted(row[0].strip("`") for row in table_rows("shipped")) == vehicle_names()
+    assert sorted(row[0].strip("`") for row in table_rows("shipped")) == sorted(all_vehicle_names())
 
 
 def test_the_outputs_that_are_listed_exist():

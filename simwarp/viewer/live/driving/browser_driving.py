@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.vehicle.spec.vehicle_spec import ManualShafts
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import Vehicle
 from simwarp.viewer.live.driving.human_driver import HELD_BRAKE, SILENCE, HumanDriver, Inputs, Keys, Wish, shifted
 from simwarp.viewer.live.subject import Subject
@@ -100,16 +101,16 @@ class Wheel:
         gears: whether the driver may choose gears.
     """
 
-    vehicle: Vehicle
+    vehicle: AnyVehicle
     give: Callable[[int, Inputs], None]
     leave: Callable[[int], None]
     gears: bool = False
 
 
-def vehicle_of(subject: Subject) -> Vehicle | None:
+def vehicle_of(subject: Subject) -> AnyVehicle | None:
     """The first vehicle of a subject."""
     elements = [*subject.elements.values(), *subject.simulation.elements]
-    return next((element for element in elements if isinstance(element, Vehicle)), None)
+    return next((element for element in elements if isinstance(element, (Vehicle, TrackedVehicle))), None)
 
 
 def wheel_of(subject: Subject) -> Wheel | None:
@@ -127,7 +128,7 @@ def wheel_of(subject: Subject) -> Wheel | None:
     return Wheel(vehicle, give, lambda world: give(world, PARKED), gears=vehicle.parts.spec.has_gears)
 
 
-def _driven(vehicle: Vehicle, elements: Sequence[Any]) -> bool:
+def _driven(vehicle: AnyVehicle, elements: Sequence[Any]) -> bool:
     """Whether a driver is among the elements: it would write over what a person gives."""
     return any(getattr(element, "vehicle", None) is vehicle for element in elements)
 
@@ -143,7 +144,7 @@ def read_row(array: Any, world: int) -> Any:
     return array[world : world + 1].numpy()[0]
 
 
-def change_gear(vehicle: Vehicle, world: int, *, up: bool) -> None:
+def change_gear(vehicle: AnyVehicle, world: int, *, up: bool) -> None:
     """One gear up or down, as far as the gearbox lets a driver choose."""
     gearbox: Any = vehicle.parts.spec.transmission
     gears = len(getattr(gearbox, "forward_ratios", (1.0,)))

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from simwarp.vehicle.tracks.shoe_construction import ShoeTrackParts
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
+
 if TYPE_CHECKING:
-    from simwarp.vehicle.vehicle import Vehicle
     from simwarp.viewer.live.page import Page
 
 LAG: Final = 0.25
@@ -31,6 +33,18 @@ class Eye(enum.Enum):
         return kinds[(kinds.index(self) + 1) % len(kinds)]
 
 
+def wheel_bodies(vehicle: AnyVehicle) -> tuple[int, ...]:
+    """Wheels, or road wheels, left and right beside each other, from front to rear."""
+    if not isinstance(vehicle, TrackedVehicle):
+        return tuple(side.spindle for side in vehicle.parts.sides)
+    joints = vehicle.model.builder.joints  # a belt's wheels are parts of their arms
+    left, right = (
+        side.road_wheels if isinstance(side, ShoeTrackParts) else [joints[arm].child for arm in side.arms]
+        for side in (vehicle.parts.left, vehicle.parts.right)
+    )
+    return tuple(body for pair in zip(left, right, strict=False) for body in pair)
+
+
 class Chase:
     """Keeps a vehicle before the camera of a page.
 
@@ -42,13 +56,13 @@ class Chase:
         eye: where the camera is.
     """
 
-    def __init__(self, page: Page, vehicle: Vehicle) -> None:
+    def __init__(self, page: Page, vehicle: AnyVehicle) -> None:
         self._page, self._vehicle = page, vehicle
         self.eye = Eye.BEHIND
         self._seen: float | None = None
         self._at = 0.0
         places = page.bodies.positions[page.chosen]
-        wheels = places[[side.spindle for side in vehicle.parts.sides]]
+        wheels = places[list(wheel_bodies(vehicle))]
         middle = places[vehicle.parts.chassis]
         self._height = float(np.mean(wheels[:, 2]) - middle[2])
         axles = np.linalg.norm(wheels[:, :2] - wheels[0, :2], axis=1)

@@ -8,11 +8,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.viewer.live.driving.browser_driving import read_row, vehicle_of
 from simwarp.viewer.live.page_controls import set_changed
 
 if TYPE_CHECKING:
-    from simwarp.vehicle.vehicle import Vehicle
     from simwarp.viewer.live.live_view import LiveView
 
 GOAL: Final = "goal"
@@ -34,6 +34,7 @@ class Dashboard:
         steering: -1..1, positive to the left.
         pedals: throttle, brake, 0..1.
         wheels: load [N], slip ratio and slip angle [rad] of each, front left first.
+        tracks: speed of the sprocket [rad/s] and tension [N] of the left and the right one, in the place of wheels.
         goal: named numbers of the task.
     """
 
@@ -45,19 +46,19 @@ class Dashboard:
     pedals: tuple[float, float]
     wheels: tuple[tuple[float, float, float], ...]
     goal: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    tracks: tuple[tuple[float, float], ...] = ()
 
     @classmethod
-    def read(cls, vehicle: Vehicle, world: int, goal: Callable[[int], Mapping[str, float]] | None) -> Dashboard:
+    def read(cls, vehicle: AnyVehicle, world: int, goal: Callable[[int], Mapping[str, float]] | None) -> Dashboard:
         """Those of one world, from its arrays."""
-        spec, tires = vehicle.parts.spec, vehicle.tires
+        spec = vehicle.parts.spec
         steering, throttle, brake, _ = (float(value) for value in read_row(vehicle.input, world))
-        columns = (read_row(array, world) for array in (tires.load, tires.slip_ratio, tires.slip_angle))
-        wheels = tuple((float(a), float(b), float(c)) for a, b, c in zip(*columns, strict=True))
         return cls(
             spec.name, float(read_row(vehicle.velocity_b, world)[0]),
             None if spec.engine is None else float(read_row(vehicle.engine_speed, world)),
             int(read_row(vehicle.gear, world)) if spec.has_gears else None,
-            steering, (throttle, brake), wheels, {} if goal is None else goal(world),
+            steering, (throttle, brake), _wheels_of(vehicle, world), {} if goal is None else goal(world),
+            _tracks_of(vehicle, world),
         )  # fmt: skip
 
     def html(self) -> str:
@@ -75,12 +76,13 @@ class Dashboard:
             + _row("brake", _bar(brake, "#e03131"))
             + _row("steering", _middle_bar(self.steering))
         )
+        below = _wheels(self.wheels) + _tracks(self.tracks)
         tail = "".join(
             _row(html.escape(name), f"<span>{value:.4g}</span>") for name, value in self.goal.items()
         )  # numbers of the task
         return (
             f'<div style="font-size:.82em;padding:2px 12px 8px;font-variant-numeric:tabular-nums">'
-            f'<div style="opacity:.6">{html.escape(self.name)}</div>{head}{bars}{_wheels(self.wheels)}{tail}</div>'
+            f'<div style="opacity:.6">{html.escape(self.name)}</div>{head}{bars}{below}{tail}</div>'
         )
 
 
@@ -127,10 +129,35 @@ def _wheel(load: float, ratio: float, angle: float) -> str:
     )
 
 
+def _wheels_of(vehicle: AnyVehicle, world: int) -> tuple[tuple[float, float, float], ...]:
+    """Load, slip ratio and slip angle of each wheel; none on tracks."""
+    if isinstance(vehicle, TrackedVehicle):
+        return ()
+    tires = vehicle.tires
+    columns = (read_row(array, world) for array in (tires.load, tires.slip_ratio, tires.slip_angle))
+    return tuple((float(a), float(b), float(c)) for a, b, c in zip(*columns, strict=True))
+
+
+def _tracks_of(vehicle: AnyVehicle, world: int) -> tuple[tuple[float, float], ...]:
+    """Speed of the sprocket and tension of each track; none on wheels."""
+    if not isinstance(vehicle, TrackedVehicle):
+        return ()
+    columns = (read_row(array, world) for array in (vehicle.sprocket_speed, vehicle.tension))
+    return tuple((float(a), float(b)) for a, b in zip(*columns, strict=True))
+
+
+def _tracks(tracks: Sequence[tuple[float, float]]) -> str:
+    """Two rows: speed of the sprocket, tension."""
+    return "".join(
+        _row(f"{name} track", f"<b>{1e-3 * tension:.0f} kN</b><span>{speed:+.1f} rad/s</span>")
+        for name, (speed, tension) in zip(("left", "right"), tracks, strict=False)
+    )
+
+
 class VehiclePanel:
     """The read-out of the chosen world's vehicle, rewritten where it changes, with the panels' 10 Hz."""
 
-    def __init__(self, view: LiveView, vehicle: Vehicle) -> None:
+    def __init__(self, view: LiveView, vehicle: AnyVehicle) -> None:
         self._view, self._vehicle = view, vehicle
         self._goal: Callable[[int], Mapping[str, float]] | None = view.subject.details.get(GOAL)
         gui = view.server.viser.gui

@@ -63,6 +63,9 @@ def test_a_sprocket_as_its_rule_says(number):
     wanted: list[tuple[Touch | None, np.ndarray, np.ndarray]] = []
     while len(pairs) < 400:
         at = rng.uniform(-1.05, 1.05, 3) * (profile.center, profile.center, profile.half_width)
+        if len(pairs) % 8:  # anywhere, or about an arc: behind one there is no contact
+            _, arc = profile.centers()[rng.integers(len(profile.centers()))]
+            at[:2] = arc + rng.uniform(-0.9, 0.9, 2) * profile.arc
         radius = rng.uniform(0.1, 0.9) * profile.arc
         centres = [np.linalg.norm(at[:2] - c) for _, c in profile.centers()]
         if is_decided(profile, at, radius) and min(centres) > 0.02 * profile.center:
@@ -125,7 +128,7 @@ def test_a_ball_at_the_centre_of_an_arc_or_of_the_sprocket_is_safe():
     for contacts in (middle, axis, deep):
         assert np.isfinite(np.append(contacts.gap, contacts.normal)).all()
         np.testing.assert_allclose(np.linalg.norm(contacts.normal, axis=1), 1.0, atol=1e-6)
-    np.testing.assert_allclose(axis.gap, [0.089 - 0.015 - 0.3], atol=1e-6)
+    assert len(axis) == 0, "it is behind all arcs"
 
 
 def test_each_arc_has_its_own_feature():

@@ -26,7 +26,7 @@ from simwarp.vehicle.driving.path_tracking import (
 from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
 from simwarp.vehicle.paths_kernels import PathTables, nearest_on_path
 from simwarp.vehicle.placing import place_vehicle
-from simwarp.vehicle.results.channels import matrices
+from simwarp.vehicle.results.chassis_motion import matrices
 from simwarp.vehicle.results.results import deviation
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
@@ -312,7 +312,7 @@ def test_an_hmmwv_follows_a_lane_change(law):
 
 def followed(path, steering, speed, duration):
     """A run of an HMMWV along a path."""
-    from simwarp.vehicle.driving.maneuvers import Maneuver
+    from simwarp.vehicle.driving.maneuver_spec import Maneuver
 
     follow = PathTrackingSpec(
         paths=(path,), speed=speed, steering=steering, speed_gains=PIDGains(proportional=0.5, integral=0.1), start=1.0

@@ -5,7 +5,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.results.channels import matrices
+from simwarp.vehicle.results.chassis_motion import matrices
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
