@@ -60,8 +60,8 @@ def test_tracks_move_as_their_sprockets_turn():
 
 @pytest.mark.slow
 def test_brakes_hold_on_a_slope():
-    """Sticking friction: on a slope of 0.3, brakes on, the shoes under the vehicle lie still, but for what 100 iterations
-    leave: less than 5 cm in a minute, by the seventh second."""
+    """Sticking friction: on a slope of 0.3, brakes on, the shoes under the vehicle lie still, but for what a hundred
+    iterations leave: less than 5 cm in a minute, by the seventh second."""
     spec = M113
     builder = sw.ModelBuilder(gravity=(-9.81 * 0.28735, 0.0, -9.81 * 0.95783))  # of a slope of 0.3
     parts = sw.vehicle.add_tracked_vehicle(builder, spec)
