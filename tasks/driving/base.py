@@ -37,7 +37,7 @@ from .driving_config import DrivingConfig, Observing
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
-from .tire_ground import CONTACT_ARRAYS, add_flat_ground, stands_on_shapes
+from .tire_ground import CONTACT_ARRAYS, TIRE_GROUP, add_flat_ground, stands_on_shapes
 from .training_defaults import PEDALS_BY_CAMERA, PEDALS_BY_LIDAR
 
 SETTLING = 0.9
@@ -99,6 +99,8 @@ class DrivingTask(Task[DrivingT]):
     """Middle of that box in the vehicle's frame of reference: X ahead, Y left, Z up [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """Place of the policy's camera or lidar in the vehicle's frame of reference [m]; it looks ahead, along +X."""
+    contact_mask: ClassVar[int] = TIRE_GROUP
+    """Groups that the ground's shape meets where the vehicle stands on shapes: those of its tires, or its shoes."""
     looks_like: ClassVar[str | None] = None
     """Name of a shipped vehicle whose body it is seen with, in its own size; None: its own body if it is one of them,
     else the box of its chassis on wheels."""
@@ -242,7 +244,7 @@ class DrivingTask(Task[DrivingT]):
 
         Called after `build_world`, with such tires alone. A class with a `ground` of its own adds that.
         """
-        return add_flat_ground(builder)
+        return add_flat_ground(builder, mask=self.contact_mask)
 
     def more_elements(self, model: sw.Model) -> list[Any]:
         """Return force elements that come before the vehicle, such as a speed controller that writes its input. Called

@@ -41,7 +41,6 @@ from .off_road_kernels import (
 )
 from .outlines import outline
 from .ranging import RangeFan
-from .tire_ground import TIRE_GROUP
 from .training_defaults import PEDALS_BY_CAMERA
 
 FIELDS = 8
@@ -179,8 +178,6 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
     navigates: ClassVar[bool] = True
     camera_place: ClassVar[tuple[float, float, float]] = (0.65, 0.0, 0.75)
-    contact_mask: ClassVar[int] = TIRE_GROUP
-    """Groups that the ground's shape meets, where the vehicle stands on shapes."""
 
     # ---- the world -----------------------------------------------------------------------------------------------
 

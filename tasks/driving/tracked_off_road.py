@@ -156,7 +156,7 @@ class TrackedOffRoadTask(OffRoadTask):
 
     def show_vehicle(self, visuals: sw.sensors.Visuals) -> None:
         """Show the box of the chassis; shoes and wheels are seen as the shapes that they are."""
-        visuals.show(self.chassis_shape, color=(0.16, 0.2, 0.1), label=int(sw.sensors.Label.VEHICLE))
+        visuals.show(self.chassis_shape, color=(0.16, 0.2, 0.1), label=int(sw.scenery.Label.VEHICLE))
 
     # ---- the ground ----------------------------------------------------------------------------------------------
 
