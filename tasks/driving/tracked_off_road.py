@@ -92,9 +92,7 @@ class TrackedOffRoadTask(OffRoadTask):
 
     summary: ClassVar[str] = "off-road on tracks: an M113 drives to a goal over hills and rocks, between obstacles"
     config_type: ClassVar[type[DrivingConfig]] = TrackedOffRoadConfig
-    training: ClassVar[Mapping[str, Any]] = {
-        **OffRoadTask.training, "iterations": 120, "num_envs": 128, "steps_per_iteration": 32,
-    }  # fmt: skip
+    training: ClassVar[Mapping[str, Any]] = {**OffRoadTask.training, "iterations": 110, "num_envs": 128}
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64), "network.init_mean": (0.0, 0.5)},
         "camera": PEDALS_BY_CAMERA,
@@ -109,6 +107,8 @@ class TrackedOffRoadTask(OffRoadTask):
     camera_place: ClassVar[tuple[float, float, float]] = (0.3, 0.0, 1.2)
     contact_mask: ClassVar[int] = 0x7FFFFFFF & ~CHASSIS_GROUP
 
+    config: TrackedOffRoadConfig
+
     # ---- the vehicle ---------------------------------------------------------------------------------------------
 
     def make_spec(self) -> Any:
@@ -117,8 +117,9 @@ class TrackedOffRoadTask(OffRoadTask):
 
     def add_vehicle(self, builder: sw.ModelBuilder) -> None:
         """Add the vehicle on its tracks, and store its ``spec`` and ``parts``."""
-        self.spec = self.make_spec()
-        self.parts: Any = sw.vehicle.add_tracked_vehicle(builder, self.spec)
+        spec = self.make_spec()
+        self.parts: Any = sw.vehicle.add_tracked_vehicle(builder, spec)
+        self.spec = spec
 
     @property
     def stands_on_shapes(self) -> bool:
@@ -172,7 +173,7 @@ class TrackedOffRoadTask(OffRoadTask):
         rng = np.random.default_rng(FIELDS)
         for bump in bumps:
             places = rng.uniform(-config.half, config.half, (config.low_rocks, 2))
-            radii, heights = (rng.uniform(*span, config.low_rocks) for span in (ROCK_RADII, ROCK_HEIGHTS))
+            radii, heights = (rng.uniform(*span, (config.low_rocks,)) for span in (ROCK_RADII, ROCK_HEIGHTS))
             for (x, y), radius, height in zip(places, radii, heights, strict=True):
                 if abs(math.hypot(x, y) - config.radius) < ROOM:
                     continue
