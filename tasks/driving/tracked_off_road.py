@@ -16,6 +16,7 @@ from simwarp.tasks import Ge, Gt, Le, NotNegative, Positive
 
 from ..framework.config import require
 from ..framework.registry import register
+from ..framework.variants import Variant
 from .base import CHASSIS_GROUP, SETTLING
 from .driving_config import DrivingConfig
 from .hills import Hills
@@ -76,6 +77,7 @@ class TrackedOffRoadConfig(OffRoadConfig):
     def validate(self) -> None:
         """Check what tracks have no choice of."""
         super().validate()
+        require(self.variant is Variant.SIMWARP, self, "variant", "simwarp: the thesis has no tracks")
         require(self.tires is None, self, "tires", "None: tracks have none")
         require(self.soil is not SoilKind.RANDOM, self, "soil", "none or one preset, on which belts settle")
         require(not self.full or self.dt <= SHOE_STEP, self, "dt", f"at most {SHOE_STEP} with full (decimation 200)")

@@ -166,6 +166,7 @@ def test_gymnasium_checks_a_single_world():
 @pytest.mark.parametrize(("options", "message"), [
     ({"low_rocks": -1}, "low-rocks"),
     ({"soil": "random"}, "soil.*one preset"),
+    ({"variant": "thesis"}, "variant.*no tracks"),
     ({"tires": "rigid"}, "tires.*tracks have none"),
     ({"full": True}, "dt.*at most 0.001 with full"),
     ({**SHOES, "soil": "clay"}, "soil.*chains meet hard ground"),
