@@ -120,7 +120,9 @@ class TrackedOffRoadTask(OffRoadTask):
     def add_vehicle(self, builder: sw.ModelBuilder) -> None:
         """Add the vehicle on its tracks, and store its ``spec`` and ``parts``."""
         spec = self.make_spec()
-        self.parts: Any = sw.vehicle.add_tracked_vehicle(builder, spec)
+        # smooth sprockets lose as little as the belts do; dry teeth take half of the torque
+        sprocket = sw.vehicle.SprocketContact.DRUM
+        self.parts: Any = sw.vehicle.add_tracked_vehicle(builder, spec, sprocket=sprocket)
         self.spec = spec
 
     @property
