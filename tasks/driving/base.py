@@ -37,7 +37,7 @@ from .driving_config import DrivingConfig, Observing
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
-from .tire_ground import CONTACT_ARRAYS, add_flat_ground, stands_on_shapes
+from .tire_ground import CONTACT_ARRAYS, TIRE_GROUP, add_flat_ground, stands_on_shapes
 from .training_defaults import PEDALS_BY_CAMERA, PEDALS_BY_LIDAR
 
 SETTLING = 0.9
@@ -48,8 +48,9 @@ VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
 """Model parameters that a vehicle writes, world by world."""
 OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
 """What a class that drives another vehicle says together."""
-CHASSIS_GROUP = 2
-"""Bit of the collision group of vehicles' chassis; obstacles meet nothing else. Chassis of two vehicles meet."""
+CHASSIS_GROUP = 1 << 20
+"""Bit of the collision group of vehicles' chassis; obstacles meet nothing else. Chassis of two vehicles meet. Tracks,
+which take the lowest free bits, leave it free."""
 
 
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
@@ -98,6 +99,8 @@ class DrivingTask(Task[DrivingT]):
     """Middle of that box in the vehicle's frame of reference: X ahead, Y left, Z up [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """Place of the policy's camera or lidar in the vehicle's frame of reference [m]; it looks ahead, along +X."""
+    contact_mask: ClassVar[int] = TIRE_GROUP
+    """Groups that the ground's shape meets where the vehicle stands on shapes: those of its tires, or its shoes."""
     looks_like: ClassVar[str | None] = None
     """Name of a shipped vehicle whose body it is seen with, in its own size; None: its own body if it is one of them,
     else the box of its chassis on wheels."""
@@ -181,6 +184,10 @@ class DrivingTask(Task[DrivingT]):
         """Show the vehicle instead of the box that stands for it. Subclasses call ``super()`` first, then add world and
         ground: only what stands in `build_world` is seen otherwise, and the ground of tires is not.
         """
+        self.show_vehicle(visuals)
+
+    def show_vehicle(self, visuals: sw.sensors.Visuals) -> None:
+        """Show the vehicle; a class with another kind of vehicle than one on wheels writes its own."""
         sw.scenery.add_vehicle_visual(visuals, self.parts, like=self.looks_like, box=self.chassis_shape)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
@@ -237,7 +244,7 @@ class DrivingTask(Task[DrivingT]):
 
         Called after `build_world`, with such tires alone. A class with a `ground` of its own adds that.
         """
-        return add_flat_ground(builder)
+        return add_flat_ground(builder, mask=self.contact_mask)
 
     def more_elements(self, model: sw.Model) -> list[Any]:
         """Return force elements that come before the vehicle, such as a speed controller that writes its input. Called
@@ -250,25 +257,34 @@ class DrivingTask(Task[DrivingT]):
     def build(self, builder: sw.ModelBuilder) -> None:
         """Add the vehicle at the origin, facing +X, then the world's shapes."""
         self._check_vehicle()
-        self.spec = self.make_spec()
-        self.parts = sw.vehicle.add_vehicle(builder, self.spec)
+        self.add_vehicle(builder)
         self.chassis_shape = sw.vehicle.add_chassis_box(
             builder, self.parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP
         )
         self._build_ground(builder)
 
+    def add_vehicle(self, builder: sw.ModelBuilder) -> None:
+        """Add the vehicle that is driven, and store its ``spec`` and ``parts``."""
+        self.spec = self.make_spec()
+        self.parts = sw.vehicle.add_vehicle(builder, self.spec)
+
     def _build_ground(self, builder: sw.ModelBuilder) -> None:
         """Add the world's shapes, and what tires in contact stand on."""
         self.build_world(builder)
         on_soil = self.config.soil is not SoilKind.NONE
-        self._tire_ground = None if on_soil or not stands_on_shapes(self.spec) else self.add_ground(builder)
+        self._tire_ground = None if on_soil or not self.stands_on_shapes else self.add_ground(builder)
         self._builder = builder
         self._scene: sw.sensors.Scene | None = None
 
     @property
+    def stands_on_shapes(self) -> bool:
+        """What the vehicle rolls on meets shapes in contact, which need a shape below them: `add_ground`'s."""
+        return stands_on_shapes(self.make_spec())
+
+    @property
     def own_parameters(self) -> frozenset[str]:
         """Return the names of `per_world`, and of what tires in contact write."""
-        contact = CONTACT_ARRAYS if stands_on_shapes(self.make_spec()) else ()
+        contact = CONTACT_ARRAYS if self.stands_on_shapes else ()
         return super().own_parameters.union(contact)
 
     def _check_vehicle(self) -> None:
@@ -299,6 +315,28 @@ class DrivingTask(Task[DrivingT]):
         self.vehicle = sw.vehicle.Vehicle(self.parts, model, ground=ground, randomised=True)
         return self.vehicle
 
+    def ground_friction(self) -> wp.array:
+        """Return the friction (W,) of the ground below the vehicle, which conditions write."""
+        return self._driven.tires.ground_friction
+
+    def make_soil(self, ground: Any) -> DrivenSoil | None:
+        """Return the soil that comes after the vehicle as an element; None where there is none, or the vehicle has it.
+
+        Args:
+            ground: the undeformed ground; None is the plane z = 0.
+        """
+        config = self.config
+        if config.soil is SoilKind.NONE:
+            return None
+        return DrivenSoil(
+            self._driven, config.soil, self.random, ground=ground, friction=middle(config.friction),
+            spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
+        )  # fmt: skip
+
+    def settling(self) -> float:
+        """Return the time in which the vehicle comes to rest before the first episode [s]."""
+        return SETTLING_ON_AIR if any(side.mesh is not None for side in self.parts.sides) else SETTLING
+
     def attach(self, model: sw.Model) -> Attachments:
         """Return the vehicle, and the camera or lidar where there is one.
 
@@ -307,13 +345,8 @@ class DrivingTask(Task[DrivingT]):
         config = self.config
         ground = self.ground(model)
         self._driven = self.make_vehicle(model, ground)
-        self._driven.tires.ground_friction.fill_(middle(config.friction))
-        self.soil = None
-        if config.soil is not SoilKind.NONE:
-            self.soil = DrivenSoil(
-                self._driven, config.soil, self.random, ground=ground, friction=middle(config.friction),
-                spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
-            )  # fmt: skip
+        self.ground_friction().fill_(middle(config.friction))
+        self.soil = self.make_soil(ground)
         below = [] if self.soil is None else [self.soil.element]
         seeing = self.seeing_parts()
         self.cameras = []
@@ -393,7 +426,7 @@ class DrivingTask(Task[DrivingT]):
         A subclass calls ``super()`` first, then makes its buffers.
         """
         self.input = sw.to_torch(self._driven.input)
-        friction = sw.to_torch(self._driven.tires.ground_friction) if self.soil is None else None
+        friction = sw.to_torch(self.ground_friction()) if self.config.soil is SoilKind.NONE else None
         self._camera_images = [
             CameraImages(camera, self.simulation, self.random, _name(at)) for at, camera in enumerate(self.cameras)
         ]
@@ -463,8 +496,7 @@ class DrivingTask(Task[DrivingT]):
         self._load()
         self.input.zero_()
         self.input[..., 2] = 1.0
-        on_air = any(side.mesh is not None for side in self.parts.sides)
-        for _ in range(round((SETTLING_ON_AIR if on_air else SETTLING) / self.config.dt)):
+        for _ in range(round(self.settling() / self.config.dt)):
             self.simulation.step()
         if self.soil is not None:
             self.soil.keep(sw.to_torch(self.simulation.state.body_x))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 import torch
 import warp as wp
 
@@ -18,7 +19,7 @@ __all__ = ["FLATTEST", "Hills"]
 
 
 class Hills:
-    """Ground of fields whose heights are at most 1 m above or below 0, times the amplitude of each world.
+    """Ground of fields whose heights are at most 1 m above or below 0, bumps aside, times each world's amplitude.
 
     Call `build` in `build_world`, return `terrain` from `ground`, call `bind` in `setup` before its ``super()``, and
     `show` in `draw_world`. The task's `per_world` names `model_arrays` too.
@@ -27,6 +28,8 @@ class Hills:
         count: number of fields.
         side: length of their sides [m].
         seed: of their form.
+        spacing: of their nodes [m].
+        bumps: (count, rows, columns) added to the fields, as shares of the amplitude: they rise and fall with it.
 
     Attributes:
         tables: the fields, and what each world shows of them, for kernels; once bound.
@@ -36,11 +39,16 @@ class Hills:
 
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset", "shape_size")
 
-    def __init__(self, count: int, side: float, seed: int = 0) -> None:
+    def __init__(
+        self, count: int, side: float, seed: int = 0, *, spacing: float = 1.5,
+        bumps: npt.NDArray[np.float32] | None = None,
+    ) -> None:  # fmt: skip
         self.side = side
         self.fields = [
-            sw.scenery.hills(seed + index, size=(side, side), spacing=1.5, amplitude=1.0) for index in range(count)
+            sw.scenery.hills(seed + index, size=(side, side), spacing=spacing, amplitude=1.0) for index in range(count)
         ]
+        if bumps is not None:
+            self.fields = [field + bump for field, bump in zip(self.fields, bumps, strict=True)]
 
     def __repr__(self) -> str:
         return f"Hills: {len(self.fields)} fields of {self.side:g} m"

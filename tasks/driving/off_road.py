@@ -41,11 +41,12 @@ from .off_road_kernels import (
 )
 from .outlines import outline
 from .ranging import RangeFan
-from .tire_ground import TIRE_GROUP, stands_on_shapes
 from .training_defaults import PEDALS_BY_CAMERA
 
-_FIELDS = 8
-_SIDE = 160.0
+FIELDS = 8
+"""Of hills, of which each episode shows one."""
+SIDE = 160.0
+"""Of each of them [m]."""
 _REACH = 20.0
 _RAYS = 25
 _FAN = math.radians(240.0)
@@ -132,7 +133,7 @@ class OffRoadConfig(DrivingConfig):
         """Check sizes."""
         super().validate()
         require(self.hills * self.hill_height <= 10.0, self, "hills", "at most 10 m / hill_height")
-        require(0.0 < self.radius < self.border <= 0.45 * _SIDE, self, "border", f"in (radius, {0.45 * _SIDE:g}] m")
+        require(0.0 < self.radius < self.border <= 0.45 * SIDE, self, "border", f"in (radius, {0.45 * SIDE:g}] m")
         require(0.0 < self.half <= self.border, self, "half", "in (0, border]")
         require(0.0 < self.goal_radius < self.radius, self, "goal_radius", "in (0, radius)")
         require(2.0 <= self.clearance < self.radius, self, "clearance", "in [2, radius) m")
@@ -187,9 +188,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         kinds += [ObstacleKind(sw.scenery.tree(kind, 0), (0.6, 1.0)) for kind in ("spruce", "oak")]
         self.obstacles = Obstacles(kinds, max(1, self.config.obstacles), group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
-        self.hills = Hills(_FIELDS, _SIDE) if self.config.hills > 0.0 else None
+        self.hills = self.make_hills() if self.config.hills > 0.0 else None
         if self.hills is not None:
-            self.hills.build(builder, mask=TIRE_GROUP if stands_on_shapes(self.spec) else 0)
+            self.hills.build(builder, mask=self.contact_mask if self.stands_on_shapes else 0)
+
+    def make_hills(self) -> Hills:
+        """Return the fields that episodes choose from."""
+        return Hills(FIELDS, SIDE)
 
     def add_ground(self, builder: sw.ModelBuilder) -> int:
         """Flat, or the hills, which are there."""

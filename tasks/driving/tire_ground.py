@@ -21,6 +21,6 @@ def stands_on_shapes(spec: sw.vehicle.VehicleSpec) -> bool:
     return all(axle.tire.template in IN_CONTACT for axle in spec.axles)
 
 
-def add_flat_ground(builder: sw.ModelBuilder) -> int:
-    """Add the plane z = 0 for tires alone: chassis and obstacles do not meet it; returns its shape."""
-    return builder.add_shape_plane(name="tire_ground", material=GRIPPING, group=TIRE_GROUP, mask=TIRE_GROUP)
+def add_flat_ground(builder: sw.ModelBuilder, *, mask: int = TIRE_GROUP) -> int:
+    """Add the plane z = 0 for groups of a mask, as built for tires alone: nothing else meets it; returns its shape."""
+    return builder.add_shape_plane(name="tire_ground", material=GRIPPING, group=TIRE_GROUP, mask=mask)

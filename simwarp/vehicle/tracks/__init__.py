@@ -1,1 +1,1 @@
-"""Tracked vehicles, shoe by shoe: chains laid around their wheels, files, assembly into a model."""
+"""Tracked vehicles, shoe by shoe or by belt: chains laid around wheels, forces of belts, drivelines, assembly."""

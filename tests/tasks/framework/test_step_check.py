@@ -24,6 +24,8 @@ BUDGETS = {
     ("obstacle-avoidance", "camera"): (1209, 302),
     ("off-road", "state"): (1667, 400),
     ("off-road", "camera"): (2134, 400),
+    ("tracked-off-road", "state"): (320, 336),
+    ("tracked-off-road", "camera"): (416, 432),
     ("convoy", "state"): (3206, 800),
     ("convoy", "camera"): (4134, 800),
     ("quadruped-velocity", "state"): (365, 380),
