@@ -5,19 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Annotated, Any, Final, Literal
 
-from simwarp.core.constraints import Ge, Le, MinLen, NotNegative, Point, Positive
-from simwarp.vehicle.spec.parts import ZERO, Spec, SpecError
-from simwarp.vehicle.spec.track_parts import (
-    RoadWheelMount,
-    Shoe,
-    ShoeTrack,
-    SinglePinShoe,
-    SinglePinSprocket,
-    SlidingIdler,
-    SupportRoller,
-    TrackSprocket,
-)
-from simwarp.vehicle.spec.vehicle_parts import Brake
+from simwarp.core.constraints import Ge, Le, NotNegative, Positive
+from simwarp.vehicle.spec.parts import Spec, SpecError
+from simwarp.vehicle.spec.track_parts import ShoeTrack, SinglePinShoe, SinglePinSprocket, TrackLayout
 
 MOST_POINTS: Final = 16
 """On a stretch of a belt."""
@@ -56,41 +46,25 @@ class BeltLaw(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BeltTrack(Spec):
-    """One track by belt: the description of the same track shoe by shoe, with `belt` besides.
+class BeltTrack(TrackLayout):
+    """One track by belt: the layout of the same track shoe by shoe, with `belt` besides.
 
     Its shoes are a belt of `shoes` times their pitch. Support rollers and springs at pins have no effect on it but by
     their mass.
     """
 
     track: Literal["belt"] = "belt"
-    sprocket: TrackSprocket
-    sprocket_location: Point = ZERO
-    idler: SlidingIdler
-    idler_location: Point
-    road_wheels: Annotated[tuple[RoadWheelMount, ...], MinLen(1)]
-    shoe: Shoe
-    shoes: Annotated[int, Ge(3)]
-    rollers: tuple[SupportRoller, ...] = ()
-    pin_stiffness: NotNegative = 0.0
-    pin_damping: NotNegative = 0.0
-    brake: Brake | None = None
     belt: BeltLaw = dataclasses.field(default_factory=BeltLaw)
 
     def check(self) -> None:
-        """Rules of a track shoe by shoe, whose place the belt takes, and shoes with one pin.
-
-        Raises:
-            SpecError: one is broken.
-        """
-        self.shoe_track()
+        """What holds of shoes holds of the belt that stands for them; and its sprocket has one arc in a gap."""
+        super().check()
         if not isinstance(self.shoe, SinglePinShoe) or not isinstance(self.sprocket, SinglePinSprocket):
             raise SpecError(f"shoe: '{self.shoe.template}' is not there yet for belts; use 'track-single-pin'")
 
     def shoe_track(self) -> ShoeTrack:
         """Return the description of the same track shoe by shoe."""
-        names = (field.name for field in dataclasses.fields(ShoeTrack) if field.name != "track")
-        return ShoeTrack(**{name: getattr(self, name) for name in names})
+        return ShoeTrack(**_layout(self))
 
 
 def belt_of(track: ShoeTrack | BeltTrack, **values: Any) -> BeltTrack:
@@ -107,6 +81,9 @@ def belt_of(track: ShoeTrack | BeltTrack, **values: Any) -> BeltTrack:
     if unknown:
         names = ", ".join(field.name for field in dataclasses.fields(BeltLaw))
         raise SpecError(f"belt: must have fields of BeltLaw, got {unknown[0]!r}; they are {names}")
-    names_of_track = (field.name for field in dataclasses.fields(ShoeTrack) if field.name != "track")
-    shown: dict[str, Any] = {name: getattr(track, name) for name in names_of_track}
-    return BeltTrack(**shown, belt=BeltLaw(**values))
+    return BeltTrack(**_layout(track), belt=BeltLaw(**values))
+
+
+def _layout(track: TrackLayout) -> dict[str, Any]:
+    """What a track shoe by shoe and one by belt have alike."""
+    return {field.name: getattr(track, field.name) for field in dataclasses.fields(TrackLayout)}

@@ -369,10 +369,9 @@ TrackDriveline: TypeAlias = Annotated[SimpleTrackDriveline | BrakedDifferential,
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ShoeTrack(Spec):
-    """One track, shoe by shoe: sprocket at its origin, idler, road wheels from front to rear, a closed chain."""
+class TrackLayout(Spec):
+    """One track: sprocket at its origin, idler, road wheels from front to rear, a closed chain."""
 
-    track: Literal["shoes"] = "shoes"
     sprocket: TrackSprocket
     sprocket_location: Point = ZERO
     idler: SlidingIdler
@@ -396,3 +395,10 @@ class ShoeTrack(Spec):
         if not 0.5 * self.shoe.pitch < self.sprocket.assembly_radius:
             rule = f"more than half the pitch of {self.shoe.pitch:g} m"
             raise refuse("sprocket.assembly_radius", rule, self.sprocket.assembly_radius)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ShoeTrack(TrackLayout):
+    """One track, shoe by shoe."""
+
+    track: Literal["shoes"] = "shoes"
