@@ -57,7 +57,11 @@ class BeltTrack(TrackLayout):
     belt: BeltLaw = dataclasses.field(default_factory=BeltLaw)
 
     def check(self) -> None:
-        """What holds of shoes holds of the belt that stands for them; and its sprocket has one arc in a gap."""
+        """What holds of shoes holds of the belt that stands for them; and its sprocket has one arc in a gap.
+
+        Raises:
+            SpecError: shoes and sprocket do not fit, or have two pins.
+        """
         super().check()
         if not isinstance(self.shoe, SinglePinShoe) or not isinstance(self.sprocket, SinglePinSprocket):
             raise SpecError(f"shoe: '{self.shoe.template}' is not there yet for belts; use 'track-single-pin'")
