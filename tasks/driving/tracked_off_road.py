@@ -55,7 +55,7 @@ class TrackedOffRoadConfig(OffRoadConfig):
     obstacles: Annotated[int, Ge(0), Le(500)] = 8
     """Rocks, bushes and trees that must be avoided."""
     obstacle_scale: Annotated[float, Gt(0.0), Le(4.0)] = 1.5
-    """Factor of their sizes: all are higher than the belly."""
+    """Factor of their sizes."""
     low_rocks: Annotated[int, Ge(0), Le(5_000)] = 300
     """Rocks that may be driven over, on each of the fields, a square of twice ``half``; they are part of the ground and
     rise and fall with its hills: 0.1 to 0.35 m at ``hills`` 1."""
