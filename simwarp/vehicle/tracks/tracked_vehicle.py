@@ -99,6 +99,9 @@ class TrackedVehicle(ForceElement):
         self._tracks = _track_tables(parts, model)
         spec, line = parts.spec, parts.driveline
         self._powertrain = powertrain_tables(model, line.line, parts.gears, spec.engine, spec.transmission)
+        if line.torque_sign < 0.0:
+            # turned around, what accelerates the input shaft would be a negative inertia of the sprockets
+            self._powertrain.input_inertia = 0.0
         self._powertrain_state: Any = powertrain_state([parts.start], model)
         self._motion: Any = motion_arrays((worlds, 1), model)
         self.gyration = writable((worlds,), wp.int32, device)
