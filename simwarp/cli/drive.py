@@ -79,6 +79,7 @@ DURATION_HINT: Final = (
 )
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
+NORMAL_HINT: Final = "(default: ground)"
 """Defaults of the options that are not given, for the help."""
 
 
@@ -102,6 +103,8 @@ class DriveOptions(CommonOptions):
     """Deformable ground below `--tire soil-rigid` or `flexible`."""
     spacing: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=SPACING_HINT)] = None
     """Of the soil's nodes."""
+    soil_normal: Annotated[str | None, tyro.conf.arg(metavar="ground|surface", help_behavior_hint=NORMAL_HINT)] = None
+    """Along which soil presses on rigid wheels: the ground's, or their surface's, where compaction holds them back."""
     friction: float = REFERENCE_FRICTION
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
     dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
@@ -269,9 +272,10 @@ def _on_tracks(spec: TrackedVehicleSpec, options: DriveOptions) -> TrackedVehicl
     Raises:
         UsageError: one makes no sense on tracks.
     """
-    for key in ("tire", "soil", "spacing"):
+    for key in ("tire", "soil", "spacing", "soil_normal"):
         if getattr(options, key) is not None:
-            raise UsageError(f"--{key}: '{spec.name}' has tracks, which drive on rigid ground; leave it out")
+            option = key.replace("_", "-")
+            raise UsageError(f"--{option}: '{spec.name}' has tracks, which drive on rigid ground; leave it out")
     return with_options(spec, powertrain=options.powertrain, driveline=options.driveline)
 
 
@@ -339,6 +343,8 @@ def _soil(vehicle: AnyVehicle, options: DriveOptions) -> list[Soil]:
     if options.soil is None and not isinstance(vehicle.tires, SoilTires):
         return []
     given: dict[str, Any] = {} if options.spacing is None else {"spacing": options.spacing}
+    if options.soil_normal is not None:
+        given["pressure_normal"] = options.soil_normal
     return [soil_under(vehicle, options.soil or "mid", **given)]
 
 
@@ -439,6 +445,8 @@ def _title(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
             parts.append(f"{kind} {Path(value).stem}")
     if options.soil is not None:
         parts.append(f"soil {options.soil}")
+    if options.soil_normal is not None:
+        parts.append(f"pressure along the {options.soil_normal}")
     if options.friction != REFERENCE_FRICTION:
         parts.append(f"friction {options.friction:g}")
     if options.dt != REFERENCE_DT:
@@ -480,6 +488,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         "powertrain": options.powertrain,
         "driveline": options.driveline,
         "soil": options.soil,
+        "soil_normal": options.soil_normal,
         "friction": options.friction,
         "dt": options.dt,
         "worlds": options.worlds,
