@@ -20,11 +20,11 @@ def test_a_chain_beside_its_wheels_and_a_sprocket_that_turns_in_it_are_told():
     watch = ChainWatch(sim, vehicle)
     assert watch.read() == {"on": 1.0, "aside": pytest.approx(0.0, abs=1e-5), "skipped": pytest.approx(0.0, abs=1e-5)}
     side = vehicle.parts.left
-    x, q = sim.state.body_x.numpy(), sim.state.joint_q.numpy()
+    x, q = sim.state.body_x.numpy(), sim.state.joint_x.numpy()
     x[0, list(side.shoes), 1] += 0.05  # guides have a quarter of that
     q[0, sim.model.joint_dof_start[side.sprocket]] += 0.2 * np.pi  # one tooth of ten
     sim.state.body_x.assign(x)
-    sim.state.joint_q.assign(q)
+    sim.state.joint_x.assign(q)
     found = watch.read()
     assert found["aside"] == pytest.approx(0.05, abs=1e-4)
     assert found["skipped"] == pytest.approx(1.0, abs=1e-4)

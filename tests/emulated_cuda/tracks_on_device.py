@@ -29,11 +29,15 @@ from tests.emulated_cuda.settings import StreamOrder
 from tests.unit.vehicle.tracks.short_vehicles import shortened
 
 CASES: dict[str, tuple[bool, str | None, int]] = {
-    "belts": (True, None, 8), "belts on soil": (True, "mid", 8), "chains": (False, None, 4),
+    "belts": (True, None, 5), "belts on soil": (True, "mid", 5), "chains": (False, None, 3),
 }  # fmt: skip
 """Whether the tracks are belts, the soil below, and steps of 1 ms."""
 INPUTS = np.array([[0.3, 1.0, 0.0, 0.0], [0.0, 0.5, 0.2, 0.0]], np.float32)
 """Of each world: steering, throttle, braking, clutch."""
+VELOCITIES = np.array([[0.0, 0.0, 0.0], [0.5, 0.2, 0.0]])
+"""With which each world begins [m/s]."""
+HEIGHT = 0.57
+"""Of the sprockets' axes at the start [m]: tracks are on the ground, and a little in it."""
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
@@ -42,7 +46,7 @@ def arrays(name: str, where: str, *, capture: bool = False) -> Arrays:
     on_belts, soil, steps = CASES[name]
     spec = shortened(load_tracked_vehicle("m113"))
     builder = sw.ModelBuilder()
-    parts = add_tracked_vehicle(builder, with_belts(spec) if on_belts else spec)
+    parts = add_tracked_vehicle(builder, with_belts(spec) if on_belts else spec, at=sw.pose((0.0, 0.0, HEIGHT)))
     if not on_belts:
         builder.add_shape_plane(material=sw.Material(friction=0.9))
     model = builder.finalize(len(INPUTS), where, per_world=per_world(), contact_capacity=None if on_belts else 120)
@@ -50,6 +54,7 @@ def arrays(name: str, where: str, *, capture: bool = False) -> Arrays:
     solver = VEHICLE_SOLVER if on_belts else dataclasses.replace(TRACK_SOLVER, max_iterations=10)
     sim = sw.Simulation(model, 1e-3, elements=[vehicle], solver=solver, check_start=False)
     vehicle.input.assign(INPUTS)
+    sim.state.body_v.assign(sim.state.body_v.numpy() + VELOCITIES[:, None])
     sim.step()
     if capture:
         with wp.ScopedCapture(where) as captured:
