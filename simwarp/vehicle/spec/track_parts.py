@@ -168,10 +168,10 @@ def check_pads(pitch: float, ground_pad: ShoePad, wheel_pad: ShoePad) -> None:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SinglePinSprocket(Spec):
-    """Two gear discs whose gaps are circular arcs, for shoes with one pin. y is the axis of rotation."""
+class GearDiscs(Spec):
+    """What sprockets for shoes with one pin and with two have alike."""
 
-    template: Literal["sprocket-single-pin"] = "sprocket-single-pin"
+    template: str
     mass: Positive
     inertia: Inertia
     axle_inertia: NotNegative = 0.0
@@ -185,15 +185,24 @@ class SinglePinSprocket(Spec):
     """Of the circle of pins on which the chain is laid [m]."""
     tip_radius: Positive
     arc_radius: Positive
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SinglePinSprocket(GearDiscs):
+    """Two gear discs whose gaps are circular arcs, for shoes with one pin. y is the axis of rotation."""
+
+    template: Literal["sprocket-single-pin"] = "sprocket-single-pin"
     arc_center_radius: Positive
     """Of the circle on which the centres of the arcs lie [m]."""
     friction: NotNegative
 
     def check(self) -> None:
         """A profile with gaps between its tips."""
-        bottom = self.arc_center_radius - self.arc_radius
-        if not 0.0 < bottom < self.tip_radius:
-            rule = f"above the bottom of the gaps, {bottom:.4g} m (arc_center_radius - arc_radius), and that above 0"
+        if not 0.0 < self.roller_seat < self.tip_radius:
+            rule = (
+                f"above the bottom of the gaps, {self.roller_seat:.4g} m (arc_center_radius - arc_radius), "
+                "and that above 0"
+            )
             raise refuse("tip_radius", rule, self.tip_radius)
 
     @property
@@ -208,19 +217,10 @@ class SinglePinSprocket(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DoublePinSprocket(Spec):
+class DoublePinSprocket(GearDiscs):
     """Two gear discs for shoes with two pins: each gap has two arcs, beside its middle. y is the axis of rotation."""
 
     template: Literal["sprocket-double-pin"] = "sprocket-double-pin"
-    mass: Positive
-    inertia: Inertia
-    axle_inertia: NotNegative = 0.0
-    teeth: Annotated[int, Ge(FEWEST_TEETH)]
-    separation: Positive
-    backlash: NotNegative
-    assembly_radius: Positive
-    tip_radius: Positive
-    arc_radius: Positive
     arc_center_height: Positive
     """Of the arcs' centres from the axis, along the line through the gap [m]."""
     arc_center_offset: Positive

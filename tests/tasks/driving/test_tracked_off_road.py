@@ -165,6 +165,7 @@ def test_gymnasium_checks_a_single_world():
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"low_rocks": -1}, "low-rocks"),
+    ({"tension": (1.2, 0.8)}, "tension.*two in order"),
     ({"soil": "random"}, "soil.*one preset"),
     ({"variant": "thesis"}, "variant.*no tracks"),
     ({"tires": "rigid"}, "tires.*tracks have none"),
