@@ -1,8 +1,8 @@
-"""How a vehicle stands: heights, angles, springs and stops, and the forces that its wheels push against each other with.
+"""How a vehicle stands: heights, angles, springs and stops, and the forces with which its wheels push sideways.
 
 Two states are looked at. Standing, every wheel is on a plate that slides and turns freely, as on a bench for wheel
-alignment: with friction, tires would keep whatever side force the way down left them, and the state would be one of many.
-Rolling, the vehicle coasts straight on, without its driveline: tires then have the side forces of their toe and camber.
+alignment: with friction, tires would keep whatever side force the way down left them, in one of many states. Rolling,
+the vehicle coasts straight on, without its driveline: tires then have the side forces of their toe and camber.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from simwarp.analysis.statics import solve_static
 from simwarp.core.object_repr import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import Material, ModelError
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.parts import Array, ForceLine, SpecError
+from simwarp.vehicle.spec.parts import ForceLine, SpecError
 from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
 from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
 from simwarp.vehicle.suspensions.corner import extended, merged_lines, spring_table
@@ -129,6 +128,8 @@ def stance(spec: VehicleSpec, *, speed: float = 0.0, device: str = "cpu") -> Sta
 
 def _stand(spec: VehicleSpec, simulation: Simulation, vehicle: Vehicle) -> None:
     """The equilibrium on plates, with the brakes on."""
+    from simwarp.analysis.statics import solve_static  # it loads SciPy, which vehicles do without
+
     if isinstance(vehicle.tires, Tires):
         parameters = vehicle.tires.parameter.numpy()
         parameters[:, :, [Common.FRICTION_LOWER, Common.FRICTION_UPPER]] = (0.0, SLIPPERY)

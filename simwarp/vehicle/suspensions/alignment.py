@@ -7,9 +7,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from simwarp.core.types import Vec3
+from simwarp.core.rotation import rotate
 from simwarp.vehicle.spec.parts import Array, ForceLine, SpecError
 from simwarp.vehicle.spec.vehicle_spec import (
     DoubleWishbone,
@@ -70,10 +69,10 @@ def with_tierod_turned(suspension: Suspension, angle: float) -> Suspension:
         SpecError: the toe that this makes is beyond what a description may hold.
     """
     point, axis = _kingpin(suspension)
-    turn = Rotation.from_rotvec(-angle * axis)
+    turn = np.array([*(-math.sin(0.5 * angle) * axis), math.cos(0.5 * angle)])
 
-    def around(place: Vec3) -> Vec3:
-        x, y, z = (float(value) for value in point + turn.apply(np.subtract(place, point)))
+    def around(place: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = (float(value) for value in point + rotate(turn, np.subtract(place, point)))
         return x, y, z
 
     part: Any = suspension
@@ -84,12 +83,10 @@ def with_tierod_turned(suspension: Suspension, angle: float) -> Suspension:
         body = getattr(part, name)
         changes[name] = dataclasses.replace(body, com=around(body.com))
     if isinstance(part, SPRUNG_UPRIGHTS):
-        changes["springs"] = tuple(
-            dataclasses.replace(line, arm_point=around(line.arm_point)) for line in part.springs
-        )
-    x, y, z = turn.apply(_wheel_axis(part.toe, part.camber))
-    toe, camber = math.atan2(x, y), -math.asin(min(max(float(z), -1.0), 1.0))
-    return dataclasses.replace(part, **changes, toe=toe, camber=camber)  # type: ignore[no-any-return]
+        changes["springs"] = tuple(dataclasses.replace(line, arm_point=around(line.arm_point)) for line in part.springs)
+    x, y, z = (float(value) for value in rotate(turn, _wheel_axis(part.toe, part.camber)))
+    toe, camber = math.atan2(x, y), -math.asin(min(max(z, -1.0), 1.0))
+    return dataclasses.replace(part, **changes, toe=toe, camber=camber)
 
 
 def with_camber_changed(suspension: Suspension, angle: float) -> Suspension:
@@ -100,7 +97,8 @@ def with_camber_changed(suspension: Suspension, angle: float) -> Suspension:
         SpecError: the camber that this makes is beyond what a description may hold.
     """
     part: Any = suspension
-    return dataclasses.replace(part, camber=part.camber + angle)  # type: ignore[no-any-return]
+    changed: Suspension = dataclasses.replace(part, camber=part.camber + angle)
+    return changed
 
 
 def elastic(line: ForceLine) -> bool:
@@ -137,7 +135,7 @@ def with_free_lengths(suspension: Suspension, changes: Array) -> Suspension:
                 )
             line = dataclasses.replace(line, rest_length=length + float(change))
         springs.append(line)
-    return dataclasses.replace(part, springs=tuple(springs))  # type: ignore[no-any-return]
+    return dataclasses.replace(part, springs=tuple(springs))
 
 
 def _wheel_axis(toe: float, camber: float) -> Array:
