@@ -13,15 +13,16 @@ from typing import Final
 import numpy as np
 
 from simwarp.core.object_repr import Readable, plural
-from simwarp.core.rotation import matrix_of
-from simwarp.core.types import Material, ModelError
+from simwarp.core.rotation import matrix_of, rotate
+from simwarp.core.types import Material, ModelError, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.parts import ForceLine, SpecError
 from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
 from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
-from simwarp.vehicle.suspensions.corner import extended, merged_lines, spring_table
+from simwarp.vehicle.suspensions.corner import extended, spring_table
+from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.tires.parameter_vector_kernels import Common
 from simwarp.vehicle.tires.tires import Tires
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
@@ -154,6 +155,7 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
     forward /= np.linalg.norm(forward)
     left = np.cross((0.0, 0.0, 1.0), forward)
     forces, loads = vehicle.tires.force_w.numpy()[0], vehicle.tires.load.numpy()[0]
+    chassis = simulation.model.builder.bodies[parts.chassis].pose
     axles = []
     for first in range(0, len(parts.sides), 2):
         pair = parts.sides[first : first + 2]
@@ -164,34 +166,28 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
         steers = [-side.side * np.arctan2(-axis @ forward, axis @ left) for side, axis in zip(pair, axes, strict=True)]
         cambers = [-side.side * np.arcsin(axis[2]) for side, axis in zip(pair, axes, strict=True)]
         pushes = [-side.side * (forces[first + k] @ left) for k, side in enumerate(pair)]
+        springs: tuple[ForceLine, ...] = getattr(axle.suspension, "springs", ())
+        frame = pose(chassis.position + rotate(chassis.rotation, parts.reference + axle.location), chassis.rotation)
+        name = pair[0].name.rpartition(".")[0]
+        lengths = line_lengths(simulation, axle.suspension, name, parts.chassis, frame)
         above = origin + turn @ (built[0], 0.0, 0.0)
         axles.append(
             AxleStance(
                 ride_height=float(above[2]), travel=float(center[2] - built[2]), toe=float(np.mean(steers)),
                 camber=float(np.mean(cambers)), load=float(loads[first : first + 2].mean()),
                 side_force=float(np.mean(pushes)), tierod=tierod_length(axle.suspension),
-                lines=_lines(simulation, pair[0].name, getattr(axle.suspension, "springs", ())),
+                lines=tuple(_line(line, length) for line, length in zip(springs, lengths[0].tolist(), strict=True)),
             )
         )  # fmt: skip
     pitch = float(np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0)))
     return Stance(height=float(origin[2]), pitch=pitch, axles=tuple(axles))
 
 
-def _lines(simulation: Simulation, side: str, lines: tuple[ForceLine, ...]) -> tuple[LineStance, ...]:
-    """Springs and dampers of a side, whose joints are those of the merged lines."""
-    model, q = simulation.model, simulation.state.joint_q.numpy()[0]
-    ends = [(line.chassis_point, line.arm_point) for line in merged_lines(lines)]
-    found = []
-    for line in lines:
-        joint = model.joint(f"{side}.spring{ends.index((line.chassis_point, line.arm_point))}")
-        length = float(q[model.joint_dof_start[joint]])
-        stop, into = stop_at(line, length)
-        found.append(
-            LineStance(
-                length=length, free_length=free_length(line), force=_force(line, length), stop=stop, into_stop=into
-            )
-        )
-    return tuple(found)
+def _line(line: ForceLine, length: float) -> LineStance:
+    stop, into = stop_at(line, length)
+    return LineStance(
+        length=length, free_length=free_length(line), force=_force(line, length), stop=stop, into_stop=into
+    )
 
 
 def _force(line: ForceLine, length: float) -> float:

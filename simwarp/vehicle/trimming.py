@@ -17,7 +17,7 @@ import numpy as np
 
 from simwarp.core.types import formatted
 from simwarp.vehicle.spec.parts import Array, SpecError
-from simwarp.vehicle.spec.vehicle_spec import Axle, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import Axle, DoubleWishbone, VehicleSpec
 from simwarp.vehicle.stances import AxleStance, Stance, sprung, stance, stop_at
 from simwarp.vehicle.suspensions.alignment import (
     has_tierod,
@@ -186,7 +186,7 @@ def _travel(spec: VehicleSpec, wish: _Wish, found: Stance, device: str) -> _Trav
     axle, now = spec.axles[wish.axle], found.axles[wish.axle]
     reach = SEARCHED * axle.tire.radius
     travels = np.linspace(-reach, reach, GRID)
-    lengths = spring_lengths(spec, wish.axle, travels, device=device)
+    lengths = spring_lengths(_with_hinges(spec), wish.axle, travels, device=device)
     free = np.array([_free(axle, row) for row in lengths])
     middle = int(np.flatnonzero(free)[np.abs(travels[free]).argmin()]) if free.any() else GRID // 2
     low, high = middle, middle
@@ -205,6 +205,17 @@ def _travel(spec: VehicleSpec, wish: _Wish, found: Stance, device: str) -> _Trav
                 f"where its suspension moves freely, got {wish.target:.4g}"
             )
     return _Travel(travels[low : high + 1], lengths[low : high + 1])
+
+
+def _with_hinges(spec: VehicleSpec) -> VehicleSpec:
+    """The vehicle with hinges in the place of bushings, which hold an arm by forces and not on a bench."""
+    axles = []
+    for axle in spec.axles:
+        suspension = axle.suspension
+        if isinstance(suspension, DoubleWishbone):
+            suspension = dataclasses.replace(suspension, upper_arm_bushing=None, lower_arm_bushing=None)
+        axles.append(dataclasses.replace(axle, suspension=suspension))
+    return dataclasses.replace(spec, axles=tuple(axles))
 
 
 def _free(axle: Axle, lengths: Array) -> bool:

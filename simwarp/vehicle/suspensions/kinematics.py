@@ -18,11 +18,14 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
-from simwarp.vehicle.spec.vehicle_spec import Axle, ForceLine, PinnedAxle, RigidSuspension, SpecError, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import Axle, PinnedAxle, RigidSuspension, SpecError, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_axle
-from simwarp.vehicle.suspensions.corner import Array, Frame, merged_lines
+from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 
+FRAME: Final = "axle"
+"""Name of the axle's frame on the bench."""
 STAGE: Final = 0.01
 """The travel is approached in steps of at most this [m], so that Newton's method stays on its branch."""
 FEWEST_STAGES: Final = 8
@@ -98,16 +101,8 @@ def spring_lengths(spec: VehicleSpec, axle: int, travels: npt.ArrayLike, *, devi
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
     states = _held_states(spec, axle, travels, 0.0, None, device)
-    lines: tuple[ForceLine, ...] = getattr(spec.axles[axle].suspension, "springs", ())
-    merged = merged_lines(lines)
-    ends = [(line.chassis_point, line.arm_point) for line in merged]
-    model = states.simulation.model
-    left = states.bench.sides[0].name
-    columns = [
-        model.joint_dof_start[model.joint(f"{left}.spring{ends.index((line.chassis_point, line.arm_point))}")]
-        for line in lines
-    ]
-    found = np.array(states.simulation.state.joint_q.numpy()[:, columns], dtype=np.float64)
+    part = spec.axles[axle]
+    found = line_lengths(states.simulation, part.suspension, FRAME, WORLD, pose(part.location))
     found[~states.reached] = np.nan
     return found
 
@@ -169,7 +164,7 @@ def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
         mount = spec.steerings[axle.steering]
         steering = add_steering(Frame(builder, "steering", pose(mount.location, mount.rotation)), mount.steering, WORLD)
         link = steering.link
-    sides = add_axle(Frame(builder, "axle", pose(axle.location)), 0, axle, WORLD, link)
+    sides = add_axle(Frame(builder, FRAME, pose(axle.location)), 0, axle, WORLD, link)
     movable: tuple[Side, ...] = sides
     if isinstance(axle.suspension, RigidSuspension):
         movable = ()
