@@ -74,12 +74,12 @@ def run(arguments: list[str]) -> int:
     device = str(resolve_device(None if options.device == "auto" else options.device))
     spec = _vehicle(name)
     console = options.console()
+    trimmed = trim(spec, **wishes, device=device) if wishes else spec
     before = _states(spec, device)
     if not wishes:
         _print_states(console, spec, [before])
         options.emit({"vehicle": spec.name, "before": _content(before), "after": None, "parameters": [], "file": None})
         return DONE
-    trimmed = trim(spec, **wishes, device=device)
     after = _states(trimmed, device)
     parameters = changed(spec, trimmed)
     _print_states(console, trimmed, [before, after])
