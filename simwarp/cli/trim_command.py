@@ -213,16 +213,21 @@ def _column(standing: AxleStance, rolling: AxleStance) -> dict[str, str]:
     """What is printed of an axle."""
     return {
         "ride height [m]": f"{standing.ride_height:.4f}",
-        "wheels over design [mm]": f"{1e3 * standing.travel + 0.0:.1f}",
+        "wheels over design [mm]": _number(1e3 * standing.travel, 1),
         "springs [mm]": _springs(standing),
         "  of free length [mm]": _free(standing),
         "stops": _stops(standing),
-        "toe [deg]": f"{math.degrees(standing.toe):.3f}",
-        "camber [deg]": f"{math.degrees(standing.camber):.3f}",
+        "toe [deg]": _number(math.degrees(standing.toe), 3),
+        "camber [deg]": _number(math.degrees(standing.camber), 3),
         "wheel load [N]": f"{standing.load:.0f}",
-        "rolling: toe [deg]": f"{math.degrees(rolling.toe):.3f}",
-        "rolling: force inwards [N]": f"{rolling.side_force:.0f}",
+        "rolling: toe [deg]": _number(math.degrees(rolling.toe), 3),
+        "rolling: force inwards [N]": _number(rolling.side_force, 0),
     }
+
+
+def _number(value: float, digits: int) -> str:
+    """A number without the sign of a zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _springs(axle: AxleStance) -> str:
