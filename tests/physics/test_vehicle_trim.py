@@ -123,14 +123,14 @@ def test_no_side_forces_are_left_on_plates_and_equilibria_are_one() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SPRUNG)
 def test_a_trimmed_vehicle_settles_as_asked_for(name: str) -> None:
-    """Lower, and with some toe on every axle; dropped on plates it comes to rest there by its dampers alone, read by
-    other means. What is not asked of an axle stays.
+    """Below its design height, and with some toe on every axle; dropped on plates it comes to rest there by its dampers
+    alone, read by other means. What is not asked of an axle stays.
     """
     spec = load_vehicle(name)
     before = stance(spec)
     lift = 0.03 * spec.axles[0].tire.radius
     can = sprung_axles(spec)
-    heights = [axle.ride_height - lift if each else None for axle, each in zip(before.axles, can, strict=True)]
+    heights = [axle.ride_height + axle.travel - lift if each else None for axle, each in zip(before.axles, can, strict=True)]
     toes = [math.radians(0.1 + 0.1 * index) if each else None for index, each in enumerate(can)]
     trimmed = trim(spec, ride_height=heights, toe=toes)
     sim, vehicle = simulated(trimmed, plates=True)
