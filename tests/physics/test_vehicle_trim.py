@@ -130,7 +130,9 @@ def test_a_trimmed_vehicle_settles_as_asked_for(name: str) -> None:
     before = stance(spec)
     lift = 0.03 * spec.axles[0].tire.radius
     can = sprung_axles(spec)
-    heights = [axle.ride_height + axle.travel - lift if each else None for axle, each in zip(before.axles, can, strict=True)]
+    heights = [
+        axle.ride_height + axle.travel - lift if each else None for axle, each in zip(before.axles, can, strict=True)
+    ]
     toes = [math.radians(0.1 + 0.1 * index) if each else None for index, each in enumerate(can)]
     trimmed = trim(spec, ride_height=heights, toe=toes)
     sim, vehicle = simulated(trimmed, plates=True)
