@@ -114,8 +114,8 @@ def trim(
         spec: the vehicle, which is left as it is.
         ride_height: one or (axles,), of its frame of reference above the ground over an axle's wheels as built [m];
             "design": where the wheels stand in the frame as they are built. The free lengths of springs are changed.
-        toe: one or (axles,), positive where the wheels' fronts point inwards [rad]. The lengths of tie rods are changed:
-            uprights, with what they hold, stand turned about their kingpins.
+        toe: one or (axles,), positive where the wheels' fronts point inwards [rad]. The lengths of tie rods are
+            changed: uprights, with what they hold, stand turned about their kingpins.
         camber: one or (axles,), positive where the wheels' tops lean outwards [rad]. The seats of spindles in uprights
             are changed.
         device: device of the simulations.
