@@ -153,7 +153,7 @@ def test_a_trim_is_idempotent_survives_its_file_and_leads_back(name: str, tmp_pa
     spec = load_vehicle(name)
     before = stance(spec).axles
     can = sprung_axles(spec)
-    asked = {
+    asked: Any = {
         "ride_height": ["design" if each else None for each in can],
         "toe": [0.001 if each else None for each in can],
         "camber": [-0.004 if each else None for each in can],
@@ -170,7 +170,8 @@ def test_a_trim_is_idempotent_survives_its_file_and_leads_back(name: str, tmp_pa
     )
     for index, each in enumerate(can):
         if each:
-            old, new = spec.axles[index].suspension, back.axles[index].suspension
+            old: Any = spec.axles[index].suspension
+            new: Any = back.axles[index].suspension
             for line, other in zip(old.springs, new.springs, strict=True):
                 assert free_length(other) == pytest.approx(free_length(line), abs=HEIGHT)
             # 0.01° of a steering arm of 0.2 m
@@ -237,7 +238,7 @@ def test_wishes_that_cannot_be_had_are_one_line(name: str, asked: dict[str, Any]
 
 def test_a_turned_tie_rod_goes_about_the_kingpin() -> None:
     """Balls of the arms stay; outer ball, wheel and upright keep their distance to the kingpin; it can be undone."""
-    old = load_vehicle("hmmwv").axles[0].suspension
+    old: Any = load_vehicle("hmmwv").axles[0].suspension
     new: Any = with_tierod_turned(old, math.radians(1.5))
     bottom, top = np.array(old.lower_arm_upright), np.array(old.upper_arm_upright)
     axis = (top - bottom) / np.linalg.norm(top - bottom)
@@ -298,7 +299,7 @@ def _angle_for(hinge: Any, tip: Any, offset: Any, travel: float) -> float:
 
 
 def test_stops_are_told_by_their_lengths() -> None:
-    points = {"chassis_point": (0.0, 0.5, 0.3), "arm_point": (0.0, 0.5, 0.0)}
+    points: Any = {"chassis_point": (0.0, 0.5, 0.3), "arm_point": (0.0, 0.5, 0.0)}
     spring = ForceLine(**points, stiffness=1e4, min_length=0.2, max_length=0.4, bump_curve=((0.0, 0.0), (0.1, 1e4)))
     assert [stop_at(spring, length)[0] for length in (0.19, 0.2, 0.3, 0.4, 0.42)] == ["bump", "", "", "", "rebound"]
     assert stop_at(spring, 0.42)[1] == pytest.approx(0.02)
