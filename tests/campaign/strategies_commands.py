@@ -75,6 +75,7 @@ BASES = (
     Base("doctor"),
     Base("drive", ("sedan",), (("--maneuver", "good/short.csv"), ("--dt", "0.01")), runs=False),
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
+    Base("trim", ("sedan",), (("--ride-height", "design"), ("--toe", "0.1")), runs=False),
     Base("view", ("four-bar",), (("--worlds", "1"), ("--seconds", "0.1")), runs=False),
     Base("sensor-demo", runs=False),
     Base("sweep", ("fast",), (("--seeds", "0-1"), ("--iterations", "1")), runs=False),
@@ -100,6 +101,7 @@ ENDINGS = {
     ("record", "output"): ".npz",
     ("clone", "output"): ".pt",
     ("export", "output"): ".ts",
+    ("trim", "output"): ".json",
 }
 """Options that name a file to write, and its ending."""
 

@@ -21,8 +21,11 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_spec import Axle, PinnedAxle, RigidSuspension, SpecError, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 
+FRAME: Final = "axle"
+"""Name of the axle's frame on the bench."""
 STAGE: Final = 0.01
 """The travel is approached in steps of at most this [m], so that Newton's method stays on its branch."""
 FEWEST_STAGES: Final = 8
@@ -79,6 +82,47 @@ def travel_table(
     Raises:
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
+    return _measure(_held_states(spec, axle, travels, steering, right, device))
+
+
+def spring_lengths(spec: VehicleSpec, axle: int, travels: npt.ArrayLike, *, device: str = "cpu") -> Array:
+    """Lengths of an axle's springs and dampers over travel, both wheels alike.
+
+    Args:
+        spec: the vehicle.
+        axle: index, from the front.
+        travels: (n,) of the wheels' centres upwards [m].
+        device: device of the batch.
+
+    Returns:
+        (n, k) of the lines of the left side, in the order of the description [m]; NaN where the linkage does not reach.
+
+    Raises:
+        SpecError: no such axle, or a travel other than 0 of rigid wheels.
+    """
+    states = _held_states(spec, axle, travels, 0.0, None, device)
+    part = spec.axles[axle]
+    found = line_lengths(states.simulation, part.suspension, FRAME, WORLD, pose(part.location))
+    found[~states.reached] = np.nan
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _HeldStates:
+    """A bench in n states: of its wheels as built (n, 2, 3) [m], steering (n,), whether the linkage closes (n,)."""
+
+    simulation: Simulation
+    bench: _Bench
+    rest: Array
+    steering: Array
+    reached: npt.NDArray[np.bool_]
+
+
+def _held_states(
+    spec: VehicleSpec, axle: int, travels: npt.ArrayLike, steering: npt.ArrayLike, right: npt.ArrayLike | None,
+    device: str,
+) -> _HeldStates:  # fmt: skip
+    """The bench of an axle with its linkage closed at every travel and steering."""
     if not 0 <= axle < len(spec.axles):
         raise SpecError(f"axle: must be in 0..{len(spec.axles) - 1}, got {axle!r}")
     other = travels if right is None else right
@@ -106,7 +150,7 @@ def travel_table(
             q[:, model.joint_dof_start[bench.steering.joint]] = share * inputs * bench.steering.travel
         simulation.set_joint_state(None, q, None)
         reached &= (simulation.state.world_status.numpy() & WorldStatus.NOT_ASSEMBLED) == 0
-    return _measure(simulation, bench, rest, inputs, reached)
+    return _HeldStates(simulation, bench, rest, inputs, reached)
 
 
 def _floats(values: npt.ArrayLike) -> Array:
@@ -120,7 +164,7 @@ def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
         mount = spec.steerings[axle.steering]
         steering = add_steering(Frame(builder, "steering", pose(mount.location, mount.rotation)), mount.steering, WORLD)
         link = steering.link
-    sides = add_axle(Frame(builder, "axle", pose(axle.location)), 0, axle, WORLD, link)
+    sides = add_axle(Frame(builder, FRAME, pose(axle.location)), 0, axle, WORLD, link)
     movable: tuple[Side, ...] = sides
     if isinstance(axle.suspension, RigidSuspension):
         movable = ()
@@ -136,10 +180,9 @@ def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
     return _Bench(sides, planes, steering)
 
 
-def _measure(
-    simulation: Simulation, bench: _Bench, rest: Array, steering: Array, reached: npt.NDArray[np.bool_]
-) -> TravelTable:
+def _measure(states: _HeldStates) -> TravelTable:
     """Angles of the wheels' axes, which are y of the spindles."""
+    simulation, bench, rest, reached = states.simulation, states.bench, states.rest, states.reached
     spindles = [side.spindle for side in bench.sides]
     signs = np.array([side.side for side in bench.sides])
     center = np.array(simulation.state.body_x.numpy()[:, spindles], dtype=np.float64)
@@ -148,6 +191,6 @@ def _measure(
     axes[~reached] = center[~reached] = np.nan
     steer = np.arctan2(-axes[..., 0], axes[..., 1])
     return TravelTable(
-        steering=steering, travel=(center - rest)[..., 2], steer=steer, toe=-signs * steer,
+        steering=states.steering, travel=(center - rest)[..., 2], steer=steer, toe=-signs * steer,
         camber=-signs * np.arcsin(axes[..., 2]), center=center, reached=reached,
     )  # fmt: skip
