@@ -248,7 +248,7 @@ def towed(speed: float, slip: float) -> Callable[[], Script]:
             track = 0.5 * (now["track_speed_L_mps"] + now["track_speed_R_mps"])
             error = ramp * speed / (1.0 - slip) - track
             total += EVERY * DT * error
-            torque = min(max(8000.0 * error + 16000.0 * total, -12000.0), 12000.0)
+            torque = min(max(3.0e4 * error + 6.0e4 * total, -12000.0), 12000.0)
             pull = 5.0e5 * (now["speed_mps"] - ramp * speed)
             return Inputs(torque=(torque, torque), pull=pull)
 
@@ -346,11 +346,10 @@ def read_soil(columns: Mapping[str, Array]) -> dict[str, float]:
 
 
 def read_tow(columns: Mapping[str, Array]) -> dict[str, float]:
-    """Slip is that of the belt over the vehicle."""
     track = 0.5 * (columns["track_speed_L_mps"] + columns["track_speed_R_mps"])
     late = columns["t_s"] >= 2.0
     return {
-        "slip": float(1.0 - columns["speed_mps"][late].mean() / track[late].mean()),
+        "speed over that of the tracks": float(columns["speed_mps"][late].mean() / track[late].mean()),
         "pull over weight": mean(columns, "pull_N", 2.0) / (11342.94 * GRAVITY),
         "torque of both sprockets [N·m]": mean(columns, "torque_Nm", 2.0),
         "sinkage [m]": mean(columns, "sinkage_m", 2.0),

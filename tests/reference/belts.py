@@ -350,6 +350,9 @@ class BeltForces:
         if kind == WHEEL:
             both = self.headings[[at - 1, at]]
             heading = math.atan2(np.sin(both).sum(), np.cos(both).sum())
+        before, after, _ = self.near(i)
+        risen = self.lift[min(i + 1, len(self.lift) - 1)] - self.lift[max(i - 1, 0)]
+        heading -= math.atan(risen / (before + after))
         return self.axes @ np.array([self.shape.forward * math.sin(heading), 0.0, -math.cos(heading)])
 
     def point(self, i):

@@ -248,8 +248,10 @@ def bridged_normal(world: int, belt: int, point: int, tables: BeltTables, work: 
 
 
 @wp.func
-def belt_normal(world: int, belt: int, point: int, frame: Frame, tables: BeltTables, work: BeltWork) -> wp.vec3:
-    """Normal of the belt at a point, towards the vehicle, world axes."""
+def belt_normal(
+    world: int, belt: int, point: int, risen: float, frame: Frame, tables: BeltTables, work: BeltWork
+) -> wp.vec3:  # fmt: skip
+    """Normal of the belt at a point, towards the vehicle, world axes; `risen` is the slope of its lift."""
     place = tables.place[belt, point]
     along = work.along[world, belt, place]
     if tables.kind[belt, point] != PointKind.SPAN:
@@ -259,7 +261,7 @@ def belt_normal(world: int, belt: int, point: int, frame: Frame, tables: BeltTab
             along = work.along[world, belt, 0]
         elif tables.kind[belt, point] == PointKind.IDLER:
             along = before
-    inward = -outward(along)
+    inward = wp.normalize(-outward(along) - risen * along)
     return tables.forward[belt] * inward[0] * frame.ahead + inward[1] * frame.up
 
 
@@ -432,7 +434,9 @@ def press_point(
     push = normal
     if tables.soft == 1:
         pull = soil_traction_of(shear, slip, pressed.force, pressed.area, law, p[BeltParameter.SHEAR_DAMPING])
-        push = belt_normal(world, belt, point, frame, tables, work)
+        risen = memory.lift[world, belt, near.after] - memory.lift[world, belt, near.before]
+        risen /= near.to_before + near.to_after
+        push = belt_normal(world, belt, point, risen, frame, tables, work)
     else:
         road = friction_at(world, frame.x + to_double(arm), friction, terrain)
         pull = traction_of(shear, slip, pressed.force, wp.min(road, p[BeltParameter.FRICTION]), p)
