@@ -48,21 +48,29 @@ def press_hard(depth: float, rate: float, line: float, backing: float, length: f
 
 
 @wp.func
-def soil_pressure(z: float, deepest: float, law: Law) -> wp.vec2:
-    """Pressure of soil at a sinkage, and its slope: elastic above the deepest one so far, plastic below."""
+def soil_pressure(z: float, deepest: float, limit: float, law: Law) -> wp.vec2:
+    """Pressure of soil at a sinkage, and its slope: elastic above the deepest one so far, plastic below.
+
+    Args:
+        z: [m].
+        deepest: sinkage so far [m].
+        limit: pressure there [Pa].
+        law: of the soil.
+    """
     if z <= 0.0:
         return wp.vec2()
-    limit = law.stiffness * wp.pow(wp.max(deepest, 0.0), law.exponent)
     elastic = limit + law.elastic * (z - deepest)
-    plastic = law.stiffness * wp.pow(z, law.exponent)
-    if z > deepest and plastic < elastic:
-        return wp.vec2(plastic, law.exponent * plastic / z)
+    if z > deepest:
+        plastic = law.stiffness * wp.pow(z, law.exponent)
+        if plastic < elastic:
+            return wp.vec2(plastic, law.exponent * plastic / z)
     return wp.vec2(wp.max(elastic, 0.0), wp.where(elastic > 0.0, law.elastic, 0.0))
 
 
 @wp.func
 def press_sides(
-    reach: float, backing: float, area: float, side_area: float, height: float, deepest: float, sunk: float, law: Law
+    reach: float, backing: float, area: float, side_area: float, height: float, deepest: float, limit: float,
+    sunk: float, law: Law,
 ) -> wp.vec3:  # fmt: skip
     """Sinkage, and pressures of pads in the middle and at the sides, where the latter touch as well.
 
@@ -71,7 +79,7 @@ def press_sides(
         backing: as of `press_hard`.
         area, side_area: of pads [m²].
         height: of those at the sides above the others [m].
-        deepest: sinkage so far [m].
+        deepest, limit: sinkage so far [m], and pressure there [Pa].
         sunk: sinkage of the pads in the middle alone, which is too much [m].
         law: of the soil.
     """
@@ -79,15 +87,17 @@ def press_sides(
     high = float(sunk)
     z = float(sunk)
     sides = wp.max(deepest - height, 0.0)
+    most = law.stiffness * wp.pow(sides, law.exponent)
     for _ in range(SIDE_STEPS):
-        middle = soil_pressure(z, deepest, law)
-        beside = soil_pressure(z - height, sides, law)
+        middle = soil_pressure(z, deepest, limit, law)
+        beside = soil_pressure(z - height, sides, most, law)
         excess = area * middle[0] + side_area * beside[0] - backing * (reach - z)
         low = wp.where(excess < 0.0, z, low)
         high = wp.where(excess < 0.0, high, z)
         z -= excess / (area * middle[1] + side_area * beside[1] + backing)
         z = wp.where(z < low or z > high, 0.5 * (low + high), z)
-    return wp.vec3(z, soil_pressure(z, deepest, law)[0], soil_pressure(z - height, sides, law)[0])
+    middle = soil_pressure(z, deepest, limit, law)
+    return wp.vec3(z, middle[0], soil_pressure(z - height, sides, most, law)[0])
 
 
 @wp.func
@@ -130,7 +140,7 @@ def press_soil(
     height = p[BeltParameter.SIDE_HEIGHT]
     if p[BeltParameter.SIDE_WIDTH] > 0.0 and z > height:
         side_area = p[BeltParameter.SIDE_WIDTH] * length
-        both = press_sides(reach, backing, area, side_area, height, deepest, z, law)
+        both = press_sides(reach, backing, area, side_area, height, deepest, limit, z, law)
         z = both[0]
         force = area * both[1] + side_area * both[2]
         if both[2] > 0.0:
