@@ -2,8 +2,9 @@
 
 Run: python benchmarks/tracks_belt_fit.py [CASE ...] [--belt] [--json FILE]
 
-All cases take some ten minutes of one core. The file is written after each, so that a stopped run loses one case;
-cases that are not named keep what the file has. --belt runs belts alone, beside the shoes of the file.
+All cases take ten minutes of one core, half an hour of a busy one. The file is written after each, so that a stopped
+run loses one case; cases that are not named keep what the file has. --belt runs belts alone, beside the shoes of the
+file.
 """
 
 from __future__ import annotations
