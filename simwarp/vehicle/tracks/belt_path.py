@@ -56,6 +56,13 @@ def wrapped_radius(distance: float, pitch: float) -> float:
     return 0.5 * pitch / math.atan(0.5 * pitch / distance)
 
 
+def running_radius(track: BeltTrack, resting: RestingBelt) -> float:
+    """Way of the belt per angle of its sprocket [m]: a tooth takes a shoe along, a drum its surface."""
+    if track.belt.smooth_sprocket:
+        return float(resting.radii[0])
+    return track.sprocket.teeth * track.shoe.pitch / (2.0 * math.pi)
+
+
 def way_around(centers: Array, radii: Array) -> tuple[float, Array, Array]:
     """Length of a belt around circles [m], directions of its straight parts (n, 2), and angles around circles (n,).
 
