@@ -185,6 +185,23 @@ def standstill(c: Contact, load, row, z, dt):
     return force * min(1.0, coulomb / max(np.linalg.norm(force), 1e-12))
 
 
+def lagged(c: Contact, slip, lengths, z, dt):
+    """Slips of the contact after dt: those of the wheel, which they follow over their lengths; advances z."""
+    slip = np.asarray(slip, dtype=float)
+    if lengths[0] == 0.0:
+        return slip
+    slip = slip * min(1.0, 3.0 / max(float(np.linalg.norm(slip)), 1e-12))
+    speed = max(abs(c.v[0]), abs(c.spin * c.effective))
+    for i in range(2):
+        # ds'/dt = s speed / length - s' speed / length
+        z[2 + i] = fine_ode(speed / lengths[i], slip[i] * speed / lengths[i], z[2 + i], dt)
+    return np.array(z[2:4])
+
+
+def lengths_of(row):
+    return row[[Common.RELAXATION_X, Common.RELAXATION_Y]]
+
+
 # ---- TMeasy and TMsimple ---------------------------------------------------------------------------------------------
 
 
@@ -229,8 +246,8 @@ def trail_of(s, n_0, s_0, s_e):
     return -n_0 * (1 - w) * (s - s_0) / s_0 * ((s_e - s) / (s_e - s_0)) ** 2
 
 
-def slips(c):
-    s = -c.slide / (c.effective * abs(c.spin) + 0.01)
+def slips(c, row, z, dt):
+    s = lagged(c, -c.slide / (c.effective * abs(c.spin) + 0.01), lengths_of(row), z, dt)
     size = float(np.linalg.norm(s))
     return s, size, s / size if size > 0 else np.zeros(2)
 
@@ -239,7 +256,7 @@ def tmeasy(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     q = load / row[Tmeasy.NOMINAL_LOAD]
     m = c.friction / row[Common.REFERENCE_FRICTION]
-    s, size, e = slips(c)
+    s, size, e = slips(c, row, z, dt)
 
     def both(x, y, law):
         return hypot(law(row, x, q) * e[0], law(row, y, q) * e[1])
@@ -271,7 +288,7 @@ def overturning(c, row):
 def tmsimple(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     q = load / row[Tmsimple.NOMINAL_LOAD]
-    _, size, e = slips(c)
+    _, size, e = slips(c, row, z, dt)
 
     def both(x, y):
         return hypot(through(row, x, q) * e[0], through(row, y, q) * e[1])
@@ -302,7 +319,7 @@ def ratio_and_tangent(c):
 
 def fiala(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
-    k, t = ratio_and_tangent(c)
+    k, t = lagged(c, ratio_and_tangent(c), lengths_of(row), z, dt)
     slip = min(1.0, hypot(k, t))
     u = row[Fiala.FRICTION_STATIC] * (1 - slip) + row[Fiala.FRICTION_SLIDING] * slip
     q = u * load * c.friction / row[Common.REFERENCE_FRICTION]
@@ -345,9 +362,10 @@ def pac89_pure(k, alpha, g, fz, m, row):
 def pac89(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     k, t = ratio_and_tangent(c)
+    k, a = lagged(c, (np.clip(k, -1, 1), arctan(t)), lengths_of(row), z, dt)
     m = c.friction / row[Common.REFERENCE_FRICTION]
     f_x, f_y, m_z = pac89_pure(
-        100 * np.clip(k, -1, 1), mirror * np.degrees(arctan(t)), mirror * np.degrees(clamped_camber(c, row)),
+        100 * k, mirror * np.degrees(a), mirror * np.degrees(clamped_camber(c, row)),
         load / 1000, m, row,
     )  # fmt: skip
     share = sine_step(abs(c.v[0]), row[Common.BLEND_BEGIN], row[Common.BLEND_END])
@@ -395,9 +413,9 @@ def pac02_pure(p: Any, k, a, g, fz, m):
     gy = g * p.LGAY
     y["h"] = (p.PHY1 + p.PHY2 * d) * p.LHY + p.PHY3 * gy * p.LKYG
     y["v"] = fz * ((p.PVY1 + p.PVY2 * d) * p.LVY + (p.PVY3 + p.PVY4 * d) * gy * p.LKYG) * p.LMUY
-    y["mu"] = abs(m * (p.PDY1 + p.PDY2 * d) * (1 + p.PDY3 * gy**2) * p.LMUY * p.AT_PRESSURE_MUY)
+    y["mu"] = abs(m * (p.PDY1 + p.PDY2 * d) * (1 + p.MUY_CAMBER * p.PDY3 * gy**2) * p.LMUY * p.AT_PRESSURE_MUY)
     y["k"] = p.PKY1 * p.FNOMIN * sin(2 * arctan(fz / (p.PKY2 * fz0 * p.AT_PRESSURE_PKY2)))
-    y["k"] *= (1 - p.PKY3 * abs(gy)) * p.LFZO * p.LMUY * p.LKY * p.AT_PRESSURE_KY
+    y["k"] *= (1 - p.PKY3 * abs(gy)) * p.LFZO * p.LKY * p.AT_PRESSURE_KY
     y["c"] = p.PCY1 * p.LCY
     y["b"] = y["k"] / (y["c"] * y["mu"] * fz + 0.1)
     e = (p.PEY1 + p.PEY2 * d) * (1 - (p.PEY3 + p.PEY4 * gy) * sign(a + y["h"])) * p.LEY
@@ -460,16 +478,28 @@ def pac02_slip(p: Any, k, a, g, fz, m, radius):
     return (0.0 if mode == 2 else f_x), (0.0 if mode == 1 else f_y), (0.0 if mode == 1 else m_z)
 
 
+def pac02_lengths(p: Any, row, fz, g):
+    """Relaxation lengths along x and y: given ones, those of the file, or none."""
+    if row[Common.RELAXATION_X] > 0 or p.TRANSIENT == 0:
+        return lengths_of(row)
+    fz0 = p.FNOMIN * p.LFZO
+    d = fz / fz0 - 1
+    x = fz * (p.PTX1 + p.PTX2 * d) * exp(-p.PTX3 * d) * row[Common.RADIUS] / fz0 * p.LSGKP
+    y = p.PTY1 * sin(2 * arctan(fz / (p.PTY2 * fz0))) * (1 - p.PKY3 * abs(g)) * row[Common.RADIUS] * p.LFZO * p.LSGAL
+    return np.maximum([x, y], 1e-3)
+
+
 def pac02(c: Contact, row, z, dt, mirror):
     p: Any = Coefficients(row)
     fz = min(c.load, row[Common.LOAD_LIMIT])
+    least = max(fz, p.FZMIN)
     m = c.friction / row[Common.REFERENCE_FRICTION]
     v = abs(c.v[0]) + 0.1
-    k = np.clip(-c.slide[0] / v, -1, 1)
-    a = np.clip(-mirror * arctan(c.v[1] / v), -np.pi / 2 + 0.01, np.pi / 2 - 0.01)
-    g = mirror * clamped_camber(c, row)
+    g = np.clip(mirror * clamped_camber(c, row), p.CAMMIN, p.CAMMAX)
+    slip = np.clip([-c.slide[0] / v, -mirror * arctan(c.v[1] / v)], [p.KPUMIN, p.ALPMIN], [p.KPUMAX, p.ALPMAX])
+    k, a = lagged(c, slip, pac02_lengths(p, row, least, g), z, dt)
     r = row[Common.RADIUS]
-    s_x, s_y, m_z = pac02_slip(p, k, a, g, fz, m, r)
+    s_x, s_y, m_z = np.array(pac02_slip(p, k, a, g, least, m, r)) * fz / least
     share = sine_step(abs(c.v[0]), row[Common.BLEND_BEGIN], row[Common.BLEND_END])
     held = standstill(c, fz, row, z, dt)
     f_x = (1 - share) * held[0] + share * s_x
@@ -479,7 +509,7 @@ def pac02(c: Contact, row, z, dt, mirror):
     q = fz / (p.FNOMIN * p.LFZO)
     m_x = p.QSX1 * p.LVMX + p.QSX3 * side - p.QSX2 * p.AT_PRESSURE_MX * g + p.QSX10 * arctan(p.QSX11 * q) * g
     m_x += p.QSX4 * cos(p.QSX5 * arctan(q**2)) * sin(p.QSX7 * g + p.QSX8 * arctan(p.QSX9 * side))
-    u = abs(c.v[0]) / sqrt(9.81 * r)
+    u = abs(c.v[0]) / p.REFERENCE_SPEED
     w = fz / p.FNOMIN
     m_y = p.QSY1 + p.QSY2 * f_x / p.FNOMIN + p.QSY3 * u + p.QSY4 * u**4 + (p.QSY5 + p.QSY6 * w) * g**2
     m_y *= w**p.QSY7 * p.AT_PRESSURE_MY * p.LMY * fz * r * resistance(c)

@@ -12,12 +12,20 @@ The equation is linear for the v of one step and is solved exactly over it, so t
 act over the whole step, however: a bristle under a mass m stays stable only for h² s0 < 4 m and h s1 < 2 m. Both are
 therefore held below m / h² and m / h, which changes nothing where steps are short enough (m: `PATCH_MASS_X`,
 `PATCH_MASS_Y`).
+
+Where a tire has relaxation lengths, the slips s' of its contact follow those of the wheel s over the way that it rolls
+or slides (Pacejka, Tyre and Vehicle Dynamics, 2nd edition, equations 7.7 and 7.9, divided by the speed):
+
+    ds'/dt = (s - s') V / sigma,   V = max(|v_x|, |omega| r_eff)
+
+It is linear for the s of one step and is solved exactly: s' stays between its start and s at any step, forwards and
+backwards. It has no force of its own at rest, where V = 0 and the bristle holds.
 """
 
 import warp as wp
 
 from simwarp.kernels.core.piecewise_linear import segment_of
-from simwarp.vehicle.tires.parameter_vector_kernels import BRISTLE_X, BRISTLE_Y, Common
+from simwarp.vehicle.tires.parameter_vector_kernels import BRISTLE_X, BRISTLE_Y, LAGGED_X, Common
 from simwarp.vehicle.tires.patch_kernels import Patch
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -25,6 +33,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 TWO_PI = wp.constant(6.2831853)
 RESISTANCE_BEGIN = wp.constant(0.125)  # [m/s]: rolling resistance grows from nothing to its full value between them
 RESISTANCE_END = wp.constant(0.5)
+LARGEST_LAGGED = wp.constant(3.0)  # slips beyond it slide as much; they would take long to fade when the wheel rolls
 
 
 @wp.func
@@ -114,6 +123,27 @@ def standstill_force(patch: Patch, load: float, p: wp.array[float], z: wp.array[
     if size > coulomb:
         force *= coulomb / size
     return force
+
+
+@wp.func
+def relaxation_lengths(p: wp.array[float]) -> wp.vec2:
+    """Along x and y [m]."""
+    return wp.vec2(p[Common.RELAXATION_X], p[Common.RELAXATION_Y])
+
+
+@wp.func
+def lagged(slip: wp.vec2, patch: Patch, lengths: wp.vec2, z: wp.array[float], dt: float) -> wp.vec2:
+    """The slips of the contact; those of the wheel where a tire has no relaxation lengths."""
+    result = slip
+    if lengths[0] > 0.0:
+        size = wp.length(slip)
+        if size > LARGEST_LAGGED:
+            result = slip * (LARGEST_LAGGED / size)
+        way = dt * wp.max(wp.abs(patch.v[0]), wp.abs(patch.spin) * patch.effective_radius)
+        for i in range(2):
+            z[LAGGED_X + i] = result[i] + (z[LAGGED_X + i] - result[i]) * wp.exp(-way / lengths[i])
+            result[i] = z[LAGGED_X + i]
+    return result
 
 
 @wp.func

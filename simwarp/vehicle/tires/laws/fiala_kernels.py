@@ -16,7 +16,9 @@ import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
     friction_scale,
+    lagged,
     limited_load,
+    relaxation_lengths,
     resistance_share,
     slip_share,
     standstill_force,
@@ -53,7 +55,8 @@ def fiala_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float)
     share = slip_share(patch, p)
     held = standstill_force(patch, load, p, z, dt)
     tan_a = patch.v[1] / wp.max(wp.abs(patch.v[0]), SLOWEST)
-    slipping = fiala_slip_force(slip_ratio(patch), tan_a, load, friction_scale(patch, p), p)
+    s = lagged(wp.vec2(slip_ratio(patch), tan_a), patch, relaxation_lengths(p), z, dt)
+    slipping = fiala_slip_force(s[0], s[1], load, friction_scale(patch, p), p)
     result = TireForce()
     result.force = wp.vec3(
         (1.0 - share) * held[0] + share * slipping[0], (1.0 - share) * held[1] + share * slipping[1], patch.load

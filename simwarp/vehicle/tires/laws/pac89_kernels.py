@@ -19,8 +19,10 @@ import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
     friction_scale,
+    lagged,
     limited_camber,
     limited_load,
+    relaxation_lengths,
     resistance_share,
     slip_share,
     standstill_force,
@@ -80,8 +82,10 @@ def pac89_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[flo
     held = standstill_force(patch, load, p, z, dt)
     scale = friction_scale(patch, p)
     fz = 1.0e-3 * load
-    k = 100.0 * wp.clamp(slip_ratio(patch), -1.0, 1.0)
-    alpha = mirror * DEGREES * slip_angle(patch)
+    slip = wp.vec2(wp.clamp(slip_ratio(patch), -1.0, 1.0), slip_angle(patch))
+    slip = lagged(slip, patch, relaxation_lengths(p), z, dt)
+    k = 100.0 * slip[0]
+    alpha = mirror * DEGREES * slip[1]
     camber = mirror * DEGREES * limited_camber(patch, p)
     f_x = pac89_longitudinal(k, fz, scale, p)
     f_y = -mirror * pac89_lateral(alpha, camber, fz, scale, p)

@@ -19,8 +19,10 @@ import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
     friction_scale,
+    lagged,
     limited_load,
     overturning_torque,
+    relaxation_lengths,
     slip_share,
     standstill_force,
 )
@@ -111,7 +113,7 @@ def tmeasy_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float
     load = limited_load(patch, p)
     q = load / p[Tmeasy.NOMINAL_LOAD]
     scale = friction_scale(patch, p)
-    s = slip_velocity_ratio(patch)
+    s = lagged(slip_velocity_ratio(patch), patch, relaxation_lengths(p), z, dt)
     share = slip_share(patch, p)
     held = standstill_force(patch, load, p, z, dt)
     force = (1.0 - share) * held + share * tmeasy_slip_force(s, q, scale, p)

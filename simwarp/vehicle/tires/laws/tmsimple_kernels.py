@@ -12,8 +12,10 @@ import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
     friction_scale,
+    lagged,
     limited_load,
     overturning_torque,
+    relaxation_lengths,
     slip_share,
     standstill_force,
 )
@@ -47,7 +49,8 @@ def tmsimple_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: flo
     load = limited_load(patch, p)
     share = slip_share(patch, p)
     held = standstill_force(patch, load, p, z, dt)
-    slipping = tmsimple_slip_force(slip_velocity_ratio(patch), load / p[Tmsimple.NOMINAL_LOAD], p)
+    s = lagged(slip_velocity_ratio(patch), patch, relaxation_lengths(p), z, dt)
+    slipping = tmsimple_slip_force(s, load / p[Tmsimple.NOMINAL_LOAD], p)
     force = (1.0 - share) * held + share * friction_scale(patch, p) * slipping
     result = TireForce()
     result.force = wp.vec3(force[0], force[1], patch.load)
