@@ -103,17 +103,19 @@ def test_a_pinned_axle_takes_its_pin_along():
 def test_what_has_no_mirror_image_is_named():
     with pytest.raises(SpecError, match=r"axles\[0\].suspension.draglink_chassis: must be absent"):
         mirrored(samples()["solid-axle"])
-    odd = with_options(shipped("hmmwv"), tire="pacejka2002")
+    marked = with_options(shipped("hmmwv"), tire="pacejka2002")  # by its property file
+    odd = with_tire_parameters(marked, measured_side="either")
     with pytest.raises(SpecError, match=r"axles\[0\].tire.parameters.measured_side: must be left or right"):
         mirrored(odd)
-    marked = dataclasses.replace(
-        odd,
-        axles=tuple(
-            dataclasses.replace(
-                axle,
-                tire=dataclasses.replace(axle.tire, parameters={**axle.tire.parameters, "measured_side": "left"}),
-            )
-            for axle in odd.axles
-        ),
-    )
     assert mirrored(marked).axles[0].tire == marked.axles[0].tire
+    again = with_tire_parameters(odd, measured_side="left")
+    assert mirrored(again).axles[0].tire == again.axles[0].tire
+
+
+def with_tire_parameters(spec, **changes):
+    """A vehicle with parameters of its tires changed."""
+    axles = [
+        dataclasses.replace(axle, tire=dataclasses.replace(axle.tire, parameters={**axle.tire.parameters, **changes}))
+        for axle in spec.axles
+    ]
+    return dataclasses.replace(spec, axles=tuple(axles))

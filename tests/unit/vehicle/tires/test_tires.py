@@ -104,7 +104,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
             "rolling_resistance": None,
         },
     ),
-    "pacejka2002 symmetric": ("pacejka2002", {"tir": properties(TYRESIDE="SYMMETRIC"), "combined": "weights"}),
+    "pacejka2002 of both sides": ("pacejka2002", {"tir": properties(TYRESIDE="SYMMETRIC"), "combined": "weights"}),
     "pacejka2002 mirror image": ("pacejka2002", {"tir": properties(USE_MODE=-4.0), "combined": "weights"}),
 }
 SLOPE = np.array([0.11, -0.07, 1.0])
