@@ -185,16 +185,17 @@ def standstill(c: Contact, load, row, z, dt):
     return force * min(1.0, coulomb / max(np.linalg.norm(force), 1e-12))
 
 
-def lagged(c: Contact, slip, lengths, z, dt):
+def lagged(slip, speed, lengths, limit, z, dt):
     """Slips of the contact after dt: those of the wheel, which they follow over their lengths; advances z."""
     slip = np.asarray(slip, dtype=float)
     if lengths[0] == 0.0:
         return slip
-    slip = slip * min(1.0, 3.0 / max(float(np.linalg.norm(slip)), 1e-12))
-    speed = max(abs(c.v[0]), abs(c.spin * c.effective))
     for i in range(2):
         # ds'/dt = s speed / length - s' speed / length
-        z[2 + i] = fine_ode(speed / lengths[i], slip[i] * speed / lengths[i], z[2 + i], dt)
+        end = fine_ode(speed / lengths[i], slip[i] * speed / lengths[i], z[2 + i], dt)
+        z[2 + i] = np.clip(end, -max(abs(slip[i]), limit[i]), max(abs(slip[i]), limit[i]))
+    if np.linalg.norm(z[2:4]) > 2.0:
+        z[2:4] = slip * min(1.0, 2.0 / np.linalg.norm(slip))
     return np.array(z[2:4])
 
 
@@ -246,8 +247,9 @@ def trail_of(s, n_0, s_0, s_e):
     return -n_0 * (1 - w) * (s - s_0) / s_0 * ((s_e - s) / (s_e - s_0)) ** 2
 
 
-def slips(c, row, z, dt):
-    s = lagged(c, -c.slide / (c.effective * abs(c.spin) + 0.01), lengths_of(row), z, dt)
+def slips(c, row, z, dt, limit):
+    v = c.effective * abs(c.spin) + 0.01
+    s = lagged(-c.slide / v, v, lengths_of(row), limit, z, dt)
     size = float(np.linalg.norm(s))
     return s, size, s / size if size > 0 else np.zeros(2)
 
@@ -256,7 +258,8 @@ def tmeasy(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     q = load / row[Tmeasy.NOMINAL_LOAD]
     m = c.friction / row[Common.REFERENCE_FRICTION]
-    s, size, e = slips(c, row, z, dt)
+    pairs = ((Tmeasy.MAX_X, Tmeasy.SLOPE_X), (Tmeasy.MAX_Y, Tmeasy.SLOPE_Y))
+    s, size, e = slips(c, row, z, dt, [3 * m * through(row, a, q) / through(row, b, q) for a, b in pairs])
 
     def both(x, y, law):
         return hypot(law(row, x, q) * e[0], law(row, y, q) * e[1])
@@ -288,7 +291,8 @@ def overturning(c, row):
 def tmsimple(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     q = load / row[Tmsimple.NOMINAL_LOAD]
-    _, size, e = slips(c, row, z, dt)
+    pairs = ((Tmsimple.MAX_X, Tmsimple.SLOPE_X), (Tmsimple.MAX_Y, Tmsimple.SLOPE_Y))
+    _, size, e = slips(c, row, z, dt, [3 * through(row, a, q) / through(row, b, q) for a, b in pairs])
 
     def both(x, y):
         return hypot(through(row, x, q) * e[0], through(row, y, q) * e[1])
@@ -319,7 +323,9 @@ def ratio_and_tangent(c):
 
 def fiala(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
-    k, t = lagged(c, ratio_and_tangent(c), lengths_of(row), z, dt)
+    q = 3 * row[Fiala.FRICTION_STATIC] * load * c.friction / row[Common.REFERENCE_FRICTION]
+    limit = [q / row[Fiala.SLIP_STIFFNESS], q / row[Fiala.CORNERING_STIFFNESS]]
+    k, t = lagged(ratio_and_tangent(c), max(abs(c.v[0]), 0.1), lengths_of(row), limit, z, dt)
     slip = min(1.0, hypot(k, t))
     u = row[Fiala.FRICTION_STATIC] * (1 - slip) + row[Fiala.FRICTION_SLIDING] * slip
     q = u * load * c.friction / row[Common.REFERENCE_FRICTION]
@@ -359,11 +365,20 @@ def pac89_pure(k, alpha, g, fz, m, row):
     return f_x, f_y, m_z + (c[14] * fz**2 + c[15] * fz) * g + c[16] * fz + c[17]
 
 
+def pac89_limit(row, fz, g, m):
+    """Slip ratio and angle [rad] where all slides: three times the largest force over the slope."""
+    a, b = row[Pac89.A : Pac89.A + 14], row[Pac89.B : Pac89.B + 11]
+    x = (b[1] * fz**2 + b[2] * fz) / ((b[3] * fz**2 + b[4] * fz) * exp(-b[5] * fz))
+    y = (a[1] * fz**2 + a[2] * fz) / (a[3] * sin(2 * arctan(fz / a[4])) * (1 - a[5] * abs(g)))
+    return 3 * m * abs(x) / 100, 3 * m * np.radians(abs(y))
+
+
 def pac89(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     k, t = ratio_and_tangent(c)
-    k, a = lagged(c, (np.clip(k, -1, 1), arctan(t)), lengths_of(row), z, dt)
     m = c.friction / row[Common.REFERENCE_FRICTION]
+    limit = pac89_limit(row, load / 1000, np.degrees(clamped_camber(c, row)), m)
+    k, a = lagged((np.clip(k, -1, 1), arctan(t)), max(abs(c.v[0]), 0.1), lengths_of(row), limit, z, dt)
     f_x, f_y, m_z = pac89_pure(
         100 * k, mirror * np.degrees(a), mirror * np.degrees(clamped_camber(c, row)),
         load / 1000, m, row,
@@ -497,7 +512,9 @@ def pac02(c: Contact, row, z, dt, mirror):
     v = abs(c.v[0]) + 0.1
     g = np.clip(mirror * clamped_camber(c, row), p.CAMMIN, p.CAMMAX)
     slip = np.clip([-c.slide[0] / v, -mirror * arctan(c.v[1] / v)], [p.KPUMIN, p.ALPMIN], [p.KPUMAX, p.ALPMAX])
-    k, a = lagged(c, slip, pac02_lengths(p, row, least, g), z, dt)
+    x, y, _, _ = pac02_pure(p, *slip, g, least, m)
+    limit = [3 * least * x["mu"] / abs(x["k"]), 3 * least * y["mu"] / abs(y["k"])]
+    k, a = lagged(slip, v, pac02_lengths(p, row, least, g), limit, z, dt)
     r = row[Common.RADIUS]
     s_x, s_y, m_z = np.array(pac02_slip(p, k, a, g, least, m, r)) * fz / least
     share = sine_step(abs(c.v[0]), row[Common.BLEND_BEGIN], row[Common.BLEND_END])

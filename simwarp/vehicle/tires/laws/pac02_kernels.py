@@ -29,6 +29,7 @@ Slips are taken with |v_x| + 0.1 m/s, the effective radius is Rill's estimate.
 import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
+    ADHESION,
     friction_scale,
     lagged,
     limited_camber,
@@ -277,9 +278,14 @@ def pac02_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[flo
     s.k = wp.clamp(-patch.slide[0] / speed, p[Pac02.KPUMIN], p[Pac02.KPUMAX])
     s.a = wp.clamp(-mirror * wp.atan2(patch.v[1], speed), p[Pac02.ALPMIN], p[Pac02.ALPMAX])
     s.g = wp.clamp(mirror * limited_camber(patch, p), p[Pac02.CAMMIN], p[Pac02.CAMMAX])
-    slip = lagged(wp.vec2(s.k, s.a), patch, pac02_lengths(s, p), z, dt)
-    s.k = slip[0]
-    s.a = slip[1]
+    lengths = pac02_lengths(s, p)
+    if lengths[0] > 0.0:
+        x = pure_longitudinal(s, p)
+        y = pure_lateral(s, p)
+        limit = ADHESION * s.fz * wp.vec2(wp.abs(x.mu / x.k), wp.abs(y.mu / y.k))
+        slip = lagged(wp.vec2(s.k, s.a), speed, lengths, limit, z, dt)
+        s.k = slip[0]
+        s.a = slip[1]
     slipping = load / s.fz * pac02_slip_force(s, p)
     s.fz = load
     share = slip_share(patch, p)
