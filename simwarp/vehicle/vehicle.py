@@ -26,10 +26,10 @@ from simwarp.vehicle.inputs_kernels import (
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
-from simwarp.vehicle.tires.tire_obstacles_kernels import find_envelopes
 from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
 from simwarp.vehicle.tires.tire_obstacles import ObstacleNames, TireObstacles
+from simwarp.vehicle.tires.tire_obstacles_kernels import find_envelopes
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
 from simwarp.vehicle.tires.tires_kernels import apply_tires
 
@@ -174,7 +174,11 @@ class Vehicles(ForceElement):
         if self.tires.obstacles is None:
             return [inputs, tires]
         around = self.tires.look_out_inputs(state)
-        return [inputs, simulation.shares.record(find_envelopes, wheels, inputs=around[:-1], outputs=around[-1:]), tires]
+        return [
+            inputs,
+            simulation.shares.record(find_envelopes, wheels, inputs=around[:-1], outputs=around[-1:]),
+            tires,
+        ]
 
     def _warn_of_missing_ground(self, simulation: StepContext) -> None:
         assert not isinstance(self.tires, Tires)  # these have a plane at least

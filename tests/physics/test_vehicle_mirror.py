@@ -77,7 +77,7 @@ def test_the_mirror_image_drives_the_mirrored_run(name, speed):
 
 @pytest.mark.slow
 def test_a_property_file_of_one_side_mirrors_with_the_vehicle():
-    """Tires measured on the left are mirrored on the right: the vehicle has a mirror image; with `either` it has not."""
+    """Tires measured on the left are mirrored on the right: the vehicle has a mirror image, and none with `either`."""
     spec = lopsided(with_options(shipped("sedan"), tire="pacejka2002"))
     run = step_steer(spec, 0.3, 12.0)
     found = apart(run, step_steer(mirrored(spec), -0.3, 12.0))

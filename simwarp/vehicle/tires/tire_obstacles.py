@@ -13,8 +13,8 @@ from simwarp.core.types import WORLD, ShapeType
 from simwarp.core.wording import close_names
 from simwarp.model.model import Model
 from simwarp.vehicle.spec.parts import SpecError
-from simwarp.vehicle.tires.tire_obstacles_kernels import ObstacleTables
 from simwarp.vehicle.tires.patch_kernels import Envelopes
+from simwarp.vehicle.tires.tire_obstacles_kernels import ObstacleTables
 
 ObstacleNames: TypeAlias = Sequence[int | str] | Literal["all"]
 """Shapes on WORLD by index or name; "all": every one that tires can meet."""
@@ -80,7 +80,9 @@ class TireObstacles(Readable):
         tables: Any = ObstacleTables()
         device, kinds = self.model.device, self.model.shape_types
         tables.shape = wp.array(np.array(self.shapes, np.int32), dtype=int, device=device)
-        tables.kind = wp.array(np.array([int(kinds[shape]) for shape in self.shapes], np.int32), dtype=int, device=device)
+        tables.kind = wp.array(
+            np.array([int(kinds[shape]) for shape in self.shapes], np.int32), dtype=int, device=device
+        )
         tables.near = wp.zeros((self.model.world_count, wheels, len(self.shapes)), dtype=int, device=device)
         return tables
 

@@ -1,15 +1,16 @@
 """What a wheel meets of the ground and of static shapes: one normal and one deflection, by rays in its plane.
 
-Rays leave the wheel's centre in three planes across its width, 2° apart, up to 120° from straight down. Where a ray meets
-ground or a shape at a distance t below the radius r, the sector beyond shares (r² - t²) / 2 times its angle with it. The
-sum of these shares along their rays, over the planes' number, is a vector v. A disc that a plane cuts off at the
-half angle q shares
+Rays leave the wheel's centre in three planes across its width, 2° apart, up to 120° from straight down. Where a ray
+meets ground or a shape at a distance t below the radius r, the sector beyond shares (r² - t²) / 2 times its angle with
+it. The sum of these shares along the rays of a plane is a vector v. A disc that a straight line cuts off at the half
+angle q shares
 
     |v| = r² (sin q - cos² q asinh(tan q)),   deflection = r (1 - cos q)
 
-with it, along its normal: this deflection and the direction against v stand for what the wheel meets. So a plane gives
-its own normal and deflection, an edge a part of them that grows as it moves in, and the two walls of a ditch hold the
-wheel together. Across the wheel's plane the normal leans as much as what is met, on the average of the shares.
+with what is beyond, along its normal: this deflection against v stands for what the plane meets, and the mean of the
+three, as vectors, for what the wheel meets. So flat ground gives its own normal and deflection, a stone under a third
+of the width a third, an edge a part that grows as it moves in, and the two walls of a ditch hold the wheel together.
+Across the wheel's plane the normal leans as much as what is met, on the average of the shares.
 
 What is met twice counts once: of each ray the nearest hit counts. A shape that holds the wheel's centre is not met.
 """
@@ -185,6 +186,48 @@ def list_near(
     return count
 
 
+@wp.struct
+class Met:
+    """What one plane of a wheel, or all of it, meets."""
+
+    push: wp.vec3  # deflection along the normal, in the wheel's plane [m]
+    shared: float  # sum of shares [m²]
+    lean: float  # of them, times the normals' part along the axis
+
+
+@wp.func
+def met_in_plane(
+    world: int, wheel: Wheel, x: wp.vec3d, radius: float, count: int, near: wp.array[int], obstacles: ObstacleTables,
+    terrain: TerrainTables, parameters: Parameters, assets: Assets,
+) -> Met:  # fmt: skip
+    """What rays from x meet."""
+    met = Met()
+    down = lowest(wheel, 1.0)
+    ahead = wp.cross(down, wheel.axis)
+    first = -0.5 * float(RAYS - 1) * SPREAD
+    c = wp.cos(first)
+    s = wp.sin(first)
+    turn_c = wp.cos(SPREAD)
+    turn_s = wp.sin(SPREAD)
+    v = wp.vec3()
+    for _ in range(RAYS):
+        direction = c * down + s * ahead
+        hit = nearest_hit(world, x, direction, radius, count, near, obstacles, terrain, parameters, assets)
+        if hit.t >= 0.0:
+            share = 0.5 * (radius * radius - hit.t * hit.t)
+            v += share * direction
+            met.shared += share
+            met.lean += share * wp.dot(hit.normal, wheel.axis)
+        next_c = c * turn_c - s * turn_s
+        s = s * turn_c + c * turn_s
+        c = next_c
+    size = wp.length(v)
+    if size > 0.0:
+        q = cut_angle(size * SPREAD / (radius * radius))
+        met.push = -(radius * (1.0 - wp.cos(q)) / size) * v
+    return met
+
+
 @wp.kernel
 def find_envelopes(
     worlds: WorldRange,
@@ -219,27 +262,18 @@ def find_envelopes(
     near = obstacles.near[world, number]
     reach = wp.sqrt(radius * radius + 0.25 * width * width)
     count = list_near(world, wheel, reach, near, obstacles, parameters, assets)
-    down = lowest(wheel, 1.0)
-    ahead = wp.cross(down, wheel.axis)
-    v = wp.vec3()
-    shared = float(0.0)
-    lean = float(0.0)
+    met = Met()
     for plane in range(PLANES):
         aside = (float(plane) - 0.5 * float(PLANES - 1)) * width / float(PLANES)
         x = wheel.x + to_double(aside * wheel.axis)
-        for ray in range(RAYS):
-            angle = (float(ray) - 0.5 * float(RAYS - 1)) * SPREAD
-            direction = wp.cos(angle) * down + wp.sin(angle) * ahead
-            hit = nearest_hit(world, x, direction, radius, count, near, obstacles, terrain, parameters, assets)
-            if hit.t >= 0.0:
-                share = 0.5 * (radius * radius - hit.t * hit.t)
-                v += share * direction
-                shared += share
-                lean += share * wp.dot(hit.normal, wheel.axis)
-    size = wp.length(v)
-    if size <= 0.0:
+        part = met_in_plane(world, wheel, x, radius, count, near, obstacles, terrain, parameters, assets)
+        met.push += part.push / float(PLANES)
+        met.shared += part.shared
+        met.lean += part.lean
+    deflection = wp.length(met.push)
+    if deflection <= 0.0:
         return
-    q = cut_angle(size * SPREAD / (float(PLANES) * radius * radius))
-    lean = lean / shared
-    envelopes.normal[world, number] = wp.sqrt(wp.max(1.0 - lean * lean, 0.0)) / size * -v + lean * wheel.axis
-    envelopes.deflection[world, number] = radius * (1.0 - wp.cos(q))
+    lean = met.lean / met.shared
+    upright_part = wp.sqrt(wp.max(1.0 - lean * lean, 0.0)) / deflection
+    envelopes.normal[world, number] = upright_part * met.push + lean * wheel.axis
+    envelopes.deflection[world, number] = deflection

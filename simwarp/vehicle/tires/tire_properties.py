@@ -135,8 +135,8 @@ def fill_mode(vector: Vector, tir: dict[str, float | str], given: Pacejka2002Par
     for key in TRANSIENT:
         if number(tir, key, 0.0) == 0.0:
             raise SpecError(
-                f"tir.USE_MODE: must be below 10 where {key} is missing or 0, got {formatted(tir.get('USE_MODE'))}: it asks "
-                "for relaxation lengths; give relaxation_length, or a mode of 0 to 4"
+                f"tir.USE_MODE: must be below 10 where {key} is missing or 0, got {formatted(tir.get('USE_MODE'))}: it"
+                " asks for relaxation lengths; give relaxation_length, or a mode of 0 to 4"
             )
 
 

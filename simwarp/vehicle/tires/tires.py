@@ -31,10 +31,10 @@ from simwarp.kernels.core.world_range import WorldRange
 from simwarp.model.model import Model
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
-from simwarp.vehicle.tires.tire_obstacles_kernels import find_envelopes
 from simwarp.vehicle.tires.parameter_vector import ParameterVector, tire_vector
 from simwarp.vehicle.tires.parameter_vector_kernels import TireContact
 from simwarp.vehicle.tires.tire_obstacles import TireObstacles, make_envelopes, shape_on_world
+from simwarp.vehicle.tires.tire_obstacles_kernels import find_envelopes
 from simwarp.vehicle.tires.tires_kernels import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.tires.wheel_reports import REPORTED
 
@@ -232,8 +232,8 @@ class Tires(Readable):
     def inputs(self, dt: float, state: StateArrays, assets: Assets) -> list[Any]:
         """Arguments of `apply_tires` between the worlds and its outputs."""
         return [
-            dt, self.tables, self.parameter, self.ground_friction, self.terrain, self.envelopes, assets, state, self.state,
-            self.reports,
+            dt, self.tables, self.parameter, self.ground_friction, self.terrain, self.envelopes, assets, state,
+            self.state, self.reports,
         ]  # fmt: skip
 
     def look_out_inputs(self, state: StateArrays) -> list[Any]:

@@ -11,8 +11,8 @@ With d = (F_z - F_z0) / F_z0, F_z0 = FNOMIN LFZO, slip ratio k, slip angle a, ca
     S_Vy = F_z (PVY1 + PVY2 d + (PVY3 + PVY4 d) g)
     M_z = -t F_y + M_zr,  t = D_t cos(C_t atan(...(a + S_Ht))) cos a,  M_zr = D_r cos(atan(B_r (a + S_Hf))) cos a
 
-The two differ in two places. (1 + PDY3 g²) is that of PAC2002 as Chrono has it; in MF-Tyre 5.2 it is (1 - PDY3 g²), as in
-equation 4.E23. Rolling resistance takes its speed over sqrt(g R) in the one, over LONGVL in the other (4.E70). All
+The two differ in two places. (1 + PDY3 g²) is that of PAC2002 as Chrono has it; in MF-Tyre 5.2 it is (1 - PDY3 g²), as
+in equation 4.E23. Rolling resistance takes its speed over sqrt(g R) in the one, over LONGVL in the other (4.E70). All
 scaling factors stand where equations 4.E9 to 4.E78 have them. Slips, camber and load are held within the ranges of the
 file; below FZMIN forces are those of FZMIN, times F_z / FZMIN. Relaxation lengths, where the file asks for them
 (appendix 3; as in Adams/Tire):

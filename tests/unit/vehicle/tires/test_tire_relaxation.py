@@ -87,7 +87,7 @@ def test_no_step_carries_a_slip_too_far(template):
 
 
 def test_a_property_file_gives_lengths_of_the_load():
-    """sigma_x = R Fz / Fz0 (PTX1 + PTX2 d) exp(-PTX3 d) LSGKP; sigma_y = R PTY1 sin(2 atan(Fz / (PTY2 Fz0))) LFZO LSGAL."""
+    """R Fz / Fz0 (PTX1 + PTX2 d) exp(-PTX3 d) LSGKP along, R PTY1 sin(2 atan(Fz / (PTY2 Fz0))) LFZO LSGAL across."""
     tir = properties(USE_MODE=14.0, PTX1=0.5, PTX2=0.2, PTX3=0.3, PTY1=1.4, PTY2=1.6, LSGKP=0.9, LSGAL=1.1)
     row = row_of("pacejka2002", tir=tir)
     load, nominal, radius = 8000.0, 35000.0 * 0.580904846, 0.4699

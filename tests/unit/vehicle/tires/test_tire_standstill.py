@@ -21,6 +21,7 @@ from tests.unit.vehicle.tires.tire_bench import (
     values,
 )
 
+
 def damped(template):
     """Dampers that end all bouncing in seconds: while the load swings, bristles give way bit by bit, as they should."""
     if template == "pacejka2002":

@@ -236,12 +236,18 @@ def test_property_file_on_disk(tmp_path):
             "line 2: PROPERTY_FILE_FORMAT: must be one of 'PAC2002', 'MF-TYRE', 'MF_05', got 'PAC89'",
         ),
         ("LENGTH = 'mile'", "line 2: LENGTH: must be one of 'meter', 'm', 'mm', "),
-        ("ANGLE = 'degree'", "line 2: ANGLE: must be one of 'radian', 'radians', 'rad', got 'degree'; convert the file"),
+        (
+            "ANGLE = 'degree'",
+            "line 2: ANGLE: must be one of 'radian', 'radians', 'rad', got 'degree'; convert the file",
+        ),
         (
             "TYRESIDE = 'BOTH'",
-            "line 2: TYRESIDE: must be one of 'LEFT', 'RIGHT', 'SYMMETRIC', got 'BOTH'; name the side of the measurement",
+            "line 2: TYRESIDE: must be one of 'LEFT', 'RIGHT', 'SYMMETRIC', got 'BOTH'; name the side",
         ),
-        ("USE_MODE = 24", "line 2: USE_MODE: must not ask for nonlinear relaxation with a contact mass, got 24; give 0"),
+        (
+            "USE_MODE = 24",
+            "line 2: USE_MODE: must not ask for nonlinear relaxation with a contact mass, got 24; give 0",
+        ),
         ("USE_MODE = 25", "line 2: USE_MODE: must not ask for turn slip, got 25; give 0 (F_z), 1 (F_x)"),
         ("USE_MODE = 34", "line 2: USE_MODE: must not ask for a belt as a rigid ring, got 34"),
         ("USE_MODE = 7", "line 2: USE_MODE: must be one of 0, 1, 2, 3, 4 or 10 more, got 7"),
