@@ -285,12 +285,12 @@ def test_a_field_as_ground_and_as_a_shape():
 
 
 def course(builder, kind):
-    """A kerb of 0.1 m, a ditch of 0.4 m across, or three stones of different heights under the wheels' tracks."""
+    """A kerb of 0.1 m, a ditch of 0.6 m across, or three stones of different heights under the wheels' tracks."""
     if kind == "kerb":
         builder.add_shape_plane()
         builder.add_shape_box(WORLD, half=(2.0, 3.0, 0.05), pose=pose((7.0, 0.0, 0.05)))
     elif kind == "ditch":
-        for x in (-6.0, 14.4):
+        for x in (-6.0, 14.6):
             builder.add_shape_box(WORLD, half=(10.0, 3.0, 0.5), pose=pose((x, 0.0, -0.5)))
     else:
         builder.add_shape_plane()
@@ -319,15 +319,33 @@ def hubs_over(kind, tire):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "height"), [("kerb", 0.1), ("stones", 0.1), ("ditch", -0.02)])
+@pytest.mark.parametrize(("kind", "height"), [("kerb", 0.1), ("stones", 0.1), ("ditch", -0.1)])
 def test_hubs_take_the_way_that_rigid_tires_take(kind, height):
-    """They rise and fall as those on rigid cylinders, but for what the tire gives: 20 mm at rest, 54 mm on an edge."""
+    """They rise and fall as those on rigid cylinders, but for what tires give: 20 mm at rest, and some 30 mm more on an
+    edge, under a third of their width or when they land.
+    """
     (soft_x, soft), (hard_x, hard) = hubs_over(kind, "tmeasy"), hubs_over(kind, "rigid")
     for wheel in range(2):
-        grid = np.linspace(0.5, 1.0, 300) * min(soft_x[-1, wheel], hard_x[-1, wheel])
+        ends = max(soft_x[60, wheel], hard_x[60, wheel]), min(soft_x[-1, wheel], hard_x[-1, wheel])
+        grid = np.linspace(*ends, 500)
         a, b = (np.interp(grid, x[:, wheel], z[:, wheel]) for x, z in ((soft_x, soft), (hard_x, hard)))
         assert np.sqrt(np.mean((a - b) ** 2)) < 0.02
-        assert np.abs(a - b).max() < 0.06
-        peak = a.max() if height > 0.0 else a.min()
-        assert abs(peak) > 0.5 * abs(height)
-        assert np.sign(peak) == np.sign(height)
+        top, bottom = abs(a.max() - b.max()), abs(a.min() - b.min())
+        assert max(top, bottom) < 0.04
+        assert 0.9 * abs(height) < (b.max() if height > 0.0 else -b.min()) < 1.1 * abs(height)
+
+
+# what stands beside the road is not there for tires without a look-out
+@pytest.mark.slow
+def test_without_a_look_out_a_kerb_is_not_there():
+    builder = sw.ModelBuilder()
+    parts = add_vehicle(builder, load_vehicle("hmmwv"), speed=2.0)
+    course(builder, "kerb")
+    model = builder.finalize(1, "cpu", per_world=per_world())
+    car = Vehicle(parts, model)
+    sim = sw.Simulation(model, 1e-3, elements=[car], solver=VEHICLE_SOLVER)
+    hub = parts.sides[0].spindle
+    start = float(sim.state.body_x.numpy()[0, hub, 2])
+    sim.step(2500)
+    assert float(sim.state.body_x.numpy()[0, hub, 0]) > 5.2
+    assert abs(float(sim.state.body_x.numpy()[0, hub, 2]) - start) < 0.03
