@@ -125,7 +125,7 @@ def rows(name: str) -> list[str]:
             at, twice = grip(axle.tire, load), grip(axle.tire, 2.0 * load)
             place = "" if shared else (", front", ", rear")[number]
             lines.append(
-                f"| `{name}`{place} | `{tire}` | {load / 1e3:.2f} | {at.stiffness / 1e3:.1f} | {at.lateral:.2f} |"
+                f"| `{name}`{place} | `{tire}` | {load / 1e3:.3g} | {at.stiffness / 1e3:.3g} | {at.lateral:.2f} |"
                 f" {at.braking:.2f} | {at.locked:.2f} | {twice.stiffness / at.stiffness:.2f} |"
                 f" {twice.lateral / at.lateral:.2f} |"
             )
