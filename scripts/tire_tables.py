@@ -108,7 +108,9 @@ def loads_at_rest(name: str) -> list[float]:
     vehicle = Vehicle(parts, builder.finalize(1, "cpu", per_world=per_world()))
     sw.Simulation(vehicle.model, STEP, elements=[vehicle], solver=VEHICLE_SOLVER).step(3000)
     loads, axles = vehicle.tires.load.numpy()[0], [side.axle for side in parts.sides]
-    return [float(loads[[k for k, axle in enumerate(axles) if axle == number]].mean()) for number in range(max(axles) + 1)]
+    return [
+        float(loads[[k for k, axle in enumerate(axles) if axle == number]].mean()) for number in range(max(axles) + 1)
+    ]
 
 
 def rows(name: str) -> list[str]:
@@ -134,11 +136,12 @@ def rows(name: str) -> list[str]:
 
 def table() -> str:
     """The whole table."""
-    head = [
-        "| vehicle | tire | load at rest [kN] | cornering stiffness [kN/rad] | largest lateral force / load | largest braking"
-        " force / load | locked wheel / load | stiffness at twice the load | lateral grip at twice the load |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    columns = (
+        "vehicle", "tire", "load at rest [kN]", "cornering stiffness [kN/rad]", "largest lateral force / load",
+        "largest braking force / load", "locked wheel / load", "stiffness at twice the load",
+        "lateral grip at twice the load",
+    )  # fmt: skip
+    head = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
     return "\n".join([*head, *(line for name in SHIPPED for line in rows(name))]) + "\n"
 
 

@@ -230,7 +230,7 @@ class Tires(Readable):
         return tables
 
     def inputs(self, dt: float, state: StateArrays, assets: Assets) -> list[Any]:
-        """Arguments of `apply_tires` between the worlds and its outputs."""
+        """Arguments of `apply_tires` between the worlds and its outputs, for a step of `dt` [s]."""
         return [
             dt, self.tables, self.parameter, self.ground_friction, self.terrain, self.envelopes, assets, state,
             self.state, self.reports,
