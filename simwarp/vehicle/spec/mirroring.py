@@ -99,10 +99,11 @@ def _steering(steering: Steering) -> Steering:
 
 
 def _axle(index: int, axle: Axle) -> Axle:
-    unmarked = axle.tire.parameters.get("measured_side") is None
-    if axle.tire.template in ASYMMETRIC_TIRES and unmarked:
+    parameters: Any = axle.tire.parameters
+    side = parameters.get("measured_side") or parameters.get("tir", {}).get("TYRESIDE")
+    if axle.tire.template in ASYMMETRIC_TIRES and str(side).upper() not in ("LEFT", "RIGHT", "SYMMETRIC"):
         raise SpecError(
-            f"axles[{index}].tire.parameters.measured_side: must be left or right to mirror the vehicle, got None: "
+            f"axles[{index}].tire.parameters.measured_side: must be left or right to mirror the vehicle, got {side}: "
             f"{axle.tire.template} tells left from right, and both sides have the same"
         )
     bar = axle.antiroll_bar

@@ -46,11 +46,20 @@ def parse_tir(text: str, name: str) -> TirValues:
         if not equals or not key or len(key.split()) > 1:
             rule = "must be KEY = value, a [SECTION], a row of numbers or a comment after $"
             raise SpecError(f"{name}: line {number}: {rule}, got {formatted(line)}")
-        values.lines[key] = number
+        known = values.get(key)
+        first = values.lines.setdefault(key, number)
         values[key] = value[1:-1] if value.startswith(("'", '"')) else _number(values, key, value)
+        if known is not None and values[key] != known:
+            rule = f"must be given once, got {shown(known)} in line {first} and {shown(values[key])} in line {number}"
+            raise PropertyFileError(f"{name}: line {number}: {key[:60]}: {rule}; leave one of them")
     if not values:
         raise SpecError(f"{name}: holds no KEY = value lines; give a tire property file")
     return values
+
+
+def shown(value: float | str) -> str:
+    """A value in an error."""
+    return formatted(value)
 
 
 def _is_section(line: str) -> bool:

@@ -25,6 +25,7 @@ from simwarp.vehicle.tires.laws.tmeasy_kernels import tmeasy_force
 from simwarp.vehicle.tires.laws.tmsimple_kernels import tmsimple_force
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireModel
 from simwarp.vehicle.tires.patch_kernels import (
+    Envelopes,
     Patch,
     TireForce,
     Wheel,
@@ -100,6 +101,7 @@ def apply_tires(
     tire_parameter: wp.array3d[float],
     ground_friction: wp.array[float],
     terrain: TerrainTables,
+    envelopes: Envelopes,
     assets: Assets,
     state: StateArrays,
     tire_state: wp.array3d[float],
@@ -115,9 +117,10 @@ def apply_tires(
         tire_parameter: (1 or W, wheels, P), rows.py.
         ground_friction: (1 or W,) friction of the road.
         terrain: see there.
+        envelopes: of `find_envelopes` (tire_obstacles_kernels.py); empty where no tire asks for them.
         assets: height fields and meshes.
         state: of the bodies.
-        tire_state: (W, wheels, S) in and out: deflections of bristles [m].
+        tire_state: (W, wheels, S) in and out: deflections of bristles [m], and lagged slips.
         reports: out.
         applied_force: (W, B) out [N], world axes, at the centre of mass: entries of bodies with tires are overwritten.
         applied_torque: (W, B) out [N·m].
@@ -132,13 +135,13 @@ def apply_tires(
     torque = wp.vec3()
     if tables.model[wheel] == TireModel.LUGRE:
         discs = lugre_force(
-            world, moving, tables.contact[wheel], p, z, ground_friction, terrain, assets, dt
+            world, wheel, moving, tables.contact[wheel], p, z, ground_friction, terrain, envelopes, assets, dt
         )  # fmt: skip
         patch = discs.patch
         force = discs.force
         torque = discs.torque
     else:
-        patch = find_patch(world, moving, tables.contact[wheel], p, terrain, assets)
+        patch = find_patch(world, wheel, moving, tables.contact[wheel], p, terrain, envelopes, assets)
         if patch.touching == 1:
             patch.load = vertical_load(patch, p)
         if patch.load > 0.0:

@@ -13,12 +13,15 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.parameter_vector import MODELS
-from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
+from simwarp.vehicle.tires.parameter_vector_kernels import Common
+from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, ground, tire_vector
 from tests.reference.tires import Wheel
 
 DATA = Path(__file__).resolve().parents[4] / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"
 TEMPLATES = tuple(MODELS)
 DT = 1.0e-3
+PARKED_MASS = 800.0
+"""Of what stands on one wheel [kg]."""
 
 
 def spec(template: str, **changes) -> Tire:
@@ -121,3 +124,25 @@ def run(row: ParameterVector, states: States, steps: int = 1, **options) -> Tire
     for _ in range(steps):
         tires.apply(DT, arrays)
     return tires
+
+
+def parked(row, worlds, angle, dt, seconds):
+    """Point masses on locked wheels, turned in different directions on a slope: positions over time (steps, W, 3)."""
+    normal = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    rotation = quaternion((0.0, 1.0, 0.0), -angle)
+    tires = bench(row, worlds, terrain=ground("cpu", rotation=rotation), friction=0.8)
+    turns = np.linspace(0.0, np.pi, worlds)
+    q = np.stack([product(rotation, quaternion((0.0, 0.0, 1.0), a)) for a in turns])
+    x = np.tile((row.values[Common.RADIUS] - 0.02) * normal, (worlds, 1))
+    v = np.zeros((worlds, 3))
+    states = States(x, q, v, np.zeros((worlds, 3)))
+    arrays = states.arrays()
+    path = []
+    for _ in range(round(seconds / dt)):
+        tires.apply(dt, arrays)
+        v = v + dt * (tires.force.numpy()[:, 0] / PARKED_MASS + [0.0, 0.0, -9.81])
+        x = x + dt * v
+        arrays.body_x.assign(x[:, None])
+        arrays.body_v.assign(v[:, None].astype(np.float32))
+        path.append(x)
+    return np.array(path)
