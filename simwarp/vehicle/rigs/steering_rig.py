@@ -148,7 +148,7 @@ def _measured(
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = (turning - middle)[:, 1]
         away = np.linalg.norm(centers - turning[:, None], axis=2)
-        ratio = 1.0 / np.gradient(mean, handwheel)
+        ratio = 1.0 / np.gradient(mean, handwheel, edge_order=2)
     wheelbase = abs(centers[:, 2 * axle : 2 * axle + 2, 0].mean(axis=1) - middle[:, 0])
     track = centers[:, 2 * axle, 1] - centers[:, 2 * axle + 1, 1]
     wanted = ackermann_difference(table.steer, wheelbase, track)

@@ -1,9 +1,10 @@
 """Kinematics of an axle on its bench: angles, axes and levers of its wheels over travel and steering, and what its
 springs make of them. Every point of a sweep is a world; so are the neighbours between which rates are measured.
 
-Wheels are those of the axle, columns left and right. Travel is that of the wheels' centres upwards from the state as
-built. Angles follow the usual signs of a bench: toe is positive inwards, camber where the top leans outwards, caster
-where the steering axis leans back, its inclination where it leans inwards.
+Wheels are those of the axle, columns left and right. Travel is that of the wheels' centres upwards from the state in
+which the vehicle stands on level ground, or from the state as built. Angles follow the usual signs of a bench: toe is
+positive inwards, camber where the top leans outwards, caster where the steering axis leans back, its inclination where
+it leans inwards.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.rotation import matrix_of, rotate
 from simwarp.vehicle.rigs.kingpins import kingpin_axis
 from simwarp.vehicle.rigs.rig_rows import Progress, RigRows, RowStatus, Statuses, joined_rows
-from simwarp.vehicle.rigs.standing_loads import StandingLoads, standing_loads
+from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads, standing_loads
 from simwarp.vehicle.spec.parts import Array, SpecError, Vec3
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
@@ -38,7 +39,19 @@ NEAR: Final = 1.0e-3
 """Travel to either side of a state between which its rates are measured [m]."""
 TRAVEL: Final = 0.17
 """Usual travel, as a share of the tire's radius."""
+SEARCH: Final = 0.35
+"""Travel in which the standing state is looked for, as a share of the tire's radius."""
+SEARCH_POINTS: Final = 29
 Flags = npt.NDArray[np.bool_]
+
+
+class SuspensionReference(enum.Enum):
+    """State from which travel counts, and of which parameters are told."""
+
+    STANDING = "standing"
+    """The vehicle stands on level ground; as BUILT for an axle without springs of its own."""
+    BUILT = "built"
+    """As the description of the vehicle has it."""
 
 
 class SuspensionMotion(enum.Enum):
@@ -49,7 +62,7 @@ class SuspensionMotion(enum.Enum):
     OPPOSITE = "opposite"
     """The right wheel goes down as the left one goes up."""
     STEERING = "steering"
-    """The steering goes from lock to lock at no travel."""
+    """The steering goes from lock to lock in the state of reference."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -58,13 +71,13 @@ class SuspensionCurve(Readable):
 
     Attributes:
         motion: of the bench.
-        travel: (n, 2) of the wheels' centres upwards [m].
+        travel: (n, 2) of the wheels' centres upwards from the state of reference [m].
         steering: (n,) ratio of the steering's travel, -1 to 1, positive to the left.
         steer: (n, 2) heading of the wheels, positive to the left [rad].
         toe: (n, 2) positive inwards [rad].
         camber: (n, 2) positive where the top leans outwards [rad].
-        track_change: (n,) of the distance of the contact points across [m].
-        wheelbase_change: (n, 2) of the contact points forwards [m].
+        track_change: (n,) of the distance of the contact points across, from the state of reference [m].
+        wheelbase_change: (n, 2) of the contact points forwards, likewise [m].
         caster: (n, 2) of the steering axis, positive where its top leans back [rad].
         kingpin_inclination: (n, 2) positive where its top leans inwards [rad].
         scrub_radius: (n, 2) from the steering axis out to the contact point, on the ground [m].
@@ -74,8 +87,9 @@ class SuspensionCurve(Readable):
             anti-lift of a rear one.
         anti_squat: (n, 2) the same in driving, all of the force on this axle.
         motion_ratio: (n, 2, lines) ratio of the springs' and dampers' compression to the travel, in parallel travel.
-        wheel_load: (n, 2) vertical force on a wheel that holds its springs there, links without weight [N].
-        wheel_rate: (n, 2) its rise over the travel in this motion [N/m]; NaN when steering.
+        spring_load: (n, 2) vertical force on a wheel that holds springs and anti-roll bar there [N].
+        wheel_load: (n, 2) the same with the weight of wheel and links [N].
+        wheel_rate: (n, 2) rise of the springs' load over the travel in this motion [N/m]; NaN when steering.
         roll_stiffness: (n,) of springs and anti-roll bar about the roll angle of the axle [N·m/rad]; NaN but in the
             opposite motion.
         status: (n,) `RowStatus`.
@@ -97,6 +111,7 @@ class SuspensionCurve(Readable):
     anti_dive: Array
     anti_squat: Array
     motion_ratio: Array
+    spring_load: Array
     wheel_load: Array
     wheel_rate: Array
     roll_stiffness: Array
@@ -123,6 +138,7 @@ class SuspensionCurve(Readable):
                 f"wheelbase_change_{side}_mm": 1e3 * self.wheelbase_change[:, column],
                 f"anti_dive_{side}_percent": 1e2 * self.anti_dive[:, column],
                 f"anti_squat_{side}_percent": 1e2 * self.anti_squat[:, column],
+                f"spring_load_{side}_N": self.spring_load[:, column],
                 f"wheel_load_{side}_N": self.wheel_load[:, column],
                 f"wheel_rate_{side}_N_per_mm": 1e-3 * self.wheel_rate[:, column],
             }
@@ -144,12 +160,14 @@ class SuspensionRun(Readable):
         axle: its index, from the front.
         curves: by motion; an axle that is not steered has none of the steering, a pinned one none in parallel.
         loads: masses and wheel loads of the vehicle.
+        reference_travel: of the wheels' centres from the state as built to that of reference [m].
         interrupted: True where a motion is missing because the run was interrupted.
     """
 
     axle: int
     curves: Mapping[SuspensionMotion, SuspensionCurve]
     loads: StandingLoads
+    reference_travel: float
     interrupted: bool = False
 
     def _readable_title(self) -> str:
@@ -163,13 +181,14 @@ class SuspensionRun(Readable):
         return joined_rows([curve.rows() for curve in self.curves.values()])
 
     def parameters(self) -> dict[str, float]:
-        """Values of the left wheel in the state as built, and how they change with the travel; units in the keys."""
+        """Values of the left wheel in the state of reference, and their changes with the travel; units in the keys."""
         return _parameters(self)
 
 
 def run_suspension_rig(
     spec: VehicleSpec, axle: int = 0, *, travel: float | None = None, points: int = 41,
-    loaded_radius: float | None = None, device: str = "cpu", progress: Progress | None = None,
+    reference: SuspensionReference = SuspensionReference.STANDING, loaded_radius: float | None = None,
+    device: str = "cpu", progress: Progress | None = None,
 ) -> SuspensionRun:  # fmt: skip
     """Kinematics of an axle in parallel and opposite travel and over the steering, each motion a batch of worlds.
 
@@ -179,7 +198,8 @@ def run_suspension_rig(
         spec: the vehicle.
         axle: index, from the front.
         travel: largest travel up and down [m]; None: 17 % of the tire's radius.
-        points: of a motion; the middle one of an odd number is the state as built.
+        points: of a motion, an odd number: the middle one is the state of reference.
+        reference: state from which travel counts.
         loaded_radius: of the tires, from the wheels' centres down to the ground [m]; None: the one under the standing
             vehicle.
         device: that closes the linkages.
@@ -192,8 +212,8 @@ def run_suspension_rig(
     reach = TRAVEL * part.tire.radius if travel is None else travel
     if not (math.isfinite(reach) and reach > 0.0):
         raise SpecError(f"travel: must be > 0 m, got {reach:g}: the range would be empty")
-    if points < 3:
-        raise SpecError(f"points: must be 3 or more of each motion, got {points}")
+    if points < 3 or points % 2 == 0:
+        raise SpecError(f"points: must be an odd number from 3 on, got {points}: the middle one is the reference")
     if isinstance(part.suspension, RigidSuspension):
         raise SpecError(
             f"axle {axle}: must have a suspension that travels, got '{part.suspension.template}'; take another axle"
@@ -205,11 +225,14 @@ def run_suspension_rig(
         motions.insert(0, SuspensionMotion.PARALLEL)
     if part.steering is not None:
         motions.append(SuspensionMotion.STEERING)
+    bench_of = _BenchMaker(spec, axle, radius, loads, device)
+    standing = reference is SuspensionReference.STANDING and bool(getattr(part.suspension, "springs", ()))
+    offset = _standing_travel(bench_of) if standing else 0.0
     curves: dict[SuspensionMotion, SuspensionCurve] = {}
     interrupted = False
     try:
         for number, motion in enumerate(motions):
-            bench = _Bench(spec, axle, motion, reach, points, radius, loads, device)
+            bench = bench_of(motion, offset + np.linspace(-reach, reach, points))
             curves[motion] = bench.curve()
             if progress is not None:
                 progress((number + 1) / len(motions))
@@ -217,7 +240,32 @@ def run_suspension_rig(
         if not curves:
             raise
         interrupted = True
-    return SuspensionRun(axle, curves, loads, interrupted)
+    return SuspensionRun(axle, curves, loads, offset, interrupted)
+
+
+def _standing_travel(bench_of: _BenchMaker) -> float:
+    """Travel from the state as built at which the wheels bear the standing vehicle [m].
+
+    Raises:
+        SpecError: the springs bear it nowhere near.
+    """
+    loads, axle = bench_of.loads, bench_of.axle
+    reach, middle = SEARCH * bench_of.spec.axles[axle].tire.radius, 0.0
+    for _ in range(2):  # in a wide range, and between two of its points
+        curve = bench_of(SuspensionMotion.PARALLEL, middle + np.linspace(-reach, reach, SEARCH_POINTS)).curve()
+        travel = middle + np.linspace(-reach, reach, SEARCH_POINTS)
+        missing = curve.wheel_load.mean(axis=1) - loads.wheel_load[axle]
+        done = np.flatnonzero(np.isfinite(missing))
+        across = [k for k in done[:-1] if np.isfinite(missing[k + 1]) and missing[k] <= 0.0 < missing[k + 1]]
+        if not across:
+            raise SpecError(
+                f"axle {axle}: its springs must bear {loads.wheel_load[axle]:.4g} N per wheel within {reach:.3g} m of "
+                "the state as built, and do not; count travel from the state as built"
+            )
+        low = across[0]
+        middle = float(travel[low] - missing[low] * (travel[low + 1] - travel[low]) / (missing[low + 1] - missing[low]))
+        reach = float(travel[1] - travel[0])
+    return middle
 
 
 def checked_axle(spec: VehicleSpec, axle: int) -> Axle:
@@ -236,6 +284,21 @@ BASE, UP, DOWN, LEFT, RIGHT = range(5)
 SHIFTS: Final = np.array([[0.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) * NEAR
 
 
+@dataclasses.dataclass(frozen=True)
+class _BenchMaker:
+    """Benches of an axle."""
+
+    spec: VehicleSpec
+    axle: int
+    radius: float
+    loads: StandingLoads
+    device: str
+
+    def __call__(self, motion: SuspensionMotion, travels: Array) -> _Bench:
+        """A bench that goes through (n,) travels from the state as built [m]; at the middle one when steering."""
+        return _Bench(self, motion, travels)
+
+
 class _Bench:
     """The worlds of one motion: n states and their neighbours.
 
@@ -244,31 +307,28 @@ class _Bench:
         states: n.
     """
 
-    def __init__(
-        self, spec: VehicleSpec, axle: int, motion: SuspensionMotion, reach: float, points: int, radius: float,
-        loads: StandingLoads, device: str,
-    ) -> None:  # fmt: skip
-        self.spec, self.part, self.motion, self.radius = spec, spec.axles[axle], motion, radius
-        self.axle, self.loads, self.states = axle, loads, points
-        sweep = np.linspace(-reach, reach, points)
-        still = np.zeros(points)
-        self.steering = still
-        heights = np.stack([sweep, sweep if motion is SuspensionMotion.PARALLEL else -sweep], axis=1)
+    def __init__(self, of: _BenchMaker, motion: SuspensionMotion, travels: Array) -> None:
+        self.part, self.motion, self.radius = of.spec.axles[of.axle], motion, of.radius
+        self.axle, self.loads, self.states = of.axle, of.loads, len(travels)
+        self.middle = len(travels) // 2
+        self.reference = float(travels[self.middle])
+        right = travels if motion is SuspensionMotion.PARALLEL else 2.0 * self.reference - travels
+        heights, self.steering = np.stack([travels, right], axis=1), np.zeros(self.states)
         if motion is SuspensionMotion.STEERING:
-            heights, self.steering = np.zeros((points, 2)), np.linspace(-1.0, 1.0, points)
+            heights, self.steering = np.full((self.states, 2), self.reference), np.linspace(-1.0, 1.0, self.states)
         self.pinned = isinstance(self.part.suspension, PinnedAxle)
-        self.heights = heights
         around = (heights[:, None] + SHIFTS).reshape(-1, 2)
         self.held: HeldAxle = hold_axle(
-            spec, axle, around[:, 0], around[:, 1], np.repeat(self.steering, len(SHIFTS)), device=device
+            of.spec, of.axle, around[:, 0], around[:, 1], np.repeat(self.steering, len(SHIFTS)), device=of.device
         )
-        self.reached: Flags = self.held.reached.reshape(points, len(SHIFTS))
+        self.reached: Flags = self.held.reached.reshape(self.states, len(SHIFTS))
         if self.pinned:  # both wheels up is no state of it
             self.reached[:, UP] = self.reached[:, DOWN] = True
         self._x = np.asarray(self.held.simulation.state.body_x.numpy(), np.float64)
         self._q = np.asarray(self.held.simulation.state.body_rot.numpy(), np.float64)
-        poses = self.held.simulation.model.builder.bodies
-        self._rest = [body.pose for body in poses]
+        bodies = self.held.simulation.model.builder.bodies
+        self._rest = [body.pose for body in bodies]
+        self._weight = GRAVITY * np.array([body.mass for body in bodies])
         self.signs = np.array([side.side for side in self.held.bench.sides])
 
     def place(self, body: int, point: Array) -> Array:
@@ -297,17 +357,19 @@ class _Bench:
         angles = [self._kingpin(k, base[:, k], axes[:, BASE, k]) for k in (0, 1)]
         caster, inclination, scrub, trail = (np.stack([a[m] for a in angles], axis=1) for m in range(4))
         dive, squat = self._anti(contacts, centers)
-        ratios, load = self._springs()
-        built = self._contact_as_built()
+        ratios, work = self._springs()
+        spring_load, load = _loads_of(work), _loads_of(work + self._weights())
+        usual = base[self.middle]
         measured: dict[str, Array] = {
-            "travel": (centers[:, BASE] - self.held.rest[0])[..., 2], "steer": steer, "toe": -self.signs * steer,
+            "travel": (centers[:, BASE] - self.held.rest[0])[..., 2] - self.reference, "steer": steer,
+            "toe": -self.signs * steer,
             "camber": -self.signs * np.arcsin(axes[:, BASE, :, 2]),
-            "track_change": (base[:, 0, 1] - base[:, 1, 1]) - (built[0, 1] - built[1, 1]),
-            "wheelbase_change": base[..., 0] - built[:, 0], "caster": caster, "kingpin_inclination": inclination,
+            "track_change": (base[:, 0, 1] - base[:, 1, 1]) - (usual[0, 1] - usual[1, 1]),
+            "wheelbase_change": base[..., 0] - usual[:, 0], "caster": caster, "kingpin_inclination": inclination,
             "scrub_radius": scrub, "trail": trail, "roll_centre": self._roll_centre(contacts), "anti_dive": dive,
-            "anti_squat": squat, "motion_ratio": ratios, "wheel_load": load,
+            "anti_squat": squat, "motion_ratio": ratios, "spring_load": spring_load, "wheel_load": load,
         }  # fmt: skip
-        measured |= self._rates(measured)
+        measured |= self._rates(measured, float(usual[0, 1] - usual[1, 1]))
         status = np.where(self.reached.all(axis=1), RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
         for values in measured.values():
             values[status != RowStatus.DONE] = np.nan
@@ -331,14 +393,6 @@ class _Bench:
         turns = np.array([matrix_of(q) for q in self._q[:, carrier]]).reshape(self.states, -1, 3, 3)
         local = np.einsum("nji,nj->ni", turns[:, BASE], self._below(center, axis) - places[:, BASE])
         return places + np.einsum("nkij,nj->nki", turns, local)
-
-    def _contact_as_built(self) -> Array:
-        """(2, 3) contact points as built."""
-        axes = np.stack([rotate(self._rest[s.spindle].rotation, np.array([0.0, 1.0, 0.0])) for s in self._sides()])
-        return self._below(np.stack([self._rest[s.spindle].position for s in self._sides()]), axes)
-
-    def _sides(self) -> tuple[Any, Any]:
-        return self.held.bench.sides
 
     def _kingpin(self, side: int, contact: Array, axis: Array) -> tuple[Array, Array, Array, Array]:
         """Caster, inclination, scrub radius and trail of one wheel, (n,) each."""
@@ -384,9 +438,11 @@ class _Bench:
         return dive, squat
 
     def _springs(self) -> tuple[Array, Array]:
-        """Motion ratios (n, 2, lines) and vertical loads (n, 2), by virtual work."""
+        """Motion ratios (n, 2, lines), and (n, 2) the work of springs and bar per travel of both wheels alike, and per
+        opposite travel [N].
+        """
         lines: tuple[ForceLine, ...] = getattr(self.part.suspension, "springs", ())
-        work = np.zeros((self.states, 2))  # of both wheels' travel alike, and of the opposite one
+        work = np.zeros((self.states, 2))
         ratios = np.zeros((self.states, 2, len(lines)))
         for column, side in enumerate(self.held.bench.sides):
             body = side.carrier if isinstance(self.part.suspension, MacPhersonStrut) else side.bar
@@ -404,22 +460,29 @@ class _Bench:
             twist = self.held.simulation.state.joint_x.numpy()[:, model.joint_dof_start[bar]]
             twist = twist.astype(np.float64).reshape(self.states, -1)
             work += (self.part.antiroll_bar.stiffness * twist[:, BASE])[:, None] * _changes(twist)
-        alike, against = work.T
-        return ratios, np.stack([0.5 * (alike + against), 0.5 * (alike - against)], axis=1)
+        return ratios, work
 
-    def _rates(self, measured: Mapping[str, Array]) -> dict[str, Array]:
+    def _weights(self) -> Array:
+        """(n, 2) work against the weight of all parts, likewise [N]."""
+        heights = np.asarray(self._x[..., 2] @ self._weight).reshape(self.states, -1)
+        return _changes(heights)
+
+    def _rates(self, measured: Mapping[str, Array], track: float) -> dict[str, Array]:
         """Wheel rate and roll stiffness: slopes along the motion."""
         rate, stiffness = np.full((self.states, 2), np.nan), np.full(self.states, np.nan)
         if self.motion is not SuspensionMotion.STEERING:
-            load, travel = measured["wheel_load"], measured["travel"]
+            load, travel = measured["spring_load"], measured["travel"]
             for column in (0, 1):
                 rate[:, column] = np.gradient(load[:, column], travel[:, column], edge_order=2)
         if self.motion is SuspensionMotion.OPPOSITE:
-            built = self._contact_as_built()
-            track = float(built[0, 1] - built[1, 1])
             angle = np.arctan2(travel[:, 0] - travel[:, 1], track)
             stiffness = np.gradient(0.5 * track * (load[:, 0] - load[:, 1]), angle, edge_order=2)
         return {"wheel_rate": rate, "roll_stiffness": stiffness}
+
+
+def _loads_of(work: Array) -> Array:
+    """(n, 2) vertical forces on the left and the right wheel of (n, 2) work per travel alike and opposite [N]."""
+    return 0.5 * np.stack([work[:, 0] + work[:, 1], work[:, 0] - work[:, 1]], axis=1)
 
 
 def _changes(values: Array) -> Array:
@@ -443,7 +506,9 @@ def pushing_force(line: ForceLine, length: Array, built: float) -> Array:
 
 
 def _parameters(run: SuspensionRun) -> dict[str, float]:
-    found: dict[str, float] = {"wheel_load_N": float(run.loads.wheel_load[run.axle])}
+    found: dict[str, float] = {
+        "reference_travel_mm": 1e3 * run.reference_travel, "wheel_load_N": float(run.loads.wheel_load[run.axle]),
+    }  # fmt: skip
     curve = next(iter(run.curves.values()))
     middle = len(curve.status) // 2
     degrees = {

@@ -1,4 +1,4 @@
-"""The tire machine: steady forces of a tire over slip, slip angle, inclination, load and speed, all points in one batch.
+"""The tire machine: steady forces of a tire over slip, slip angle, inclination, load and speed, one batch.
 
 A wheel is led over a flat road with a prescribed velocity and spin; each point of a sweep is a world, and its forces
 are those of the kernel that drives vehicles (`Tires`). The height is the one at which the tire bears the load.

@@ -142,7 +142,7 @@ def _floats(values: npt.ArrayLike) -> Array:
 
 
 def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> Bench:
-    """The axle, what steers it and its anti-roll bar on the world; planes hold the centres of the wheels that can move."""
+    """The axle, what steers it and its anti-roll bar on the world; planes hold the centres of wheels that can move."""
     link, steering = WORLD, None
     if axle.steering is not None:
         mount = spec.steerings[axle.steering]
