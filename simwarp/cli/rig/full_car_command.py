@@ -29,9 +29,10 @@ from simwarp.vehicle.rigs.four_post import (
     run_four_post_roads,
 )
 from simwarp.vehicle.rigs.full_car_plots import draw_responses, draw_roads, draw_tilt
+from simwarp.vehicle.rigs.post_rig import SLIDING
 from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, count_of
 from simwarp.vehicle.rigs.road_profiles import RoadClass
-from simwarp.vehicle.rigs.tilt_table import BEYOND, run_tilt_table
+from simwarp.vehicle.rigs.tilt_table import run_tilt_table
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
@@ -65,6 +66,9 @@ class FullCarOptions(RigOptions):
     """Frequencies of a mode, or angles of the table."""
     amplitude: Annotated[float, tyro.conf.arg(metavar="m")] = 0.005
     """Of the sines, as far as 0.1 m/s allow."""
+    grip: float = SLIDING
+    """Of posts that move, over that of a tire's usual road: little lets patches slide aside as rolling wheels do, much
+    holds them."""
     roads: tuple[RoadClass, ...] = tuple(RoadClass)
     """Classes of the roads."""
     speeds: Annotated[tuple[float, ...], tyro.conf.arg(metavar="m/s ...")] = (15.0,)
@@ -113,14 +117,21 @@ def run_full_car(target: str, arguments: list[str]) -> int:
 
 def _sine(spec: VehicleSpec, options: FullCarOptions, progress: Any) -> Outcome:
     sweep = SineSweep(
-        modes=options.modes, low=options.low, high=options.high, points=options.points, amplitude=options.amplitude
+        modes=options.modes,
+        low=options.low,
+        high=options.high,
+        points=options.points,
+        amplitude=options.amplitude,
+        grip=options.grip,
     )
     found = run_four_post(spec, sweep, dt=options.dt, device=options.device_name, progress=progress)
     return Outcome(found.rows(), found.parameters(), lambda path, title: draw_responses(found, path, title))
 
 
 def _road(spec: VehicleSpec, options: FullCarOptions, progress: Any) -> Outcome:
-    sweep = RoadSweep(roads=options.roads, speeds=options.speeds, duration=options.duration, seed=options.seed)
+    sweep = RoadSweep(
+        roads=options.roads, speeds=options.speeds, duration=options.duration, seed=options.seed, grip=options.grip
+    )
     found = run_four_post_roads(spec, sweep, dt=options.dt, device=options.device_name, progress=progress)
     return Outcome(found.rows(), found.parameters(), lambda path, title: draw_roads(found, path, title))
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.object_repr import Readable, Row, plural
-from simwarp.vehicle.rigs.post_rig import PostRig
+from simwarp.vehicle.rigs.post_rig import SLIDING, PostRig
 from simwarp.vehicle.rigs.rig_rows import Progress, RigRows, RowStatus, Statuses
 from simwarp.vehicle.rigs.road_profiles import RoadClass, RoadProfile, road_profile
 from simwarp.vehicle.spec.parts import Array, SpecError
@@ -63,6 +63,10 @@ class SineSweep:
     """For vibrations of the start to die out [s]."""
     cycles: int = 6
     """Periods that are measured."""
+    grip: float = SLIDING
+    """Ratio of the posts' friction to that on which a tire was measured: small where patches slide aside as those of
+    rolling wheels, large where they are held.
+    """
 
     def check(self) -> None:
         """Ranges are not empty.
@@ -178,7 +182,7 @@ def run_four_post(
     asked.check()
     modes = np.repeat(np.arange(len(asked.modes)), asked.points)
     frequency = np.tile(asked.frequencies, len(asked.modes))
-    rig = PostRig(spec, len(frequency), dt=dt, device=device)
+    rig = PostRig(spec, len(frequency), dt=dt, grip=asked.grip, device=device)
     amplitude = np.minimum(asked.amplitude, asked.speed / (2.0 * math.pi * frequency))
     shape = np.stack([_shape(asked.modes[k], rig) for k in modes])
     start = asked.settle + RAMP + np.maximum(asked.transient, LEAST_CYCLES / frequency)
@@ -275,6 +279,8 @@ class RoadSweep:
     """Before it [s]."""
     seed: int = 0
     """Of the roads: the same waves in every class."""
+    grip: float = SLIDING
+    """As that of `SineSweep`."""
 
     def check(self) -> None:
         """Ranges are not empty.
@@ -374,7 +380,7 @@ def run_four_post_roads(
     asked = RoadSweep() if sweep is None else sweep
     asked.check()
     worlds = [(road, speed) for road in asked.roads for speed in asked.speeds]
-    rig = PostRig(spec, len(worlds), dt=dt, device=device)
+    rig = PostRig(spec, len(worlds), dt=dt, grip=asked.grip, device=device)
     places = rig.wheel_places()[0]
     track = float(places[0, 1] - places[1, 1])
     span = RAMP + asked.duration
@@ -425,10 +431,11 @@ def _summed(
     rms = np.sqrt((second**2).mean(axis=0))
     load, travel = samples[..., 3 : 3 + wheels], samples[..., 3 + wheels :]
     mean, away = load.mean(axis=0), travel - travel.mean(axis=0)
-    parts = [
-        rms[:, 0], rms[:, 2], load.std(axis=0) / mean, load.min(axis=0) / mean, travel.std(axis=0),
-        np.abs(away).max(axis=0),
-    ]  # fmt: skip
-    for part in parts:
-        part[status == RowStatus.DIVERGED] = np.nan
-    return RoadResponse(roads, speed, *parts, status)
+    found = RoadResponse(
+        roads=roads, speed=speed, acceleration=rms[:, 0], pitch_acceleration=rms[:, 2],
+        load_variation=load.std(axis=0) / mean, least_load=load.min(axis=0) / mean, travel=travel.std(axis=0),
+        most_travel=np.abs(away).max(axis=0), status=status,
+    )  # fmt: skip
+    for name in ("acceleration", "pitch_acceleration", "load_variation", "least_load", "travel", "most_travel"):
+        getattr(found, name)[status == RowStatus.DIVERGED] = np.nan
+    return found

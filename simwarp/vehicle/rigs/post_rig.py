@@ -26,8 +26,10 @@ from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
 BELOW: Final = -1.0e4
 """Level of the plane that the vehicle's own tires would touch [m]: the posts take their place."""
-GRIP: Final = 20.0
+HELD: Final = 20.0
 """Friction between tires and posts, over that on which a tire was measured: wheels lift before they slide."""
+SLIDING: Final = 1.0e-3
+"""The same of posts on which patches slide aside, as those of a wheel that rolls do when its track changes."""
 
 
 class Posts(ForceElement):
@@ -35,6 +37,7 @@ class Posts(ForceElement):
 
     Args:
         vehicle: whose wheels stand on them; its brakes should hold the wheels.
+        grip: ratio of their friction to that on which a tire was measured.
 
     Attributes:
         height: (W, wheels) of the posts [m]; write it.
@@ -45,7 +48,10 @@ class Posts(ForceElement):
         SpecError: a tire makes no forces of its own.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, *, grip: float = HELD) -> None:
+        if not 0.0 < grip < 1e6:
+            raise SpecError(f"grip: must be above 0 and below 1e6, got {grip:g}; 1 is a tire's usual road")
+        self.grip = grip
         model, sides = vehicle.model, vehicle.parts.sides
         vectors = [rig_vector(vehicle.parts.spec.axles[side.axle].tire) for side in sides]
         mounts = [Mount(vector, side.spindle) for vector, side in zip(vectors, sides, strict=True)]
@@ -77,7 +83,7 @@ class Posts(ForceElement):
             simulation.shares.record(
                 push_posts, len(self._spindles),
                 inputs=[
-                    dt, self._tires.tables, self._tires.parameter, GRIP, self._tires.terrain, Assets(), self.height,
+                    dt, self._tires.tables, self._tires.parameter, self.grip, self._tires.terrain, Assets(), self.height,
                     self.speed, simulation.state.arrays, self._bristles,
                 ],
                 outputs=[self.load, control.element_force, control.element_torque],
@@ -92,6 +98,7 @@ class PostRig(Readable):
         spec: the vehicle.
         worlds: W.
         dt: time step [s].
+        grip: ratio of the posts' friction to that on which a tire was measured.
         device: that runs it.
 
     Attributes:
@@ -103,14 +110,16 @@ class PostRig(Readable):
         SpecError: a tire makes no forces of its own, or the step is not usable.
     """
 
-    def __init__(self, spec: VehicleSpec, worlds: int, *, dt: float = 1.0e-3, device: str = "cpu") -> None:
+    def __init__(
+        self, spec: VehicleSpec, worlds: int, *, dt: float = 1.0e-3, grip: float = HELD, device: str = "cpu"
+    ) -> None:
         if not 0.0 < dt <= 0.01:
             raise SpecError(f"dt: must be above 0 and at most 0.01 s for a vehicle on posts, got {dt:g}")
         builder = ModelBuilder()
         parts = add_vehicle(builder, spec, at=pose((0.0, 0.0, self._start(spec))))
         model = builder.finalize(worlds, device, per_world=per_world(["gravity"]))
         self.vehicle = Vehicle(parts, model, ground=ground(model.device, x=(0.0, 0.0, BELOW)))
-        self.posts = Posts(self.vehicle)
+        self.posts = Posts(self.vehicle, grip=grip)
         self.simulation = Simulation(model, dt, elements=[self.vehicle, self.posts], solver=VEHICLE_SOLVER)
         inputs = self.vehicle.input.numpy()
         inputs[:, 2] = 1.0

@@ -188,13 +188,20 @@ class _Machine:
 
     def _place(self, deflection: Array) -> None:
         """Set heights and spins of wheels that are deflected so."""
-        height = (self.radius - deflection) * np.cos(self.lean)
+        height = self._height(deflection)
         x = np.stack([0.0 * height, 0.0 * height, height], axis=1)
         self.state.body_x = wp.array(x[:, None], dtype=wp.vec3d, device=self.device)
         effective = self.radius - float(self.vector.values[Common.RADIUS_SHARE]) * deflection
         spin = self.speed * np.cos(self.angle) * (1.0 + self.slip) / effective
         axis = np.stack([0.0 * self.lean, np.cos(self.lean), np.sin(self.lean)], axis=1)
         self.state.body_omega = wp.array((spin[:, None] * axis)[:, None], dtype=wp.vec3, device=self.device)
+
+    def _height(self, deflection: Array) -> Array:
+        """(n,) heights of the centres at which the kernel finds a deflection: what a disc lacks of its radius to the plane
+        through the ground below its lowest point that is turned into it.
+        """
+        cosine = np.cos(self.lean)
+        return np.asarray((self.radius * cosine**2 - deflection) / cosine)
 
     def _loaded_deflection(self) -> Array:
         """(n,) at which the tires bear their loads, by halving."""
@@ -235,7 +242,7 @@ class _Machine:
         torque = self.tires.torque_w.numpy()[:, 0].astype(np.float64)
         load = self.tires.load.numpy()[:, 0].astype(np.float64)
         down = self.radius - self.deflection
-        arm = np.stack([0.0 * down, down * np.sin(self.lean), -down * np.cos(self.lean)], axis=1)
+        arm = np.stack([0.0 * down, down * np.sin(self.lean), -self._height(self.deflection)], axis=1)
         moment = torque - np.cross(arm, force)
         status = np.where(self.steady, RowStatus.DONE, RowStatus.UNFINISHED).astype(np.int8)
         borne = np.abs(load - self.load) < LOAD_ERROR * self.load
