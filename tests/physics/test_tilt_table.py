@@ -15,8 +15,8 @@ from tests.physics.sample_vehicles import shipped
 
 @pytest.mark.slow
 def test_a_vehicle_without_springs_lifts_at_track_over_two_heights():
-    """It leans on its tires alone: when one side has lifted, the other bears all, its tires twice as deep, and the centre
-    of mass has moved aside by its height times that lean.
+    """It leans on its tires alone: when one side has lifted, the other bears all, its tires twice as deep, and the
+    centre of mass has moved aside by its height times that lean.
     """
     spec = shipped("skid-steer")
     table = run_tilt_table(spec, points=17)

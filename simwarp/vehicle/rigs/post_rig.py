@@ -83,8 +83,8 @@ class Posts(ForceElement):
             simulation.shares.record(
                 push_posts, len(self._spindles),
                 inputs=[
-                    dt, self._tires.tables, self._tires.parameter, self.grip, self._tires.terrain, Assets(), self.height,
-                    self.speed, simulation.state.arrays, self._bristles,
+                    dt, self._tires.tables, self._tires.parameter, self.grip, self._tires.terrain, Assets(),
+                    self.height, self.speed, simulation.state.arrays, self._bristles,
                 ],
                 outputs=[self.load, control.element_force, control.element_torque],
             )

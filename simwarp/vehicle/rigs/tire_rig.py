@@ -197,8 +197,8 @@ class _Machine:
         self.state.body_omega = wp.array((spin[:, None] * axis)[:, None], dtype=wp.vec3, device=self.device)
 
     def _height(self, deflection: Array) -> Array:
-        """(n,) heights of the centres at which the kernel finds a deflection: what a disc lacks of its radius to the plane
-        through the ground below its lowest point that is turned into it.
+        """(n,) heights of the centres at which the kernel finds a deflection: what a disc lacks of its radius to a
+        plane through the ground below its lowest point, turned into it.
         """
         cosine = np.cos(self.lean)
         return np.asarray((self.radius * cosine**2 - deflection) / cosine)
