@@ -102,13 +102,14 @@ def test_heave_is_that_of_a_quarter_car():
 @pytest.mark.slow
 def test_the_sedan_answers_as_its_linear_model():
     """Linearised where it stands on posts without grip, with their heights and speeds as inputs: sines of a millimetre
-    answer as the model within 5 % of its peak. (Bristles that hold patches are no coordinates of a linear model.)
+    answer as the model within 5 % of its peak, which is what the damping of a step of 0.5 ms leaves of a resonance by
+    three. (Bristles that hold patches are no coordinates of a linear model.)
     """
     sweep = SineSweep(
-        modes=(PostMode.HEAVE,), low=0.8, high=10.0, points=7, amplitude=1e-3, speed=0.02, cycles=4, grip=1e-5
+        modes=(PostMode.HEAVE,), low=1.5, high=8.0, points=4, amplitude=1e-3, speed=0.02, cycles=4, grip=1e-5
     )  # fmt: skip
     spec = shipped("sedan")
-    found = run_four_post(spec, sweep)
+    found = run_four_post(spec, sweep, dt=5e-4)
     rig = PostRig(spec, 16, grip=1e-5)
     rig.simulation.step(4000)
     chassis, shape = rig.vehicle.parts.chassis, rig.loads().shape

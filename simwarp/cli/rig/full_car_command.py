@@ -62,7 +62,7 @@ class FullCarOptions(RigOptions):
     """Lowest frequency."""
     high: Annotated[float, tyro.conf.arg(metavar="Hz")] = 20.0
     """Highest frequency."""
-    points: int = 25
+    points: int = 21
     """Frequencies of a mode, or angles of the table."""
     amplitude: Annotated[float, tyro.conf.arg(metavar="m")] = 0.005
     """Of the sines, as far as 0.1 m/s allow."""

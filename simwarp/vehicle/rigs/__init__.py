@@ -6,6 +6,7 @@
 Every rig takes a description and returns arrays, whose units their classes tell; a sweep is one batch of worlds.
 """
 
+from simwarp.vehicle.rigs.compliance_rig import ComplianceCurve, WheelForce, run_compliance_rig
 from simwarp.vehicle.rigs.four_post import (
     FourPostResponse,
     PostMode,
@@ -29,6 +30,7 @@ from simwarp.vehicle.rigs.tilt_table import TiltTable, run_tilt_table
 from simwarp.vehicle.rigs.tire_rig import TireCurves, TireForces, TireSweep, run_tire_rig, tire_forces
 
 __all__ = [
+    "ComplianceCurve",
     "FourPostResponse",
     "PostMode",
     "RigRows",
@@ -47,8 +49,10 @@ __all__ = [
     "TireCurves",
     "TireForces",
     "TireSweep",
+    "WheelForce",
     "displacement_spectrum",
     "road_profile",
+    "run_compliance_rig",
     "run_four_post",
     "run_four_post_roads",
     "run_steering_rig",

@@ -51,7 +51,7 @@ class SineSweep:
     """Lowest frequency [Hz]."""
     high: float = 20.0
     """Highest frequency [Hz]."""
-    points: int = 25
+    points: int = 21
     """Frequencies, evenly on a logarithmic axis."""
     amplitude: float = 0.005
     """Of the posts, as far as their speed allows [m]."""
@@ -61,7 +61,7 @@ class SineSweep:
     """Before posts move [s]."""
     transient: float = 2.0
     """For vibrations of the start to die out [s]."""
-    cycles: int = 6
+    cycles: int = 4
     """Periods that are measured."""
     grip: float = SLIDING
     """Ratio of the posts' friction to that on which a tire was measured: small where patches slide aside as those of

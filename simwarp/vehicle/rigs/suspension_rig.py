@@ -214,25 +214,18 @@ def run_suspension_rig(
         raise SpecError(f"travel: must be > 0 m, got {reach:g}: the range would be empty")
     if points < 3 or points % 2 == 0:
         raise SpecError(f"points: must be an odd number from 3 on, got {points}: the middle one is the reference")
-    if isinstance(part.suspension, RigidSuspension):
-        raise SpecError(
-            f"axle {axle}: must have a suspension that travels, got '{part.suspension.template}'; take another axle"
-        )
-    loads = standing_loads(spec, device=device)
-    radius = float(loads.loaded_radius[axle]) if loaded_radius is None else loaded_radius
+    state = reference_state(spec, axle, reference, loaded_radius=loaded_radius, device=device)
     motions = [SuspensionMotion.OPPOSITE]
     if not isinstance(part.suspension, PinnedAxle):
         motions.insert(0, SuspensionMotion.PARALLEL)
     if part.steering is not None:
         motions.append(SuspensionMotion.STEERING)
-    bench_of = _BenchMaker(spec, axle, radius, loads, device)
-    standing = reference is SuspensionReference.STANDING and bool(getattr(part.suspension, "springs", ()))
-    offset = _standing_travel(bench_of) if standing else 0.0
+    bench_of = _BenchMaker(spec, axle, state.loaded_radius, state.loads, device)
     curves: dict[SuspensionMotion, SuspensionCurve] = {}
     interrupted = False
     try:
         for number, motion in enumerate(motions):
-            bench = bench_of(motion, offset + np.linspace(-reach, reach, points))
+            bench = bench_of(motion, state.travel + np.linspace(-reach, reach, points))
             curves[motion] = bench.curve()
             if progress is not None:
                 progress((number + 1) / len(motions))
@@ -240,7 +233,50 @@ def run_suspension_rig(
         if not curves:
             raise
         interrupted = True
-    return SuspensionRun(axle, curves, loads, offset, interrupted)
+    return SuspensionRun(axle, curves, state.loads, state.travel, interrupted)
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceState:
+    """A state from which travel counts.
+
+    Attributes:
+        travel: of the wheels' centres from the state as built [m].
+        loaded_radius: of the axle's tires [m].
+        loads: of the standing vehicle.
+    """
+
+    travel: float
+    loaded_radius: float
+    loads: StandingLoads
+
+
+def reference_state(
+    spec: VehicleSpec, axle: int, reference: SuspensionReference, *, loaded_radius: float | None = None,
+    device: str = "cpu",
+) -> ReferenceState:  # fmt: skip
+    """The state of reference of an axle that travels.
+
+    Args:
+        spec: the vehicle.
+        axle: index, from the front.
+        reference: which state is meant.
+        loaded_radius: of its tires [m]; None: the one under the standing vehicle.
+        device: that closes the linkages.
+
+    Raises:
+        SpecError: no such axle, or one without springs.
+    """
+    part = checked_axle(spec, axle)
+    if isinstance(part.suspension, RigidSuspension):
+        raise SpecError(
+            f"axle {axle}: must have a suspension that travels, got '{part.suspension.template}'; take another axle"
+        )
+    loads = standing_loads(spec, device=device)
+    radius = float(loads.loaded_radius[axle]) if loaded_radius is None else loaded_radius
+    standing = reference is SuspensionReference.STANDING and bool(getattr(part.suspension, "springs", ()))
+    travel = _standing_travel(_BenchMaker(spec, axle, radius, loads, device)) if standing else 0.0
+    return ReferenceState(travel, radius, loads)
 
 
 def _standing_travel(bench_of: _BenchMaker) -> float:

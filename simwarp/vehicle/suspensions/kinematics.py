@@ -96,7 +96,7 @@ def travel_table(
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
     other = travels if right is None else right
-    return _measure(hold_axle(spec, axle, travels, other, steering, device=device))
+    return wheel_angles(hold_axle(spec, axle, travels, other, steering, device=device))
 
 
 def hold_axle(
@@ -168,8 +168,8 @@ def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> Bench:
     return Bench(sides, planes, steering, bar)
 
 
-def _measure(held: HeldAxle) -> TravelTable:
-    """Angles of the wheels' axes, which are y of the spindles."""
+def wheel_angles(held: HeldAxle) -> TravelTable:
+    """Angles of the wheels' axes, which are y of the spindles, as the axle is now."""
     state, sides = held.simulation.state, held.bench.sides
     spindles = [side.spindle for side in sides]
     signs = np.array([side.side for side in sides])
