@@ -70,6 +70,15 @@ def test_a_suspension_with_all_files(rig):
     assert content["curves"]["wheel_rate_L_N_per_mm"][-1] is None
 
 
+def test_forces_on_a_linkage_without_bushings(rig):
+    code, out, _ = rig("suspension", "artcar", "--points", "3", "--force", "10", "--json", "a.json")
+    assert code == 0
+    assert "brake_steer_deg_per_kN" in out
+    compliance = json.loads(Path("a.json").read_text())["compliance"]
+    assert list(compliance) == ["side", "brake", "drive"]
+    assert compliance["side"]["force_N"] == [-10.0, -5.0, 0.0, 5.0, 10.0]
+
+
 def test_a_vehicle_of_a_file_steers(rig):
     save_vehicle(shipped("sedan"), "mine.json")
     code, _, err = rig(

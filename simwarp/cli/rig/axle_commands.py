@@ -10,6 +10,7 @@ import tyro
 
 from simwarp.cli.options import parse_options
 from simwarp.cli.rig.rig_options import RigOptions, finish, print_values, progress_bar, wheeled_vehicle
+from simwarp.vehicle.rigs.compliance_rig import WheelForce, run_compliance_rig
 from simwarp.vehicle.rigs.rig_plots import draw_steering, draw_suspension
 from simwarp.vehicle.rigs.steering_rig import run_steering_rig
 from simwarp.vehicle.rigs.suspension_rig import SuspensionReference, run_suspension_rig
@@ -36,6 +37,8 @@ class SuspensionOptions(RigOptions):
         float | None, tyro.conf.arg(metavar="m", help_behavior_hint="(default: under the standing vehicle)")
     ] = None
     """From a wheel's centre down to the ground."""
+    force: Annotated[float | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: none)")] = None
+    """Also pushes the wheels aside, backwards and forwards by up to this force: what bushings give."""
 
 
 def run_suspension(target: str, arguments: list[str]) -> int:
@@ -49,14 +52,26 @@ def run_suspension(target: str, arguments: list[str]) -> int:
             spec, options.axle, travel=options.travel, points=options.points, reference=options.reference,
             loaded_radius=options.loaded_radius, device=options.device_name, progress=progress,
         )  # fmt: skip
+        pushed = [] if options.force is None else [
+            run_compliance_rig(
+                spec, options.axle, kind, force=options.force, reference=options.reference, device=options.device_name
+            )
+            for kind in WheelForce
+        ]  # fmt: skip
     wall, console = time.perf_counter() - begin, options.console()
+    parameters = found.parameters()
+    for curve in pushed:
+        parameters |= curve.parameters()
     template = spec.axles[options.axle].suspension.template
     console.print(f"{spec.name}, axle {options.axle}: {template}", style="bold", highlight=False, soft_wrap=True)
-    print_values(console, found.parameters())
+    print_values(console, parameters)
     if options.plot is not None:
         draw_suspension(found, options.plot, f"{spec.name}, axle {options.axle}: {template}")
         console.print(f"wrote {options.plot}", highlight=False, soft_wrap=True)
-    content = {"rig": "suspension", "target": target, "axle": options.axle, "parameters": found.parameters()}
+    content = {
+        "rig": "suspension", "target": target, "axle": options.axle, "parameters": parameters,
+        "compliance": {curve.kind.value: curve.rows().as_json() for curve in pushed},
+    }  # fmt: skip
     return finish(console, options, found.rows(), content, interrupted=found.interrupted, wall=wall)
 
 

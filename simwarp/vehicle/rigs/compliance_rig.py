@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from simwarp.analysis import solve_static
 from simwarp.core.object_repr import Readable, Row, plural
-from simwarp.core.types import ModelError
+from simwarp.core.types import JointType, ModelError
 from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses
 from simwarp.vehicle.rigs.suspension_rig import SuspensionReference, reference_state
 from simwarp.vehicle.spec.parts import Array, SpecError
@@ -122,12 +122,14 @@ def run_compliance_rig(
     state = reference_state(spec, axle, reference, device=device)
     forces = np.linspace(-force, force, points)
     held = hold_axle(spec, axle, np.full(points, state.travel), state.travel, device=device)
-    _push(held, kind, forces, state.loaded_radius)
     reached = held.reached.copy()
-    try:
-        solve_static(held.simulation)
-    except ModelError:
-        reached[:] = False
+    # without bushings nothing that can move is left: the closed linkage is the equilibrium under any force
+    if any(joint.type is JointType.BUSHING for joint in held.simulation.model.builder.joints):
+        _push(held, kind, forces, state.loaded_radius)
+        try:
+            solve_static(held.simulation)
+        except ModelError:
+            reached[:] = False
     table = wheel_angles(held)
     shift = (table.center - table.center[points // 2])[..., :2]
     status = np.where(reached, RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)

@@ -20,7 +20,7 @@ from simwarp.vehicle.rigs.tire_rig import TireCurves
 COLORS: Final = (BLUE, ORANGE, "#2b8a3e", "#7048a8", "#946200", "#c2255c")
 """Of the curves of one panel."""
 STYLES: Final = ("-", "--", ":", "-.")
-DOTS: Final = 100
+DOTS: Final = 80
 """Per inch, of a picture."""
 
 
