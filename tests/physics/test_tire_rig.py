@@ -156,6 +156,16 @@ def test_an_interruption_keeps_what_has_settled():
     assert (found.status == RowStatus.DONE).any()
 
 
+def test_a_sweep_that_is_interrupted_says_so():
+    def progress(share: float) -> None:
+        raise KeyboardInterrupt
+
+    sweep = TireSweep(loads=(4000.0,), points=5)
+    with pytest.raises(KeyboardInterrupt):  # nothing is steady after a round: there is nothing to keep
+        run_tire_rig(tire_of("hmmwv", "lugre"), sweep, progress=progress)
+    assert not run_tire_rig(FIALA, sweep).interrupted
+
+
 @pytest.mark.parametrize(
     ("sweep", "message"),
     [

@@ -13,7 +13,8 @@ from simwarp.cli.rig.rig_options import RigOptions, finish, print_values, progre
 from simwarp.vehicle.rigs.compliance_rig import WheelForce, run_compliance_rig
 from simwarp.vehicle.rigs.rig_plots import draw_steering, draw_suspension
 from simwarp.vehicle.rigs.steering_rig import run_steering_rig
-from simwarp.vehicle.rigs.suspension_rig import SuspensionReference, run_suspension_rig
+from simwarp.vehicle.rigs.suspension_curves import SuspensionReference
+from simwarp.vehicle.rigs.suspension_rig import run_suspension_rig
 
 
 @dataclasses.dataclass(frozen=True)

@@ -81,6 +81,9 @@ def run_tire(target: str, arguments: list[str]) -> int:
         for name, tire in tires.items():
             with options.shared(), progress_bar(f"tire {name}") as progress:
                 curves[name] = run_tire_rig(tire, sweep, device=options.device_name, progress=progress)
+            if curves[name].interrupted:
+                interrupted = True
+                break
     except KeyboardInterrupt:
         if not curves:
             raise

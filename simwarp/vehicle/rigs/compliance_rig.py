@@ -19,7 +19,8 @@ from simwarp.analysis import solve_static
 from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.core.types import JointType, ModelError
 from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses
-from simwarp.vehicle.rigs.suspension_rig import SuspensionReference, reference_state
+from simwarp.vehicle.rigs.suspension_curves import SuspensionReference
+from simwarp.vehicle.rigs.suspension_rig import reference_state
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import HeldAxle, hold_axle, wheel_angles
@@ -80,7 +81,7 @@ class ComplianceCurve(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """Slopes of the left wheel's angles and shifts over the force, by least squares; units in the keys."""
+        """Slopes of the left wheel's angles and shifts over the force; keys name units, such as [mm/kN]."""
         kind = self.kind.value
         return {
             f"{kind}_steer_deg_per_kN": 1e3 * math.degrees(self._slope(self.steer[:, 0])),

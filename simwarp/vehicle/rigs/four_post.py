@@ -146,7 +146,7 @@ class FourPostResponse(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """Peaks of the chassis' motion and of the first wheel's load, and where they are; units in the keys."""
+        """Peaks of the chassis' motion and of the first wheel's load, and where they are [Hz]; keys name units."""
         found: dict[str, float] = {f"static_load{k}_N": float(v) for k, v in enumerate(self.static_load)}
         for mode in self.sweep.modes:
             chosen = self.of(mode)
@@ -343,7 +343,7 @@ class RoadResponse(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> list[dict[str, Any]]:
-        """One entry for every road; units in the keys."""
+        """One entry for every road; keys name units, such as [m/s²]."""
         return [
             {
                 "road": road.value,

@@ -58,6 +58,10 @@ def draw_roads(response: RoadResponse, target: Path, title: str) -> None:
             )  # fmt: skip
             for axes, value in zip(panels[0], values, strict=True):
                 axes.semilogy(names[chosen], value, "o-", color=color, label=f"{speed:g} m/s")
+        for axes in panels[0]:
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter("{x:g}")
+            axes.tick_params(axis="y", which="minor", labelsize=7, colors=INK)
         label_axes(panels[0, 0], "rms heave acceleration [m/s²]", "road class")
         label_axes(panels[0, 1], "rms of the wheel load over its mean, worst wheel", "road class")
         label_axes(panels[0, 2], "rms suspension travel [mm], worst wheel", "road class")

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from simwarp.core.files import replacing
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, spanned, title_of
 from simwarp.vehicle.rigs.steering_rig import SteeringCurve
-from simwarp.vehicle.rigs.suspension_rig import SuspensionMotion, SuspensionRun
+from simwarp.vehicle.rigs.suspension_curves import SuspensionMotion, SuspensionRun
 from simwarp.vehicle.rigs.tire_rig import TireCurves
 
 COLORS: Final = (BLUE, ORANGE, "#2b8a3e", "#7048a8", "#946200", "#c2255c")
@@ -61,7 +61,8 @@ def draw_tires(curves: Mapping[str, TireCurves], target: Path, title: str) -> No
     """
     with plot_page(target, title, 2, 3, (13.0, 7.6)) as panels:
         for (name, found), color in zip(curves.items(), COLORS * len(curves), strict=False):
-            loads = found.sweep.loads
+            loads, leans = found.sweep.loads, found.sweep.inclinations
+            widest = int(np.abs(leans).argmax())
             for number, load in enumerate(loads):
                 style: Any = {"color": color, "linestyle": STYLES[number % len(STYLES)], "linewidth": 1.3}
                 along, across = found.longitudinal[:, number, 0, 0], found.lateral[number, 0, 0]
@@ -70,7 +71,11 @@ def draw_tires(curves: Mapping[str, TireCurves], target: Path, title: str) -> No
                 panels[0, 0].plot(along.slip_ratio[0], 1e-3 * along.fx[0], label=label, **style)
                 panels[0, 1].plot(angle, 1e-3 * across.fy, **style)
                 panels[0, 2].plot(angle, across.mz, **style)
-                panels[1, 0].plot(angle, across.mx, **style)
+                leaning = found.lateral[number, widest, 0]
+                if found.sweep.inclinations[widest] != 0.0:
+                    panels[1, 0].plot(np.rad2deg(leaning.slip_angle), leaning.mx, **style)
+                else:
+                    panels[1, 0].plot(along.slip_ratio[0], along.my[0], **style)
                 for side in range(1, len(along.fx)):
                     panels[1, 1].plot(1e-3 * along.fx[side], 1e-3 * along.fy[side], **style)
             marks: Any = {"color": color, "marker": "o", "markersize": 4}
@@ -80,12 +85,16 @@ def draw_tires(curves: Mapping[str, TireCurves], target: Path, title: str) -> No
         label_axes(panels[0, 0], "F_x [kN]", "slip ratio")
         label_axes(panels[0, 1], "F_y [kN]", "slip angle [°]")
         label_axes(panels[0, 2], "M_z [N·m]", "slip angle [°]")
-        label_axes(panels[1, 0], "M_x [N·m]", "slip angle [°]")
+        lean = max(next(iter(curves.values())).sweep.inclinations, key=abs)
+        if lean != 0.0:
+            label_axes(panels[1, 0], f"M_x [N·m] at an inclination of {np.rad2deg(lean):.3g}°", "slip angle [°]")
+        else:
+            label_axes(panels[1, 0], "M_y [N·m]", "slip ratio")
         spanned(panels[1, 0], 1.0)
         angles = ", ".join(f"{np.rad2deg(a):g}°" for a in next(iter(curves.values())).sweep.combined_angles)
         label_axes(panels[1, 1], f"F_y [kN] at slip angles of {angles}" if angles else "F_y [kN]", "F_x [kN]")
         label_axes(panels[1, 2], "largest F_x (driving) and F_y (dashed) over F_z", "F_z [kN]")
-        panels[0, 0].legend(frameon=False, fontsize=7)
+        panels[0, 0].legend(frameon=False, fontsize=7, loc="lower right")
 
 
 def draw_suspension(run: SuspensionRun, target: Path, title: str) -> None:

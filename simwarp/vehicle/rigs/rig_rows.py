@@ -27,9 +27,9 @@ class RowStatus(enum.IntEnum):
 
     DONE = 0
     UNFINISHED = 1
-    """The run was interrupted before it was there, or it has not settled."""
+    """The run was interrupted before it was there."""
     DIVERGED = 2
-    """A value of its world is not finite, or its mechanism does not reach the state."""
+    """A value of its world is not finite, it does not come to rest, or its mechanism does not reach the state."""
 
 
 def count_of(status: Statuses, kind: RowStatus) -> int:

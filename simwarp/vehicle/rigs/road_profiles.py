@@ -74,7 +74,7 @@ class RoadProfile(Readable):
 
     @property
     def length(self) -> float:
-        """Of one period [m]."""
+        """Length of one period [m]."""
         return self.spacing * self.height.shape[1]
 
     def at(self, distance: npt.ArrayLike, track: int) -> Array:

@@ -74,7 +74,7 @@ class SteeringCurve(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """What a data sheet tells of the steering; units in the keys. Locks that are not reached are NaN."""
+        """What a data sheet tells of the steering; keys name units, such as [m]. Locks that are not reached are NaN."""
         left, right, middle = -1, 0, len(self.status) // 2
         return {
             "ratio_on_centre": float(self.ratio[middle]),

@@ -78,7 +78,7 @@ class TiltTable(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """What the table tells; units in the keys."""
+        """What the table tells; keys name units, such as [m]."""
         return {
             "lift_angle_deg": math.degrees(self.lift_angle), "lifted_wheel": float(self.lifted_wheel),
             "track_per_two_heights": self.track / (2.0 * self.com_height),

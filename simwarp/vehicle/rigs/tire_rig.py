@@ -82,7 +82,7 @@ class TireForces(Readable):
         return TireForces(**{field.name: getattr(self, field.name)[index] for field in dataclasses.fields(self)})
 
     def reshaped(self, shape: tuple[int, ...]) -> TireForces:
-        """The same points in arrays of another shape."""
+        """Returns the same points in arrays (...,) of another shape."""
         return TireForces(
             **{field.name: getattr(self, field.name).reshape(shape) for field in dataclasses.fields(self)}
         )
@@ -167,6 +167,7 @@ class _Machine:
         tires: the element with the forces.
         deflection: (n,) under the load [m].
         steady: (n,) whether forces do not change any more.
+        interrupted: whether the roll was.
     """
 
     def __init__(
@@ -178,6 +179,7 @@ class _Machine:
         self.tires = Tires([Mount(vector, 0)], self.count, 1, device, friction=friction)
         self.device = self.tires.device
         self.steady = np.zeros(self.count, bool)
+        self.interrupted = False
         half = 0.5 * self.lean
         turn = np.stack([np.sin(half), 0.0 * half, 0.0 * half, np.cos(half)], axis=1)
         self.state: Any = StateArrays()
@@ -235,6 +237,7 @@ class _Machine:
         except KeyboardInterrupt:
             if not self.steady.any():
                 raise
+            self.interrupted = True
 
     def read(self) -> TireForces:
         """The points as they are."""
@@ -244,7 +247,8 @@ class _Machine:
         down = self.radius - self.deflection
         arm = np.stack([0.0 * down, down * np.sin(self.lean), -self._height(self.deflection)], axis=1)
         moment = torque - np.cross(arm, force)
-        status = np.where(self.steady, RowStatus.DONE, RowStatus.UNFINISHED).astype(np.int8)
+        restless = RowStatus.UNFINISHED if self.interrupted else RowStatus.DIVERGED
+        status = np.where(self.steady, RowStatus.DONE, restless).astype(np.int8)
         borne = np.abs(load - self.load) < LOAD_ERROR * self.load
         status[~(np.isfinite(force).all(axis=1) & borne)] = RowStatus.DIVERGED
         measured = np.column_stack([force, moment, self.deflection])
@@ -333,6 +337,12 @@ class TireCurves(Readable):
     peak_angle: Array
     load_sensitivity: Array
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether points are missing because the run was interrupted."""
+        both = (self.longitudinal.status, self.lateral.status)
+        return any((status == RowStatus.UNFINISHED).any() for status in both)
+
     def _readable_title(self) -> str:
         return f": {plural(self.longitudinal.load.size + self.lateral.load.size, 'point')}"
 
@@ -341,7 +351,7 @@ class TireCurves(Readable):
         return {"cornering stiffness [N/rad]": stiffness}
 
     def parameters(self) -> list[dict[str, float]]:
-        """One entry for every load, inclination and speed, with units in the keys."""
+        """One entry for every load, inclination and speed; keys name units, such as [N/rad]."""
         found = []
         for index in np.ndindex(self.cornering_stiffness.shape):
             load, lean, speed = index
