@@ -29,6 +29,7 @@ def columns(path: str) -> dict[str, list[str]]:
     return {name: [row[k] for row in rows[1:]] for k, name in enumerate(rows[0])}
 
 
+@pytest.mark.slow
 def test_tires_over_each_other_with_all_files(rig):
     arguments = ("--tires", "fiala", "tmeasy", "--loads", "3000", "6000", "--points", "11")
     code, out, err = rig("tire", "hmmwv", *arguments, "--csv", "a.csv", "--plot", "a.png", "--json", "a.json")
@@ -55,6 +56,7 @@ def test_a_file_of_a_tire_needs_loads(rig):
     assert "fiala" in out
 
 
+@pytest.mark.slow
 def test_a_suspension_with_all_files(rig):
     code, out, err = rig(
         "suspension", "artcar", "--points", "5", "--csv", "a.csv", "--plot", "a.png", "--json", "a.json"
@@ -70,6 +72,7 @@ def test_a_suspension_with_all_files(rig):
     assert content["curves"]["wheel_rate_L_N_per_mm"][-1] is None
 
 
+@pytest.mark.slow
 def test_forces_on_a_linkage_without_bushings(rig):
     code, out, _ = rig("suspension", "artcar", "--points", "3", "--force", "10", "--json", "a.json")
     assert code == 0
@@ -79,6 +82,7 @@ def test_forces_on_a_linkage_without_bushings(rig):
     assert compliance["side"]["force_N"] == [-10.0, -5.0, 0.0, 5.0, 10.0]
 
 
+@pytest.mark.slow
 def test_a_vehicle_of_a_file_steers(rig):
     save_vehicle(shipped("sedan"), "mine.json")
     code, _, err = rig(
@@ -138,6 +142,7 @@ def test_an_interruption_keeps_what_is_done(rig, monkeypatch):
     assert set(columns("a.csv")["tire"]) == {"fiala"}
 
 
+@pytest.mark.slow
 def test_a_world_that_diverges_is_marked_and_not_fatal(rig):
     code, out, _ = rig("suspension", "artcar", "--travel", "0.2", "--points", "21", "--csv", "a.csv")
     assert code == 0

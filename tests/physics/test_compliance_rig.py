@@ -37,6 +37,7 @@ def level_arms(bushing: Bushing | None) -> VehicleSpec:
     return dataclasses.replace(spec, axles=(spec.axles[0], dataclasses.replace(axle, suspension=made)))
 
 
+@pytest.mark.slow
 def test_side_forces_lean_the_wheel_by_both_bushings():
     """F at the contact point is borne by both arms as by a lever: each bushing gives way by its part over its
     stiffness. The tie rod, beside, bears none. Springs press the arms' bushings down by a tenth of a degree: 1 % of
@@ -62,6 +63,7 @@ def test_side_forces_lean_the_wheel_by_both_bushings():
     assert shift == pytest.approx([wanted, wanted], rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(WheelForce))
 def test_a_linkage_without_bushings_is_rigid(kind):
     """It is the same in all worlds, to the rounding of the closed loops."""

@@ -16,9 +16,10 @@ from simwarp.vehicle.rigs import (
     run_suspension_rig,
 )
 from simwarp.vehicle.rigs.post_rig import PostRig
-from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import AntirollBar, SpecError, VehicleSpec
 from tests.physics.sample_vehicles import samples, shipped
 from tests.reference.double_wishbone import LeftWheel, four_bar
+from tests.reference.suspension_kinematics import exponential, newton
 
 BUILT = SuspensionReference.BUILT
 
@@ -32,7 +33,7 @@ def spring_force(line: Any, length: float, built: float) -> float:
     return float(line.preload - np.interp(length - rest, x, y))
 
 
-@pytest.mark.quick("sedan rear")
+@pytest.mark.quick("artcar rear")
 @pytest.mark.parametrize("case", ["sedan rear", "hmmwv rear", "artcar rear"])
 def test_levers_of_double_wishbones(case):
     """Rates of the rig are differences over 2 mm: their error is a third derivative times 2e-7 m², below 1e-4 of any
@@ -131,6 +132,42 @@ def test_the_roll_centre_lies_on_the_line_to_the_instant_centre():
         assert curve.anti_squat[row, 0] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
+def test_an_antiroll_bar_stiffens_rolling_alone():
+    """Its arms turn so that the drop links keep their length; the roll stiffness grows by k (d twist / d roll)²."""
+    spec = shipped("sedan")
+    axle = spec.axles[1]
+    length, width, drop, stiffness = 0.6, 0.2, -0.1, 2000.0
+    bar = AntirollBar(
+        location=axle.location, arm_mass=1.0, arm_inertia=(0.03, 0.01, 0.03), arm_length=length, arm_width=width,
+        droplink_height=drop, stiffness=stiffness,
+    )  # fmt: skip
+    barred = dataclasses.replace(spec, axles=(spec.axles[0], dataclasses.replace(axle, antiroll_bar=bar)))
+    plain, stiff = (
+        run_suspension_rig(each, 1, travel=0.01, points=9, reference=BUILT, loaded_radius=0.3).curves
+        for each in (spec, barred)
+    )
+    reference, place = LeftWheel(axle.suspension, axle.location, 0.3, spring_force), np.array(axle.location)
+
+    def turn(travel: float) -> float:
+        """Of the left arm about the bar's axis."""
+        foot = reference.lower_arm(reference.upright(travel))(place + np.array([width, length, drop]))
+
+        def gap(x: np.ndarray) -> np.ndarray:
+            top = place + exponential(np.array([0.0, float(x[0]), 0.0])) @ np.array([width, length, 0.0])
+            return np.array([np.linalg.norm(top - foot) - abs(drop)])
+
+        return float(newton(gap, np.zeros(1))[0])
+
+    track = 2.0 * float(reference.at(0.0).contact[1])
+    twist = 2.0 * (turn(1e-4) - turn(-1e-4)) / 2e-4  # of both arms, per travel of the left wheel
+    gain = stiff[SuspensionMotion.OPPOSITE].roll_stiffness[4] - plain[SuspensionMotion.OPPOSITE].roll_stiffness[4]
+    assert gain == pytest.approx(stiffness * (twist * track / 2.0) ** 2, rel=2e-3)
+    assert stiff[SuspensionMotion.PARALLEL].wheel_rate == pytest.approx(
+        plain[SuspensionMotion.PARALLEL].wheel_rate, rel=1e-5
+    )
+
+
 CASES: dict[str, tuple[Any, int]] = {
     **{
         f"{name} {axle}": (shipped(name), axle)
@@ -186,6 +223,7 @@ def test_springs_bear_the_standing_vehicle(name):
         assert travel[2 * axle : 2 * axle + 2].mean() == pytest.approx(run.reference_travel + shift, abs=1.5e-4)
 
 
+@pytest.mark.slow
 def test_worlds_that_do_not_reach_are_marked_and_the_others_stay():
     """Arms of the model car end at some centimetres."""
     run = run_suspension_rig(shipped("artcar"), 1, travel=0.2, points=21, reference=BUILT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import LogLocator
 
 from simwarp.vehicle.results.plot_style import GREY, INK
 from simwarp.vehicle.rigs.four_post import FourPostResponse, RoadResponse
@@ -60,6 +61,7 @@ def draw_roads(response: RoadResponse, target: Path, title: str) -> None:
                 axes.semilogy(names[chosen], value, "o-", color=color, label=f"{speed:g} m/s")
         for axes in panels[0]:
             axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
             axes.yaxis.set_minor_formatter("{x:g}")
             axes.tick_params(axis="y", which="minor", labelsize=7, colors=INK)
         label_axes(panels[0, 0], "rms heave acceleration [m/s²]", "road class")
