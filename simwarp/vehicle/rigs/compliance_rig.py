@@ -134,10 +134,9 @@ def run_compliance_rig(
     table = wheel_angles(held)
     shift = (table.center - table.center[points // 2])[..., :2]
     status = np.where(reached, RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
-    measured = [table.steer, table.toe, table.camber, shift]
-    for values in measured:
+    for values in (table.steer, table.toe, table.camber, shift):
         values[status != RowStatus.DONE] = np.nan
-    return ComplianceCurve(kind, forces, *measured, status)
+    return ComplianceCurve(kind, forces, table.steer, table.toe, table.camber, shift, status)
 
 
 def _push(held: HeldAxle, kind: WheelForce, forces: Array, radius: float) -> None:

@@ -314,7 +314,7 @@ class TireCurves(Readable):
         cornering_stiffness: (L, C, S) -dF_y over the slip angle at zero [N/rad].
         aligning_stiffness: (L, C, S) dM_z over the slip angle at zero [N·m/rad].
         trail: (L, C, S) pneumatic, at zero slip [m].
-        peak_driving, peak_braking: (L, C, S) ratio of the largest |F_x| to the load within the sweep.
+        peak_driving, peak_braking: (L, C, S) ratio to the load of the largest F_x in that direction, within the sweep.
         peak_left, peak_right: (L, C, S) ratio of the largest F_y to either side to the load.
         peak_slip: (L, C, S, 2) slip ratios of the peaks, driving and braking.
         peak_angle: (L, C, S, 2) slip angles of the peaks to the left and to the right [rad].
