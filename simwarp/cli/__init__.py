@@ -71,6 +71,12 @@ COMMANDS = {
         Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.benching:run"),
         Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
         Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
+        Command(
+            "rig",
+            "RIG NAME",
+            "a rig: tires, suspensions, steerings, posts, tilt table",
+            "simwarp.cli.rig.rig_command:run",
+        ),
         Command("sensor-demo", "", "one picture of what all kinds of sensors see", "simwarp.cli.sensor_demo:run"),
         Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verifying:run"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
