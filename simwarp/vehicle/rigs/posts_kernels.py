@@ -13,7 +13,7 @@ from simwarp.kernels.core.world_range import WorldRange
 from simwarp.vehicle.tires.common_kernels import standstill_force, vertical_load
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireContact
-from simwarp.vehicle.tires.patch_kernels import find_patch
+from simwarp.vehicle.tires.patch_kernels import Envelopes, find_patch
 from simwarp.vehicle.tires.tires_kernels import TireTables, wheel_state
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -61,7 +61,7 @@ def push_posts(
     rise = wp.float64(height[world, wheel])
     moving.x = moving.x - wp.vec3d(wp.float64(0.0), wp.float64(0.0), rise)
     moving.v = moving.v - wp.vec3(0.0, 0.0, speed[world, wheel])
-    patch = find_patch(world, moving, TireContact.SINGLE_POINT, p, plane, assets)
+    patch = find_patch(world, wheel, moving, TireContact.SINGLE_POINT, p, plane, Envelopes(), assets)
     force = wp.vec3()
     torque = wp.vec3()
     if patch.touching == 1:
