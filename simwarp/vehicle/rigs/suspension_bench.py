@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, rotate
-from simwarp.vehicle.rigs.kingpins import kingpin_axis
 from simwarp.vehicle.rigs.rig_rows import RowStatus
 from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads
 from simwarp.vehicle.rigs.suspension_curves import SuspensionCurve, SuspensionMotion
@@ -22,6 +21,7 @@ from simwarp.vehicle.spec.parts import Array, Vec3
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, PinnedAxle, VehicleSpec
 from simwarp.vehicle.suspensions.corner import extended, spring_table
 from simwarp.vehicle.suspensions.kinematics import HeldAxle, hold_axle
+from simwarp.vehicle.suspensions.kingpins import kingpin_axis
 
 NEAR: Final = 1.0e-3
 """Travel to either side of a state between which its rates are measured [m]."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from simwarp.core.rotation import rotate
-from simwarp.vehicle.spec.parts import Array, ForceLine, SpecError
+from simwarp.vehicle.spec.parts import Array, ForceLine, SpecError, Vec3
 from simwarp.vehicle.spec.vehicle_spec import (
     DoubleWishbone,
     DoubleWishboneReduced,
@@ -19,6 +19,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     SolidAxle,
     Suspension,
 )
+from simwarp.vehicle.suspensions.kingpins import kingpin_axis
 
 SteeredSuspension = DoubleWishbone | DoubleWishboneReduced | SingleWishbone | MacPhersonStrut | MultiLink | SolidAxle
 
@@ -59,7 +60,7 @@ def with_tierod_turned(suspension: Suspension, angle: float) -> Suspension:
     """The suspension with tie rods of another length: its uprights stand turned about their kingpins, as built.
 
     Balls at the ends of the kingpin stay; outer balls of tie rods, spindles and what else the upright holds go round
-    them. A multi-link's kingpin runs from the ball of its upper arm to the middle of those of its links.
+    them.
 
     Args:
         suspension: with a tie rod.
@@ -144,21 +145,12 @@ def _wheel_axis(toe: float, camber: float) -> Array:
 
 
 def _kingpin(suspension: Suspension) -> tuple[Array, Array]:
-    """A point of the line about which the left upright steers, and its direction upwards."""
-    match suspension:
-        case DoubleWishbone() | DoubleWishboneReduced():
-            ends: tuple[Any, Any] = (suspension.lower_arm_upright, suspension.upper_arm_upright)
-        case SingleWishbone():
-            ends = (suspension.arm_upright, np.add(suspension.arm_upright, suspension.kingpin_axis))
-        case MacPhersonStrut():
-            ends = (suspension.lower_arm_upright, suspension.strut_chassis)
-        case MultiLink():
-            below = 0.5 * np.add(suspension.lateral_upright, suspension.trailing_link_upright)
-            ends = (below, suspension.upper_arm_upright)
-        case SolidAxle():
-            ends = (suspension.knuckle_lower, suspension.knuckle_upper)
-        case _:
-            raise SpecError(f"toe: must be left out of the template '{suspension.template}', which has no tie rod")
-    axis = np.subtract(ends[1], ends[0])
-    axis = axis / np.linalg.norm(axis)
-    return np.asarray(ends[0], float), np.asarray(axis if axis[2] >= 0.0 else -axis)
+    """A point of the line about which the left upright steers, as built, and its direction upwards."""
+
+    def as_built(vector: Vec3) -> Array:
+        return np.array([vector], float)
+
+    point, axis = kingpin_axis(suspension, as_built, as_built, as_built, 1)
+    if np.isnan(axis).any():
+        raise SpecError(f"toe: must be left out of the template '{suspension.template}', which has no tie rod")
+    return point[0], axis[0]
