@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import fnmatch
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -76,24 +77,41 @@ def _along(axes: Array, vector: Array, axis: int) -> Array:
     return np.einsum("wi,wi->w", vector, axes[:, :, axis])
 
 
+def _told(s: Sample, source: Any, field: str, index: int) -> Array:
+    """A column of an array that is looked up when it is read: soil puts its own in place of a tire's."""
+    return s.of(getattr(source, field))[:, index]
+
+
+def _level_acceleration(s: Sample, axis: int) -> Array:
+    return _along(level_axes(s.motion), s.acceleration, axis)
+
+
+def _chassis_acceleration(s: Sample, axis: int) -> Array:
+    return _along(s.motion.rotation, s.acceleration, axis)
+
+
+def _rate(s: Sample, axis: int) -> Array:
+    return _along(s.motion.rotation, s.motion.omega, axis)
+
+
 def _chassis_channels() -> list[Channel]:
     found = []
     for axis, (letter, way) in enumerate(zip("xyz", ("forwards", "to the left", "up"), strict=True)):
         found += [
             Channel(
                 f"a{letter}_mps2", "m/s²", f"acceleration of the chassis' centre of mass {way}, level axes",
-                lambda s, k=axis: _along(level_axes(s.motion), s.acceleration, k),
+                partial(_level_acceleration, axis=axis),
             ),
             Channel(
                 f"a{letter}_chassis_mps2", "m/s²", f"the same {way} in the chassis' axes",
-                lambda s, k=axis: _along(s.motion.rotation, s.acceleration, k),
+                partial(_chassis_acceleration, axis=axis),
             ),
         ]  # fmt: skip
     for axis, (name, meaning) in enumerate((("roll", "leans to the right"), ("pitch", "nose goes down"))):
         found.append(
             Channel(
                 f"{name}rate_radps", "rad/s", f"about the chassis' {'xy'[axis]}, positive where the {meaning}",
-                lambda s, k=axis: _along(s.motion.rotation, s.motion.omega, k),
+                partial(_rate, axis=axis),
             )
         )  # fmt: skip
 
@@ -169,7 +187,7 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
             found.append(
                 Channel(
                     f"{short}_{name}{ending}", unit, meaning,
-                    lambda s, field=field, k=wheel: s.of(getattr(tires, field))[:, k],
+                    partial(_told, source=tires, field=field, index=wheel),
                 )
             )  # fmt: skip
         axes = _WheelAxes(simulation, vehicle, wheel)
@@ -179,14 +197,14 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
             found.append(
                 Channel(
                     f"{letters}_{name}_{unit.replace('·', '')}", unit, f"{what}, along {'xyz'[part % 3]} of its W axes",
-                    lambda s, axes=axes, part=part: axes.force(s, part),
+                    partial(axes.force, part=part),
                 )
             )  # fmt: skip
         turn = model.joint_dof_start[side.turn]
         found.append(
             Channel(
                 f"spin_{name}_radps", "rad/s", "of the wheel seen from the chassis, positive forwards",
-                lambda s, dof=turn: s.of(simulation.state.joint_qd)[:, dof],
+                partial(_told, source=simulation.state, field="joint_qd", index=turn),
             )
         )  # fmt: skip
         found += _corner_channels(simulation, vehicle, wheel, name)
@@ -215,30 +233,41 @@ def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name:
         found.append(
             Channel(
                 f"springlength{number}_{name}_m", "m", "between the ends of the spring",
-                lambda s, dof=dof: s.of(state.joint_q)[:, dof],
+                partial(_told, source=state, field="joint_q", index=dof),
             )
         )  # fmt: skip
-        law = simulation.model.builder.joints[joint].dofs[0]
-        if law.spring_table is None and law.damper_table is None and law.damper_map is None:
-            found += _line_channels(simulation, dof, f"{number}_{name}_N")
+        found += _line_channels(simulation, joint, f"{number}_{name}_N")
     return found
 
 
-def _line_channels(simulation: Simulation, dof: int, ending: str) -> list[Channel]:
-    """Forces of a linear spring and damper, positive where they push the ends apart."""
+def _line_channels(simulation: Simulation, joint: int, ending: str) -> list[Channel]:
+    """Forces of a spring and a damper, positive where they push the ends apart; none of a damper's map."""
     model, state = simulation.model, simulation.state
+    dof, law = model.joint_dof_start[joint], model.builder.joints[joint].dofs[0]
 
     def spring(s: Sample) -> Array:
-        stretch = s.of(state.joint_q)[:, dof] - s.of(model.joint_rest)[:, dof]
-        return s.of(model.joint_preload)[:, dof] - s.of(model.joint_stiffness)[:, dof] * stretch
+        stretch = _tabled(law.spring_table, s.of(state.joint_q)[:, dof] - s.of(model.joint_rest)[:, dof])
+        return np.asarray(s.of(model.joint_preload)[:, dof] - s.of(model.joint_stiffness)[:, dof] * stretch)
 
     def damper(s: Sample) -> Array:
-        return -s.of(model.joint_damping)[:, dof] * s.of(state.joint_qd)[:, dof]
+        return np.asarray(
+            -s.of(model.joint_damping)[:, dof] * _tabled(law.damper_table, s.of(state.joint_qd)[:, dof])
+        )  # fmt: skip
 
-    return [
-        Channel(f"spring{ending}", "N", "of the linear spring with its preload, pushes the ends apart", spring),
-        Channel(f"damper{ending}", "N", "of the linear damper, pushes the ends apart", damper),
-    ]
+    found = [Channel(f"spring{ending}", "N", "of the spring with its preload, pushes the ends apart", spring)]
+    if law.damper_map is None:
+        found.append(Channel(f"damper{ending}", "N", "of the damper, pushes the ends apart", damper))
+    return found
+
+
+def _tabled(table: Any, x: Array) -> Array:
+    """Piecewise linear values at x, straight on beyond the ends; x itself where there is no table."""
+    if table is None:
+        return x
+    places, values = (np.asarray(each, float) for each in table)
+    first = np.clip(np.searchsorted(places, x, side="right") - 1, 0, len(places) - 2)
+    slope = np.diff(values)[first] / np.diff(places)[first]
+    return np.asarray(values[first] + slope * (x - places[first]))
 
 
 def _reaction_channels(simulation: Simulation) -> list[Channel]:

@@ -87,6 +87,19 @@ def test_length_of_a_spring_is_the_distance_of_its_ends(left_turn):
     assert last(recorder, "springlength_FL_m") == pytest.approx(float(np.linalg.norm(ends[1] - ends[0])), abs=1e-5)
 
 
+def test_springs_and_dampers_push_as_their_joint_does(left_turn):
+    _, _, recorder = left_turn
+    names = [name for name in ("", "2") if f"damper{name}_FL_N" in recorder.names]
+    assert names
+    for name in names:
+        joint = f"reaction:axle0.left.spring{int(name or 1) - 1}"
+        reaction = np.linalg.norm([last(recorder, f"{joint}.F{axis}_N") for axis in "xyz"])
+        pushed = last(recorder, f"spring{name}_FL_N") + last(recorder, f"damper{name}_FL_N")
+        # the reaction is of the pose one step before, 1 ms: a spring's rate times its ends' speed of below 0.1 m/s,
+        # and the damper's change with an acceleration of the wheel of some m/s^2
+        assert abs(pushed) == pytest.approx(reaction, rel=0.02, abs=30.0)
+
+
 def test_unknown_channels_are_refused_with_near_names(left_turn):
     sim, car, _ = left_turn
     with pytest.raises(SpecError, match=r"got 'Fx_FK_N'; near it are Fx_F._N"):
