@@ -199,7 +199,7 @@ def run(arguments: list[str]) -> int:
         check_scene(options.export_scene, what.start + what.duration)
     console = options.console()
     if options.channels == LIST:
-        _print_channels(spec, what, options)
+        _print_channels(console, spec, what, options)
         return DONE
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
@@ -305,12 +305,13 @@ def _chrono_template(path: Path) -> str | None:
     return str(content.get("Template")) if found else None
 
 
-def _print_channels(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
-    """Names, units and meanings of all channels, and where a script asked for them their names."""
+def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
+    """Names, units and meanings of all channels, for people and for scripts."""
     setup = set_up(spec, what, device="cpu", elements=lambda v: _soil(v, options), on_soil=options.soil is not None)
     known = channels_of(setup.simulation, setup.vehicle)
     for channel in known:
-        print(f"{channel.name}  [{channel.unit}]  {channel.meaning}")
+        line = f"{channel.name}  [{channel.unit}]  {channel.meaning}"
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     options.emit({"channels": [{"name": c.name, "unit": c.unit, "meaning": c.meaning} for c in known]})
 
 
