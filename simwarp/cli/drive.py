@@ -32,6 +32,7 @@ from simwarp.vehicle.results.chain_plot import draw_chains
 from simwarp.vehicle.results.chain_record import ChainRecord
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
+from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
 from simwarp.vehicle.results.results import Result, results
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
@@ -54,6 +55,9 @@ MOST_STEPS: Final = 10**9
 """Of one run: days of driving."""
 ROW_BYTES: Final = 1000
 """That a row of the record takes, with what is made of it in the end."""
+
+LIST: Final = "list"
+"""Of --channels, prints the names of all and drives nothing."""
 
 MANEUVER_HELP: Final = (
     f"What to do: {', '.join(MANEUVERS)} (docs/vehicles.md tells what each does); on tracks: "
@@ -111,6 +115,10 @@ class DriveOptions(CommonOptions):
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
     """Writes the run to this file."""
+    channels: Annotated[
+        str | None, tyro.conf.arg(metavar="NAMES", help_behavior_hint="(default: the usual columns)")
+    ] = None
+    """Further columns: names or patterns with commas between, such as "Fx_*,travel_*"; list prints all names."""
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
     chains: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
@@ -144,6 +152,13 @@ class DriveOptions(CommonOptions):
     """Of trench."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
     """Of the manoeuvre after t = 0; reference-* have their own."""
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """Of --channels; none where it is left out or only lists them."""
+        if self.channels is None or self.channels == LIST:
+            return ()
+        return tuple(each.strip() for each in self.channels.split(",") if each.strip())
 
     @property
     def chosen(self) -> dict[str, float]:
@@ -186,6 +201,9 @@ def run(arguments: list[str]) -> int:
 
         check_scene(options.export_scene, what.start + what.duration)
     console = options.console()
+    if options.channels == LIST:
+        _print_channels(console, spec, what, options)
+        return DONE
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
     _print_results(console, spec, options, outcome, found)
@@ -291,13 +309,24 @@ def _chrono_template(path: Path) -> str | None:
     return str(content.get("Template")) if found else None
 
 
+def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
+    """Names, units and meanings of all channels, for people and for scripts."""
+    setup = set_up(spec, what, device="cpu", elements=lambda v: _soil(v, options), on_soil=options.soil is not None)
+    known = channels_of(setup.simulation, setup.vehicle)
+    for channel in known:
+        line = f"{channel.name}  [{channel.unit}]  {channel.meaning}"
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    options.emit({"channels": [{"name": c.name, "unit": c.unit, "meaning": c.meaning} for c in known]})
+
+
 def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
     setup = set_up(
         spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
         elements=lambda vehicle: _soil(vehicle, options), on_soil=options.soil is not None,
+        joint_reactions=wants_reactions(options.patterns),
     )  # fmt: skip
-    drive = Drive(setup)
+    drive = Drive(setup, channels=options.patterns)
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
     outcome.films = films = _films(setup, options)
