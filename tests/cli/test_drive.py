@@ -302,4 +302,4 @@ def test_channels_are_listed_and_an_unknown_one_is_refused(drive):
     assert {"sideslip_rad", "Fx_RR_N", "travel_FL_m"} <= set(names)
     code, _, err = drive("gator", "--channels", "Fx_QQ")
     assert (code, err.count("\n")) == (2, 1)
-    assert "got 'Fx_QQ'; near it are" in err
+    assert "got 'Fx_QQ'; did you mean" in err

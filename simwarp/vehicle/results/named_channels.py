@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import fnmatch
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -12,6 +11,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import formatted
+from simwarp.core.wording import suggestions
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
 from simwarp.vehicle.spec.vehicle_spec import SpecError
@@ -77,7 +78,7 @@ def _along(axes: Array, vector: Array, axis: int) -> Array:
     return np.einsum("wi,wi->w", vector, axes[:, :, axis])
 
 
-def _told(s: Sample, source: Any, field: str, index: int) -> Array:
+def _entry(s: Sample, source: Any, field: str, index: int) -> Array:
     """A column of an array that is looked up when it is read: soil puts its own in place of a tire's."""
     return s.of(getattr(source, field))[:, index]
 
@@ -169,7 +170,7 @@ class _WheelAxes:
 def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
     found, tires, model = [], vehicle.tires, simulation.model
     on_soil = isinstance(tires, SoilTires)
-    told: list[tuple[str, str, str, str, str]] = [
+    readings: list[tuple[str, str, str, str, str]] = [
         ("slip_ratio", "slip", "", "1", "slip ratio, positive when driving"),
         ("slip_angle", "slipangle", "_rad", "rad", "positive where the wheel drifts to the left"),
         ("camber", "camber", "_rad", "rad", "inclination, positive where the top leans to the right"),
@@ -183,11 +184,11 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
     ]
     for wheel, name in enumerate(wheel_names(len(vehicle.parts.spec.axles))):
         side = vehicle.parts.sides[wheel]
-        for field, short, ending, unit, meaning in told:
+        for field, short, ending, unit, meaning in readings:
             found.append(
                 Channel(
                     f"{short}_{name}{ending}", unit, meaning,
-                    partial(_told, source=tires, field=field, index=wheel),
+                    partial(_entry, source=tires, field=field, index=wheel),
                 )
             )  # fmt: skip
         axes = _WheelAxes(simulation, vehicle, wheel)
@@ -204,7 +205,7 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
         found.append(
             Channel(
                 f"spin_{name}_radps", "rad/s", "of the wheel seen from the chassis, positive forwards",
-                partial(_told, source=simulation.state, field="joint_qd", index=turn),
+                partial(_entry, source=simulation.state, field="joint_qd", index=turn),
             )
         )  # fmt: skip
         found += _corner_channels(simulation, vehicle, wheel, name)
@@ -233,7 +234,7 @@ def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name:
         found.append(
             Channel(
                 f"springlength{number}_{name}_m", "m", "between the ends of the spring",
-                partial(_told, source=state, field="joint_q", index=dof),
+                partial(_entry, source=state, field="joint_q", index=dof),
             )
         )  # fmt: skip
         found += _line_channels(simulation, joint, f"{number}_{name}_N")
@@ -241,7 +242,7 @@ def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name:
 
 
 def _line_channels(simulation: Simulation, joint: int, ending: str) -> list[Channel]:
-    """Forces of a spring and a damper, positive where they push the ends apart; none of a damper's map."""
+    """Forces of a spring and of a damper, of lines that are such, positive where they push the ends apart."""
     model, state = simulation.model, simulation.state
     dof, law = model.joint_dof_start[joint], model.builder.joints[joint].dofs[0]
 
@@ -250,14 +251,23 @@ def _line_channels(simulation: Simulation, joint: int, ending: str) -> list[Chan
         return np.asarray(s.of(model.joint_preload)[:, dof] - s.of(model.joint_stiffness)[:, dof] * stretch)
 
     def damper(s: Sample) -> Array:
-        return np.asarray(
-            -s.of(model.joint_damping)[:, dof] * _tabled(law.damper_table, s.of(state.joint_qd)[:, dof])
-        )  # fmt: skip
+        q, qd = s.of(state.joint_q)[:, dof], s.of(state.joint_qd)[:, dof]
+        rate = _tabled(law.damper_table, qd) if law.damper_map is None else _mapped(law.damper_map, q, qd)
+        return np.asarray(-s.of(model.joint_damping)[:, dof] * rate)
 
-    found = [Channel(f"spring{ending}", "N", "of the spring with its preload, pushes the ends apart", spring)]
-    if law.damper_map is None:
+    found = []
+    if law.stiffness or law.preload or law.spring_table is not None:
+        found.append(Channel(f"spring{ending}", "N", "of the spring with its preload, pushes the ends apart", spring))
+    if law.damping or law.damper_table is not None or law.damper_map is not None:
         found.append(Channel(f"damper{ending}", "N", "of the damper, pushes the ends apart", damper))
     return found
+
+
+def _mapped(table: Any, x: Array, y: Array) -> Array:
+    """Values of a `damper_map` at places x, those of its ends beyond them, and rates y, straight on beyond its ends."""
+    places, rates, forces = table
+    columns = np.array([_tabled((rates, column), y) for column in zip(*forces, strict=True)])  # (places, n)
+    return np.array([np.interp(at, places, column) for column, at in zip(columns.T, x, strict=True)])
 
 
 def _tabled(table: Any, x: Array) -> Array:
@@ -279,8 +289,8 @@ def _reaction_channels(simulation: Simulation) -> list[Channel]:
             meaning = f"{what} of the joint on its second body, world {'xyz'[part % 3]}, at the last step's first pose"
 
             def read(s: Sample, joint: int = joint, part: int = part) -> Array:
-                told = diagnostics.joint_reaction_force if part < 3 else diagnostics.joint_reaction_torque
-                return s.of(told)[:, joint, part % 3]
+                reactions = diagnostics.joint_reaction_force if part < 3 else diagnostics.joint_reaction_torque
+                return s.of(reactions)[:, joint, part % 3]
 
             found.append(Channel(f"{REACTION}{name}.{ending}", "N" if part < 3 else "N·m", meaning, read))
     return found
@@ -305,21 +315,20 @@ def chosen(known: Iterable[Channel], patterns: Iterable[str], columns: Iterable[
     A joint's name behind `reaction:` picks all six of its parts. Channels that are columns already are left out.
 
     Raises:
-        SpecError: a pattern picks nothing; the line tells near names.
+        SpecError: a pattern picks nothing.
     """
-    channels, taken = {channel.name: channel for channel in known}, set(columns)
+    channels, usual = {channel.name: channel for channel in known}, set(columns)
     found: dict[str, Channel] = {}
     for pattern in patterns:
         # `*` alone leaves the joints out: they need a Simulation that records them
-        among = [name for name in (*channels, *taken) if pattern.startswith(REACTION) or not name.startswith(REACTION)]
+        among = [name for name in (*channels, *usual) if pattern.startswith(REACTION) or not name.startswith(REACTION)]
         names = [name for name in among if fnmatch.fnmatchcase(name, pattern)]
         if not names and pattern.startswith(REACTION):
             names = [name for name in among if fnmatch.fnmatchcase(name.rpartition(".")[0], pattern)]
         if not names:
-            near = difflib.get_close_matches(pattern, among or list(channels), 3, 0.3)
-            told = f"; near it are {', '.join(near)}" if near else ""
-            raise SpecError(f"channels: must be names or patterns of channels, got {pattern!r}{told}")
-        found |= {name: channels[name] for name in names if name not in taken}
+            near = suggestions(pattern, among or list(channels), "simwarp drive VEHICLE --channels list prints them")
+            raise SpecError(f"channels: must be names or patterns of channels, got {formatted(pattern)}; {near}")
+        found |= {name: channels[name] for name in names if name not in usual}
     return tuple(found.values())
 
 
