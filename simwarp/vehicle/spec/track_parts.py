@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Annotated, Final, Literal, TypeAlias
 
 from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Positive, Tagged
@@ -50,6 +51,28 @@ class ShoePad(Spec):
     center: Point
     size: tuple[Positive, Positive, Positive]
     """Whole lengths along x, y, z [m]."""
+
+    @property
+    def bottom(self) -> float:
+        """Z of its lower side [m]."""
+        return self.center[2] - 0.5 * self.size[2]
+
+    @property
+    def top(self) -> float:
+        """Z of its upper side [m]."""
+        return self.center[2] + 0.5 * self.size[2]
+
+
+def pad_around(pads: Sequence[ShoePad]) -> ShoePad:
+    """The box around some pads of a shoe."""
+    corners = [
+        tuple(place + sign * 0.5 * length for place, length in zip(pad.center, pad.size, strict=True))
+        for pad in pads for sign in (-1.0, 1.0)
+    ]  # fmt: skip
+    low, high = ([bound(values) for values in zip(*corners, strict=True)] for bound in (min, max))
+    x, y, z = (0.5 * (a + b) for a, b in zip(low, high, strict=True))
+    length, width, height = (b - a for a, b in zip(low, high, strict=True))
+    return ShoePad(center=(x, y, z), size=(length, width, height))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

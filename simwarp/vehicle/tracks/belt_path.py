@@ -90,7 +90,7 @@ def rest_belt(track: BeltTrack) -> RestingBelt:
     """
     shoe, tensioner = track.shoe, track.idler.tensioner
     assert isinstance(shoe, SinglePinShoe)  # of BeltTrack.check
-    top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
+    top = shoe.wheel_pad.top
     origin = np.array(track.sprocket_location)[[0, 2]]
     forward = 1.0 if track.sprocket_location[0] >= track.idler_location[0] else -1.0
     to_plane = np.array([forward, 1.0])

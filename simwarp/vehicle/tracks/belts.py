@@ -17,7 +17,7 @@ from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.vehicle.spec.parts import SpecError
-from simwarp.vehicle.spec.track_parts import SinglePinShoe
+from simwarp.vehicle.spec.track_parts import SinglePinShoe, pad_around
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane
 from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
@@ -219,17 +219,17 @@ def _soil_pads(shoe: SinglePinShoe, width: float | None) -> dict[BeltParameter, 
     column = BeltParameter
     if width is not None:
         return {column.WIDTH: width, column.PATCH: width, column.SIDE_WIDTH: 0.0, column.SIDE_HEIGHT: 0.0}
-    pad, sides = shoe.ground_pad, shoe.side_pads
+    pad = shoe.ground_pad
     x, y, _ = pad.size
-    corners = np.array([
-        np.array(side.center) + 0.5 * sign * np.array(side.size) for side in sides for sign in (-1.0, 1.0)
-    ]).reshape(-1, 3)  # fmt: skip
-    around, lowest = (np.ptp(corners, axis=0), corners[:, 2].min()) if sides else (np.zeros(3), 0.0)
-    return {
-        column.WIDTH: x * y / shoe.pitch, column.PATCH: x * y / (x + y),
-        column.SIDE_WIDTH: max(float(around[0] * around[1]) - x * y, 0.0) / shoe.pitch,
-        column.SIDE_HEIGHT: max(float(lowest) - (pad.center[2] - 0.5 * pad.size[2]), 0.0),
-    }  # fmt: skip
+    values = {column.WIDTH: x * y / shoe.pitch, column.PATCH: x * y / (x + y)}
+    if not shoe.side_pads:
+        return values | {column.SIDE_WIDTH: 0.0, column.SIDE_HEIGHT: 0.0}
+    sides = pad_around(shoe.side_pads)
+    length, width, _ = sides.size
+    return values | {
+        column.SIDE_WIDTH: max(length * width - x * y, 0.0) / shoe.pitch,
+        column.SIDE_HEIGHT: max(sides.bottom - pad.bottom, 0.0),
+    }
 
 
 def _points(wheels: int, span: int, ramp: int) -> list[tuple[PointKind, int, float]]:
