@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,20 @@ def test_a_wheel_feels_what_the_reference_says(soil, seed, normal, memory):
     ours, simulation, theirs = one_body(wheel, soil, spacing=SPACING, shear_memory=memory, pressure_normal=normal)
     # 0.25 % at most are seen, where a node whose cell is hardly covered counts in one of the two; else 1e-4
     assert follow(ours, simulation, theirs, Wheel(RADIUS, WIDTH), path(seed, 25), RADIUS, 4e-3) > 15
+
+
+def test_a_wheel_on_its_side_is_a_plate_along_both_normals():
+    """Its flat side is level: the surface's normal is the ground's, out to the rim."""
+    wheel = SoilWheel(body=0, radius=RADIUS, width=WIDTH)
+    ours, simulation, _ = one_body(wheel, "mid", spacing=SPACING, pressure_normal=PressureNormal.SURFACE)
+    theirs = one_body(wheel, "mid", spacing=SPACING)[2]
+    lying = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+    moves = [
+        (np.array([0.0, 0.0, 0.5 * WIDTH - 4e-4 * k]), lying, np.array([0.1, 0.05, -0.2]), np.zeros(3))
+        for k in range(1, 12)
+    ]  # fmt: skip
+    # float32 heights of the side over the ground, 1e-8 m, times the elastic stiffness of the soil
+    assert follow(ours, simulation, theirs, Wheel(RADIUS, WIDTH), moves, RADIUS, 4e-3) > 8
 
 
 def tumbling(seed, steps, low, lean):
