@@ -180,7 +180,8 @@ def explanation(error: BaseException) -> str:
 def _find(name: str) -> Command:
     if name in COMMANDS:
         return COMMANDS[name]
-    hint = suggestions(name, COMMANDS, f"commands: {', '.join(COMMANDS)}")
+    # short words are near to many others: half of their letters in common is no likeness
+    hint = suggestions(name, COMMANDS, f"commands: {', '.join(COMMANDS)}", cutoff=0.7)
     raise UsageError(f"unknown command '{shortened(name)}'; {hint}")
 
 
