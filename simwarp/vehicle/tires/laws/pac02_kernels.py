@@ -18,7 +18,7 @@ file; below FZMIN forces are those of FZMIN, times F_z / FZMIN. Relaxation lengt
 (appendix 3; as in Adams/Tire):
 
     sigma_x = R F_z / F_z0 (PTX1 + PTX2 d) exp(-PTX3 d) LSGKP
-    sigma_y = R PTY1 sin(2 atan(F_z / (PTY2 F_z0))) (1 - PKY3 |g|) LFZO LSGAL
+    sigma_y = R PTY1 sin(2 atan(F_z / (PTY2 F_z0))) (1 - PKY3 |g LGAY|) LFZO LSGAL
 
 The road scales mu. Combined slip (USE_MODE 4) by the ellipse of
 friction in the direction of the slip, or by Pacejka's cosine weights G_xa, G_yk with S_Vyk, equivalent slips in the
@@ -258,7 +258,7 @@ def pac02_lengths(s: Slip, p: wp.array[float]) -> wp.vec2:
         radius = p[Common.RADIUS]
         x = s.fz / s.fz0 * (p[Pac02.PTX1] + p[Pac02.PTX2] * s.d) * wp.exp(-p[Pac02.PTX3] * s.d)
         y = p[Pac02.PTY1] * wp.sin(2.0 * wp.atan(s.fz / (p[Pac02.PTY2] * s.fz0)))
-        y *= (1.0 - p[Pac02.PKY3] * wp.abs(s.g)) * p[Pac02.LFZO]
+        y *= (1.0 - p[Pac02.PKY3] * wp.abs(s.g * p[Pac02.LGAY])) * p[Pac02.LFZO]
         lengths = wp.vec2(
             wp.max(radius * x * p[Pac02.LSGKP], SHORTEST), wp.max(radius * y * p[Pac02.LSGAL], SHORTEST)
         )  # fmt: skip
