@@ -182,6 +182,22 @@ def test_worlds_lag_by_themselves():
         assert np.array_equal(one.state.numpy()[0], many.state.numpy()[w])
 
 
+@pytest.mark.parametrize("template", LAGGING)
+def test_lengths_written_later_have_no_room_and_count_for_nothing(template):
+    """Bitwise: the state of wheels that were built without them ends where that of the next wheel begins."""
+    row = row_of(template)
+    states = steady(row, slip=[0.05, -0.02, 0.1], angle=[0.03, 0.1, -0.05])
+    plain, written = bench(row, 3, randomised=True), bench(row, 3, randomised=True)
+    values = written.parameter.numpy()
+    values[0, :, [Common.RELAXATION_X, Common.RELAXATION_Y]] = 0.5
+    written.parameter.assign(values)
+    for tires in (plain, written):
+        for _ in range(3):
+            tires.apply(DT, states.arrays())
+    assert np.array_equal(written.force_w.numpy(), plain.force_w.numpy())
+    assert np.array_equal(written.state.numpy(), plain.state.numpy())
+
+
 def test_without_lengths_no_state_is_kept():
     assert row_of("tmeasy").state_size == 2
     assert lagging("tmeasy").state_size == 4
