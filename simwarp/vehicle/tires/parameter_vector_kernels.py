@@ -74,8 +74,8 @@ class Common(IntEnum):
     """Speeds between which the bristle gives way to the law of slip [m/s]."""
     BLEND_END = 22
     RELAXATION_X = 23
-    """Way over which the slips of the contact follow those of the wheel [m]; 0: at once. It may be written only where the
-    tires were built with relaxation lengths: the others keep no slips.
+    """Way over which the slips of the contact follow those of the wheel [m]; 0: at once. Written later, it counts only
+    for tires that were built with relaxation lengths: the others keep no slips.
     """
     RELAXATION_Y = 24
 

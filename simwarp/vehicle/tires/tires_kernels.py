@@ -4,8 +4,8 @@ Wheels are independent, so that a GPU fills with W x wheels threads, and on a CP
 loop, the choice costs nothing: a launch costs the same either way.
 
 Interface: launch `apply_tires` once before each step with dim = (W, wheels); the arguments are described there, the
-arrays in `TireTables`, `TireReports` and `TerrainTables` (ground_kernels.py). At most one tire stands on a body. `reset_tires`
-zeroes the state of worlds that start anew.
+arrays in `TireTables`, `TireReports` and `TerrainTables` (ground_kernels.py). At most one tire stands on a body.
+`reset_tires` zeroes the state of worlds that start anew.
 """
 
 import warp as wp
