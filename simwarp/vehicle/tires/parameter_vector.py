@@ -394,10 +394,10 @@ def _vector(tire: Tire) -> ParameterVector:
         ]
         values = model.fill(tire, *built)
     except SpecError as error:
-        key, _, rule = str(error).partition(": ")
         tir = tire.parameters.get("tir")
-        if key.startswith("tir.") and isinstance(tir, TirValues):
-            raise tir.error(key.removeprefix("tir."), rule) from None
+        located = tir.located(error) if isinstance(tir, TirValues) else error
+        if isinstance(located, PropertyFileError):
+            raise located from None
         raise SpecError(f"parameters.{error}") from None
     return ParameterVector(
         model.law, CONTACTS[built[0].contact], values, _state_size(model.law, values), measured_side(*built[:2])

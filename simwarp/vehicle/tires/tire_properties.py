@@ -134,9 +134,10 @@ def fill_mode(vector: Vector, tir: dict[str, float | str], given: Pacejka2002Par
         return
     for key in TRANSIENT:
         if number(tir, key, 0.0) == 0.0:
+            place, asked = ("tir.USE_MODE", tir.get("USE_MODE")) if given.mode is None else ("mode", given.mode)
             raise SpecError(
-                f"tir.USE_MODE: must be below 10 where {key} is missing or 0, got {formatted(tir.get('USE_MODE'))}: it"
-                " asks for relaxation lengths; give relaxation_length, or a mode of 0 to 4"
+                f"{place}: must be below 10 where {key} is missing or 0, got {formatted(asked)}: it asks for relaxation"
+                " lengths; give relaxation_length, or a mode of 0 to 4"
             )
 
 

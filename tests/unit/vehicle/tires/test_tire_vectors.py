@@ -258,6 +258,7 @@ def test_property_file_on_disk(tmp_path):
         ("LMUV = 0.5", "line 2: LMUV: must be 0, got 0.5; it scales friction that falls with the speed of sliding"),
         ("LMUY = 0", "line 2: LMUY: must be positive, got 0.0; give LMUY of the measured tire"),
         ("PCX1 = 1.5\nPCX1 = 1.6", "line 3: PCX1: must be given once, got 1.5 in line 2 and 1.6 in line 3; leave one"),
+        ("PCX1 = 1.5\nPCX1 = much", "line 3: PCX1: must be a number or quoted text, got 'much'"),
         ("PDX1 1.2", "line 2: must be KEY = value, a [SECTION], a row of numbers or a comment after $, got 'PDX1 1.2'"),
         ("= 1.2", "line 2: must be KEY = value"),
         ("PDX 1 = 1.2", "line 2: must be KEY = value"),
@@ -322,6 +323,11 @@ def test_what_is_refused(template, parameters, message):
 def test_what_is_refused_in_a_property_file(change, message):
     with pytest.raises(SpecError, match=message):
         row_of("pacejka2002", tir=properties(**change))
+
+
+def test_a_mode_that_asks_for_lengths_the_file_lacks_is_named_as_it_was_given():
+    with pytest.raises(SpecError, match=r"^tire\.parameters\.mode: must be below 10 where PTX1 is missing or 0, got 14: "):
+        row_of("pacejka2002", mode=14, tir=properties(PTX1=0.0))
 
 
 def test_wrong_number_of_coefficients():
