@@ -326,7 +326,9 @@ def test_what_is_refused_in_a_property_file(change, message):
 
 
 def test_a_mode_that_asks_for_lengths_the_file_lacks_is_named_as_it_was_given():
-    with pytest.raises(SpecError, match=r"^tire\.parameters\.mode: must be below 10 where PTX1 is missing or 0, got 14: "):
+    with pytest.raises(
+        SpecError, match=r"^tire\.parameters\.mode: must be below 10 where PTX1 is missing or 0, got 14:"
+    ):
         row_of("pacejka2002", mode=14, tir=properties(PTX1=0.0))
 
 
