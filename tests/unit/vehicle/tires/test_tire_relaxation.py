@@ -12,7 +12,8 @@ from tests.unit.vehicle.tires.tire_bench import (
     TEMPLATES,
     States,
     bench,
-    parked,
+    check_held,
+    damped,
     properties,
     row_of,
     run,
@@ -110,12 +111,7 @@ def test_a_property_file_gives_lengths_of_the_load():
 @pytest.mark.slow
 @pytest.mark.parametrize("template", LAGGING)
 def test_brakes_hold_on_a_slope(template):
-    damper = {"tir": properties(VERTICAL_DAMPING=6000.0)} if template == "pacejka2002" else {"vertical_damping": 6000.0}
-    path = parked(lagging(template, **damper), 5, math.atan(0.2), 1e-3, 8.0)
-    settled = path[len(path) // 2]
-    # the give of the bristle: 1600 N / 1e5 N/m
-    assert np.abs(settled - path[0])[:, :2].max() < 0.05
-    assert np.abs(path[-1] - settled)[:, :2].max() < 1e-5
+    check_held(lagging(template, **damped(template)), 1e-3)
 
 
 @pytest.mark.parametrize("template", LAGGING)
