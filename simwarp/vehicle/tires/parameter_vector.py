@@ -294,7 +294,7 @@ def fill_lugre(tire: Tire, common: CommonParameters, vertical: VerticalParameter
         given = formatted(list(common.relaxation_length))
         raise SpecError(
             f"relaxation_length: must be absent, got {given}: LuGre's bristles give way over a length of their own;"
-            " take bristle_rate"
+            " give bristle_rate"
         )
     vector = common_vector(tire, common, LUGRE_SIZE, camber=3.0, share=1.0)
     vector[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius

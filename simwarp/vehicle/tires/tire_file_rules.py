@@ -65,7 +65,7 @@ def side_of(tir: dict[str, float | str]) -> str | None:
     side = word(tir, "TYRESIDE", "")
     if side not in SIDES:
         rule = f"be one of {', '.join(map(repr, SIDES))}"
-        raise refuse_key("TYRESIDE", rule, tir["TYRESIDE"], "name the side of the measurement, or leave it away")
+        raise refuse_key("TYRESIDE", rule, tir["TYRESIDE"], "name the side of the measurement, or leave it out")
     return side.lower()
 
 

@@ -31,8 +31,8 @@ ASYMMETRIC = (
     "RHX1", "QSX1", "PEY3", "PHY1", "PHY2", "PVY1", "PVY2", "RBY3", "RVY1", "RVY2", "QBZ4", "QDZ3", "QDZ6", "QDZ7",
     "QEZ4", "QHZ1", "QHZ2", "SSZ1",
 )  # fmt: skip
-"""Coefficients that tell left from right: with all of them zero, -a and -g give -F_y, -M_x and -M_z (conicity and
-plysteer are gone). With the other signs of all, they are those of the mirror image.
+"""Coefficients that differ between left and right: with all of them zero, -a and -g give -F_y, -M_x and -M_z (conicity
+and plysteer are gone). With the other signs of all, they are those of the mirror image.
 """
 WEIGHTS = ("RBX1", "RCX1", "RBY1", "RCY1")
 """Coefficients without which combined slip has no weights."""
@@ -155,7 +155,7 @@ def fill_ranges(vector: Vector, tir: dict[str, float | str], common: CommonParam
     least = number(tir, "FZMIN", 0.0)
     largest = number(tir, "FZMAX", 0.0)
     if least < 0.0:
-        raise refuse_key("FZMIN", "not be negative", least, "give the least load of the measurement, or leave it away")
+        raise refuse_key("FZMIN", "not be negative", least, "give the least load of the measurement, or leave it out")
     if 0.0 < largest <= least:
         raise refuse_key("FZMAX", f"be above FZMIN {least:g}", largest, "give the largest load of the measurement")
     vector[Pac02.FZMIN] = least
