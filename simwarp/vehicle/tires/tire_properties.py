@@ -12,6 +12,7 @@ from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector
 from simwarp.vehicle.tires.parameter_vector_kernels import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.tires.tire_file_rules import (
     check_file,
+    check_slopes,
     is_mf52,
     number,
     range_of,
@@ -129,6 +130,7 @@ def fill_mode(vector: Vector, tir: dict[str, float | str], given: Pacejka2002Par
     mode, transient = abs(use_mode(given)[0]), use_mode(given)[1]
     vector[Pac02.MODE] = mode
     lengths_given = vector[Common.RELAXATION_X] > 0.0
+    check_slopes(tir, mode, lagging=transient or bool(lengths_given))
     vector[Pac02.TRANSIENT] = float(transient and not lengths_given)
     if not transient or lengths_given:
         return
