@@ -20,8 +20,8 @@ class BeltLaw(Spec):
     friction: NotNegative | None = None
     """On hard ground, at most that of the ground; None: the shoes'."""
     width: Positive | None = None
-    """Of a closed band that presses soil [m]; None: the shoes' pads do, with gaps between them, and their side pads once
-    they touch it.
+    """Of a closed band that presses soil [m]; None: the shoes' pads do, with gaps between them, and their side pads
+    once they touch it.
     """
     span_points: Annotated[int, Ge(0), Le(MOST_POINTS)] = 4
     """Points of contact between two neighbouring road wheels; each wheel has one besides."""
