@@ -135,7 +135,7 @@ class ChainWatch:
         return {"on": on, "aside": aside, "skipped": skipped}
 
     def _slip(self, k: int, chain: Array, hub: Array) -> float:
-        """Teeth by which the sprocket has turned more than the shoes before it have passed."""
+        """Teeth by which the sprocket has turned more than shoes have passed the place ahead of it."""
         away = chain[:, [0, 2]] - hub[[0, 2]]
         before = int(np.argmin(np.abs(np.arctan2(away[:, 1], away[:, 0])) + (np.hypot(*away.T) > 0.5) * 10.0))
         last, count = self._front[k], len(chain)
@@ -146,11 +146,11 @@ class ChainWatch:
 
 
 def run(ground: str, seconds: float) -> dict[str, Any]:
-    """Drives, and what was met from the end of the release on."""
+    """Drive; what was met from the end of the release on."""
     sim, vehicle, soil = simulation(ground)
     watch = ChainWatch(sim, vehicle)
     rows: list[dict[str, float]] = []
-    spent, told = 0.0, time.monotonic()
+    spent, printed = 0.0, time.monotonic()
     for number in range(round(seconds / DT) // EVERY):
         begun = time.process_time()
         sim.step(EVERY)
@@ -169,10 +169,10 @@ def run(ground: str, seconds: float) -> dict[str, Any]:
         if not all(math.isfinite(value) for value in row.values()):
             print(f"{ground}: not finite at {row['t']:.2f} s", flush=True)
             break
-        if number % 500 == 0 or time.monotonic() - told > 30.0:
-            told = time.monotonic()
-            shown = {key: round(value, 6) for key, value in row.items()}
-            print(f"{ground}: {shown}", flush=True)
+        if number % 500 == 0 or time.monotonic() - printed > 30.0:
+            printed = time.monotonic()
+            figures = {key: round(value, 6) for key, value in row.items()}
+            print(f"{ground}: {figures}", flush=True)
     return {"ms per step": round(1e3 * spent / (EVERY * len(rows)), 3), **summary(rows)}
 
 

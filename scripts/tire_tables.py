@@ -20,7 +20,7 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.vehicle import VEHICLE_SOLVER, Vehicle, add_vehicle, load_vehicle, per_world, with_options
 from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.parameter_vector import MODELS, ParameterVector, tire_vector
-from simwarp.vehicle.tires.parameter_vector_kernels import Common
+from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireModel
 from simwarp.vehicle.tires.tires import Mount, Tires
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -72,7 +72,7 @@ def rolling(vector: ParameterVector, height: float, slip: Array, angle: Array) -
     v = SPEED * np.stack([np.cos(angle), np.sin(angle), zero], axis=-1)
     state.body_v = wp.array(v[:, None], dtype=wp.vec3, device="cpu")
     state.body_omega = wp.array(np.stack([zero, spin, zero], axis=-1)[:, None], dtype=wp.vec3, device="cpu")
-    for _ in range(SETTLED if vector.state_size > 4 else 1):
+    for _ in range(SETTLED if vector.model is TireModel.LUGRE else 1):
         tires.apply(STEP, state)
     return tires.force_w.numpy()[:, 0].astype(float), float(tires.load.numpy()[0, 0])
 

@@ -10,7 +10,7 @@ from typing import Any
 from simwarp.core.types import formatted
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.spec.vehicle_files import read_text
-from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_file_units import in_si_units
 from simwarp.vehicle.tires.tire_files import parse_tir
 
@@ -168,7 +168,10 @@ def pacejka2002(node: Node, root: Path) -> Tire:
     path = root / node.text("TIR Specification File")
     tir = parse_tir(read_text(path), path.name)
     sizes = {}
-    values = in_si_units(tir)
+    try:
+        values = in_si_units(tir)
+    except SpecError as error:
+        raise tir.located(error) from None
     for key in ("UNLOADED_RADIUS", "WIDTH"):
         value = values.get(key)
         if not isinstance(value, float):

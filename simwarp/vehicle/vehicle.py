@@ -173,7 +173,7 @@ class Vehicles(ForceElement):
         )  # fmt: skip
         if self.tires.obstacles is None:
             return [inputs, tires]
-        around = self.tires.look_out_inputs(state)
+        around = self.tires.envelope_inputs(state)
         return [
             inputs,
             simulation.shares.record(find_envelopes, wheels, inputs=around[:-1], outputs=around[-1:]),
@@ -453,7 +453,7 @@ def _tires(
     template = parts[0].spec.axles[0].tire.template
     if obstacles is not None and template not in MODELS:
         raise SpecError(
-            f"obstacles: must be left away with '{template}' tires, which are shapes themselves and meet every shape"
+            f"obstacles: must be left out with '{template}' tires, which are shapes themselves and meet every shape"
             " that may touch them"
         )
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]

@@ -15,7 +15,7 @@ def test_a_chain_goes_around_what_is_in_it_once(start, sense):
     np.testing.assert_allclose(turns_around(chain, centers), sense * np.array([1, 1, 1, 0, 0]), atol=1e-12)
 
 
-def test_a_chain_beside_its_wheels_and_a_sprocket_that_turns_in_it_are_told():
+def test_a_chain_beside_its_wheels_and_a_sprocket_that_turns_in_it_are_found():
     sim, vehicle, _ = simulation("plane")
     watch = ChainWatch(sim, vehicle)
     assert watch.read() == {"on": 1.0, "aside": pytest.approx(0.0, abs=1e-5), "skipped": pytest.approx(0.0, abs=1e-5)}

@@ -143,6 +143,11 @@ def test_what_has_no_mirror_image_is_named():
     with pytest.raises(SpecError, match=r"axles\[0\].tire.parameters.measured_side: must be left or right"):
         mirrored(odd)
     assert mirrored(marked).axles[0].tire == marked.axles[0].tire
+    tir = {**marked.axles[0].tire.parameters["tir"], "USE_MODE": -4.0}  # the same image on both sides
+    with pytest.raises(SpecError, match=r"measured_side: must be left or right to mirror the vehicle, got None"):
+        mirrored(with_tire_parameters(marked, tir=tir))
+    spaced = with_tire_parameters(marked, tir={**tir, "USE_MODE": 4.0, "TYRESIDE": "Left "})
+    assert mirrored(spaced).axles[0].tire == spaced.axles[0].tire
     again = with_tire_parameters(odd, measured_side="left")
     assert mirrored(again).axles[0].tire == again.axles[0].tire
 

@@ -56,5 +56,6 @@ def pac02_lengths(p: Any, row, fz, g):
     fz0 = p.FNOMIN * p.LFZO
     d = fz / fz0 - 1
     x = fz * (p.PTX1 + p.PTX2 * d) * exp(-p.PTX3 * d) * row[Common.RADIUS] / fz0 * p.LSGKP
-    y = p.PTY1 * sin(2 * arctan(fz / (p.PTY2 * fz0))) * (1 - p.PKY3 * abs(g)) * row[Common.RADIUS] * p.LFZO * p.LSGAL
+    y = p.PTY1 * sin(2 * arctan(fz / (p.PTY2 * fz0))) * (1 - p.PKY3 * abs(p.LGAY * g))
+    y *= row[Common.RADIUS] * p.LFZO * p.LSGAL
     return np.maximum([x, y], 1e-3)

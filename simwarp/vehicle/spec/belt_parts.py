@@ -15,13 +15,14 @@ MOST_POINTS: Final = 16
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BeltLaw(Spec):
-    """What a track by belt takes beside its wheels and shoes. Defaults are the M113's, as far as they are known."""
+    """What a track by belt needs beside its wheels and shoes. Defaults are the M113's, as far as they are known."""
 
     friction: NotNegative | None = None
     """On hard ground, at most that of the ground; None: the shoes'."""
     width: Positive | None = None
-    """Of a closed band that presses soil [m]; None: the shoes' pads do, with gaps between them, and below their lowest
-    side pads these."""
+    """Of a closed band that presses soil [m]; None: the shoes' pads do, with gaps between them, and their side pads
+    once they touch it.
+    """
     span_points: Annotated[int, Ge(0), Le(MOST_POINTS)] = 4
     """Points of contact between two neighbouring road wheels; each wheel has one besides."""
     ramp_points: Annotated[int, Ge(1), Le(MOST_POINTS)] = 4
@@ -40,7 +41,8 @@ class BeltLaw(Spec):
     """The sprocket is a drum (`SprocketContact.DRUM`): the belt runs at its radius, and nothing slides in gaps."""
     sprocket_loss: NotNegative | None = None
     """Resistance of rollers that slide through the sprocket's gaps, per mean tension of the two runs there; None: of
-    its friction and profile (`belt_losses`), 0 of a smooth one."""
+    its friction and profile (`belt_losses`), 0 of a smooth one.
+    """
     dry_loss: NotNegative = 0.0023
     """Resistance of the belt to its motion, per tension."""
     rolling_loss: NotNegative = 0.017

@@ -131,8 +131,16 @@ def standstill_force(patch: Patch, load: float, p: wp.array[float], z: wp.array[
 
 
 @wp.func
-def relaxation_lengths(p: wp.array[float]) -> wp.vec2:
-    """Along x and y [m]."""
+def has_lagged_slips(z: wp.array[float]) -> bool:
+    """True if the state row has room for slips that follow."""
+    return z.shape[0] > LAGGED_X + 1
+
+
+@wp.func
+def relaxation_lengths(p: wp.array[float], z: wp.array[float]) -> wp.vec2:
+    """Along x and y [m]; 0: at once, so too where they were written after the state row was made without room."""
+    if not has_lagged_slips(z):
+        return wp.vec2()
     return wp.vec2(p[Common.RELAXATION_X], p[Common.RELAXATION_Y])
 
 

@@ -294,7 +294,7 @@ def fill_lugre(tire: Tire, common: CommonParameters, vertical: VerticalParameter
         given = formatted(list(common.relaxation_length))
         raise SpecError(
             f"relaxation_length: must be absent, got {given}: LuGre's bristles give way over a length of their own;"
-            " take bristle_rate"
+            " give bristle_rate"
         )
     vector = common_vector(tire, common, LUGRE_SIZE, camber=3.0, share=1.0)
     vector[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
@@ -394,10 +394,10 @@ def _vector(tire: Tire) -> ParameterVector:
         ]
         values = model.fill(tire, *built)
     except SpecError as error:
-        key, _, rule = str(error).partition(": ")
         tir = tire.parameters.get("tir")
-        if key.startswith("tir.") and isinstance(tir, TirValues):
-            raise tir.error(key.removeprefix("tir."), rule) from None
+        located = tir.located(error) if isinstance(tir, TirValues) else error
+        if isinstance(located, PropertyFileError):
+            raise located from None
         raise SpecError(f"parameters.{error}") from None
     return ParameterVector(
         model.law, CONTACTS[built[0].contact], values, _state_size(model.law, values), measured_side(*built[:2])

@@ -28,7 +28,7 @@ class TireContact(IntEnum):
     FOUR_POINT = 1
     ENVELOPE = 2
     SHAPES = 3
-    """The ground and the static shapes that the vehicle is told of (tire_obstacles_kernels.py)."""
+    """The ground and the static shapes among the vehicle's `obstacles` (tire_obstacles_kernels.py)."""
 
 
 class Common(IntEnum):
@@ -74,7 +74,9 @@ class Common(IntEnum):
     """Speeds between which the bristle gives way to the law of slip [m/s]."""
     BLEND_END = 22
     RELAXATION_X = 23
-    """Way over which the slips of the contact follow those of the wheel [m]; 0: at once."""
+    """Way over which the slips of the contact follow those of the wheel [m]; 0: at once. Written later, it counts only
+    for tires that were built with relaxation lengths: the others keep no slips.
+    """
     RELAXATION_Y = 24
 
 

@@ -14,6 +14,9 @@ MF52_FITS: Final = (5, 52)
 """FITTYP of MF-Tyre 5.2."""
 NEEDED: Final = ("FNOMIN", "PCX1", "PDX1", "PKX1", "PCY1", "PDY1", "PKY1", "PKY2", "VERTICAL_STIFFNESS")
 POSITIVE: Final = ("FNOMIN", "LFZO", "VERTICAL_STIFFNESS", "UNLOADED_RADIUS", "LMUX", "LMUY", "LCX", "LCY")
+SLOPES_X: Final = ("PKX1", "LKX")
+SLOPES_Y: Final = ("PKY1", "PKY2", "LKY")
+"""Without which a force does not grow with its slip: the formulas of combined slip and of M_z divide by that slope."""
 SIDES: Final = ("LEFT", "RIGHT", "SYMMETRIC")
 OTHER_SCALES: Final = {
     "LMUV": (0.0, "friction that falls with the speed of sliding"),
@@ -65,7 +68,7 @@ def side_of(tir: dict[str, float | str]) -> str | None:
     side = word(tir, "TYRESIDE", "")
     if side not in SIDES:
         rule = f"be one of {', '.join(map(repr, SIDES))}"
-        raise refuse_key("TYRESIDE", rule, tir["TYRESIDE"], "name the side of the measurement, or leave it away")
+        raise refuse_key("TYRESIDE", rule, tir["TYRESIDE"], "name the side of the measurement, or leave it out")
     return side.lower()
 
 
@@ -124,6 +127,23 @@ def check_file(tire: Tire, tir: dict[str, float | str]) -> None:
     radius = number(tir, "UNLOADED_RADIUS", tire.radius)
     if abs(radius - tire.radius) > 0.02 * radius:
         raise SpecError(f"tir.UNLOADED_RADIUS: must be the tire's radius {tire.radius} m within 2 %, got {radius!r}")
+
+
+def check_slopes(tir: dict[str, float | str], mode: float, *, lagging: bool) -> None:
+    """Slopes of the forces that a mode divides by.
+
+    Args:
+        tir: KEY -> value.
+        mode: 0 to 4.
+        lagging: slips follow over relaxation lengths.
+
+    Raises:
+        SpecError: one of them is zero.
+    """
+    keys = (SLOPES_X if mode == 4.0 or (lagging and mode != 0.0) else ()) + (SLOPES_Y if mode >= 2.0 else ())
+    for key in keys:
+        if number(tir, key, 1.0) == 0.0:
+            raise refuse_key(key, "not be 0", tir[key], f"mode {mode:g} divides by that slope; give it or another mode")
 
 
 def _check_format(tir: dict[str, float | str]) -> None:

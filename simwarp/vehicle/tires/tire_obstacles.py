@@ -88,7 +88,7 @@ class TireObstacles(Readable):
 
 
 def make_envelopes(shape: tuple[int, int], device: wp.DeviceLike) -> Any:
-    """What (W, wheels) meet; of (0, 0) where no tire looks around."""
+    """What wheels meet, (W, wheels); (0, 0) where there are no obstacles."""
     envelopes: Any = Envelopes()
     envelopes.normal = wp.zeros(shape, dtype=wp.vec3, device=device)
     envelopes.deflection = wp.zeros(shape, dtype=float, device=device)
@@ -109,6 +109,6 @@ def _chosen(model: Model, shapes: ObstacleNames) -> tuple[int, ...]:
             raise SpecError(f"obstacles: shape '{name}' must be named once, it is named twice")
         if model.shape_types[index] in UNMET:
             kind = model.shape_types[index].name
-            raise SpecError(f"obstacles: shape '{name}' must not be a sprocket or groove, got {kind}; leave it away")
+            raise SpecError(f"obstacles: shape '{name}' must not be a sprocket or groove, got {kind}; leave it out")
         found.append(index)
     return tuple(found)

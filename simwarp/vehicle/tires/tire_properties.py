@@ -12,6 +12,7 @@ from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector
 from simwarp.vehicle.tires.parameter_vector_kernels import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.tires.tire_file_rules import (
     check_file,
+    check_slopes,
     is_mf52,
     number,
     range_of,
@@ -31,8 +32,8 @@ ASYMMETRIC = (
     "RHX1", "QSX1", "PEY3", "PHY1", "PHY2", "PVY1", "PVY2", "RBY3", "RVY1", "RVY2", "QBZ4", "QDZ3", "QDZ6", "QDZ7",
     "QEZ4", "QHZ1", "QHZ2", "SSZ1",
 )  # fmt: skip
-"""Coefficients that tell left from right: with all of them zero, -a and -g give -F_y, -M_x and -M_z (conicity and
-plysteer are gone). With the other signs of all, they are those of the mirror image.
+"""Coefficients that differ between left and right: with all of them zero, -a and -g give -F_y, -M_x and -M_z (conicity
+and plysteer are gone). With the other signs of all, they are those of the mirror image.
 """
 WEIGHTS = ("RBX1", "RCX1", "RBY1", "RCY1")
 """Coefficients without which combined slip has no weights."""
@@ -129,14 +130,16 @@ def fill_mode(vector: Vector, tir: dict[str, float | str], given: Pacejka2002Par
     mode, transient = abs(use_mode(given)[0]), use_mode(given)[1]
     vector[Pac02.MODE] = mode
     lengths_given = vector[Common.RELAXATION_X] > 0.0
+    check_slopes(tir, mode, lagging=transient or bool(lengths_given))
     vector[Pac02.TRANSIENT] = float(transient and not lengths_given)
     if not transient or lengths_given:
         return
     for key in TRANSIENT:
         if number(tir, key, 0.0) == 0.0:
+            place, asked = ("tir.USE_MODE", tir.get("USE_MODE")) if given.mode is None else ("mode", given.mode)
             raise SpecError(
-                f"tir.USE_MODE: must be below 10 where {key} is missing or 0, got {formatted(tir.get('USE_MODE'))}: it"
-                " asks for relaxation lengths; give relaxation_length, or a mode of 0 to 4"
+                f"{place}: must be below 10 where {key} is missing or 0, got {formatted(asked)}: it asks for relaxation"
+                " lengths; give relaxation_length, or a mode of 0 to 4"
             )
 
 
@@ -154,7 +157,7 @@ def fill_ranges(vector: Vector, tir: dict[str, float | str], common: CommonParam
     least = number(tir, "FZMIN", 0.0)
     largest = number(tir, "FZMAX", 0.0)
     if least < 0.0:
-        raise refuse_key("FZMIN", "not be negative", least, "give the least load of the measurement, or leave it away")
+        raise refuse_key("FZMIN", "not be negative", least, "give the least load of the measurement, or leave it out")
     if 0.0 < largest <= least:
         raise refuse_key("FZMAX", f"be above FZMIN {least:g}", largest, "give the largest load of the measurement")
     vector[Pac02.FZMIN] = least

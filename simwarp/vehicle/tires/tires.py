@@ -149,7 +149,7 @@ class Tires(Readable):
         device: of the arrays.
         friction: coefficient of the road, for all worlds until `ground_friction` is written.
         terrain: of `ground`; None: the plane z = 0.
-        obstacles: static shapes that the tires meet beside it; None: no look-out is kept, and nothing is spent on one.
+        obstacles: static shapes that the tires meet beside it; None: none is searched for, and nothing is spent on it.
         randomised: True if every world has vectors of its own in `parameter` and an entry in `ground_friction`.
 
     Raises:
@@ -236,7 +236,7 @@ class Tires(Readable):
             self.state, self.reports,
         ]  # fmt: skip
 
-    def look_out_inputs(self, state: StateArrays) -> list[Any]:
+    def envelope_inputs(self, state: StateArrays) -> list[Any]:
         """Arguments of `find_envelopes` after the worlds; only where there are obstacles."""
         assert self.obstacles is not None
         model = self.obstacles.model
@@ -270,7 +270,7 @@ class Tires(Readable):
         outputs = [self.force if force is None else force, self.torque if torque is None else torque]
         refuse_arguments_elsewhere(apply_tires, [*inputs, *outputs], self.device)
         if self.obstacles is not None:
-            around = [WorldRange(), *self.look_out_inputs(state)]
+            around = [WorldRange(), *self.envelope_inputs(state)]
             wp.launch(find_envelopes, self.shape, inputs=around, device=self.device)
         wp.launch(apply_tires, self.shape, inputs=inputs, outputs=outputs, device=self.device)
 

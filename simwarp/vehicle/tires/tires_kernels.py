@@ -4,8 +4,8 @@ Wheels are independent, so that a GPU fills with W x wheels threads, and on a CP
 loop, the choice costs nothing: a launch costs the same either way.
 
 Interface: launch `apply_tires` once before each step with dim = (W, wheels); the arguments are described there, the
-arrays in `TireTables`, `TireReports` and `terrain.TerrainTables`. At most one tire stands on a body. `reset_tires`
-zeroes the state of worlds that start anew.
+arrays in `TireTables`, `TireReports` and `TerrainTables` (ground_kernels.py). At most one tire stands on a body.
+`reset_tires` zeroes the state of worlds that start anew.
 """
 
 import warp as wp
@@ -56,7 +56,7 @@ class TireReports:
     load: wp.array2d[float]  # normal force [N]
     slip_ratio: wp.array2d[float]  # positive when driving
     slip_angle: wp.array2d[float]  # positive when the wheel drifts to the left [rad]
-    camber: wp.array2d[float]  # positive: the upper side leans to the left [rad]
+    camber: wp.array2d[float]  # positive: the upper side leans to the right [rad]
     deflection: wp.array2d[float]  # [m]
     force_w: wp.array2d[wp.vec3]  # on the wheel, at its centre [N]
     torque_w: wp.array2d[wp.vec3]  # about its centre [N·m]
@@ -114,9 +114,9 @@ def apply_tires(
     Args:
         dt: step over which the forces will act [s].
         tables: see there.
-        tire_parameter: (1 or W, wheels, P), rows.py.
+        tire_parameter: (1 or W, wheels, P), parameter_vector_kernels.py.
         ground_friction: (1 or W,) friction of the road.
-        terrain: see there.
+        terrain: see ground_kernels.py.
         envelopes: of `find_envelopes` (tire_obstacles_kernels.py); empty where no tire asks for them.
         assets: height fields and meshes.
         state: of the bodies.

@@ -330,6 +330,16 @@ def test_tires_are_known_to_the_tire_models(name, chrono):
         assert tire_vector(tire).values[0] == tire.radius
 
 
+def test_units_of_a_property_file_are_refused_by_file_and_line(chrono, monkeypatch):
+    monkeypatch.setattr(chrono, "write", lambda: None)  # the file stays as it is changed here
+    file = chrono.root / "hmmwv/tire/HMMWV_Pac02Tire.tir"
+    lines = ["LENGTH = 'mile'" if line.startswith("LENGTH") else line for line in file.read_text().splitlines()]
+    file.write_text("\n".join(lines))
+    number = 1 + lines.index("LENGTH = 'mile'")
+    with pytest.raises(SpecError, match=rf"^HMMWV_Pac02Tire\.tir: line {number}: LENGTH: must be one of 'meter'"):
+        chrono.part("Tire", "hmmwv/tire/HMMWV_Pac02Tire.json", chrono.root)
+
+
 def test_tires_are_ours(chrono):
     """The C++ tires differ from those of the files: Fiala's table and damping, the load of TMeasy."""
     theirs = chrono.part("Tire", "hmmwv/tire/HMMWV_Pac89Tire.json", chrono.root).parameters

@@ -57,7 +57,7 @@ def fiala_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float)
     held = standstill_force(patch, load, p, z, dt)
     tan_a = patch.v[1] / wp.max(wp.abs(patch.v[0]), SLOWEST)
     s = wp.vec2(slip_ratio(patch), tan_a)
-    lengths = relaxation_lengths(p)
+    lengths = relaxation_lengths(p, z)
     if lengths[0] > 0.0:
         q = friction_scale(patch, p) * p[Fiala.FRICTION_STATIC] * load
         limit = ADHESION * q * wp.vec2(1.0 / p[Fiala.SLIP_STIFFNESS], 1.0 / p[Fiala.CORNERING_STIFFNESS])

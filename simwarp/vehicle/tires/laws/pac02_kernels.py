@@ -18,7 +18,7 @@ file; below FZMIN forces are those of FZMIN, times F_z / FZMIN. Relaxation lengt
 (appendix 3; as in Adams/Tire):
 
     sigma_x = R F_z / F_z0 (PTX1 + PTX2 d) exp(-PTX3 d) LSGKP
-    sigma_y = R PTY1 sin(2 atan(F_z / (PTY2 F_z0))) (1 - PKY3 |g|) LFZO LSGAL
+    sigma_y = R PTY1 sin(2 atan(F_z / (PTY2 F_z0))) (1 - PKY3 |g LGAY|) LFZO LSGAL
 
 The road scales mu. Combined slip (USE_MODE 4) by the ellipse of
 friction in the direction of the slip, or by Pacejka's cosine weights G_xa, G_yk with S_Vyk, equivalent slips in the
@@ -31,6 +31,7 @@ import warp as wp
 from simwarp.vehicle.tires.common_kernels import (
     ADHESION,
     friction_scale,
+    has_lagged_slips,
     lagged,
     limited_camber,
     limited_load,
@@ -251,14 +252,14 @@ def resistance_torque(f_x: float, speed: float, s: Slip, p: wp.array[float]) -> 
 
 
 @wp.func
-def pac02_lengths(s: Slip, p: wp.array[float]) -> wp.vec2:
+def pac02_lengths(s: Slip, p: wp.array[float], z: wp.array[float]) -> wp.vec2:
     """Relaxation lengths along x and y [m]: those that are given, or of the load."""
-    lengths = relaxation_lengths(p)
-    if lengths[0] == 0.0 and p[Pac02.TRANSIENT] == 1.0:
+    lengths = relaxation_lengths(p, z)
+    if lengths[0] == 0.0 and p[Pac02.TRANSIENT] == 1.0 and has_lagged_slips(z):
         radius = p[Common.RADIUS]
         x = s.fz / s.fz0 * (p[Pac02.PTX1] + p[Pac02.PTX2] * s.d) * wp.exp(-p[Pac02.PTX3] * s.d)
         y = p[Pac02.PTY1] * wp.sin(2.0 * wp.atan(s.fz / (p[Pac02.PTY2] * s.fz0)))
-        y *= (1.0 - p[Pac02.PKY3] * wp.abs(s.g)) * p[Pac02.LFZO]
+        y *= (1.0 - p[Pac02.PKY3] * wp.abs(s.g * p[Pac02.LGAY])) * p[Pac02.LFZO]
         lengths = wp.vec2(
             wp.max(radius * x * p[Pac02.LSGKP], SHORTEST), wp.max(radius * y * p[Pac02.LSGAL], SHORTEST)
         )  # fmt: skip
@@ -278,7 +279,7 @@ def pac02_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[flo
     s.k = wp.clamp(-patch.slide[0] / speed, p[Pac02.KPUMIN], p[Pac02.KPUMAX])
     s.a = wp.clamp(-mirror * wp.atan2(patch.v[1], speed), p[Pac02.ALPMIN], p[Pac02.ALPMAX])
     s.g = wp.clamp(mirror * limited_camber(patch, p), p[Pac02.CAMMIN], p[Pac02.CAMMAX])
-    lengths = pac02_lengths(s, p)
+    lengths = pac02_lengths(s, p, z)
     if lengths[0] > 0.0:
         x = pure_longitudinal(s, p)
         y = pure_lateral(s, p)

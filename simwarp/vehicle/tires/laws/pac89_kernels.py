@@ -97,7 +97,7 @@ def pac89_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[flo
     fz = 1.0e-3 * load
     slip = wp.vec2(wp.clamp(slip_ratio(patch), -1.0, 1.0), slip_angle(patch))
     camber = mirror * DEGREES * limited_camber(patch, p)
-    lengths = relaxation_lengths(p)
+    lengths = relaxation_lengths(p, z)
     if lengths[0] > 0.0:
         limit = scale * pac89_adhesion_slip(camber, fz, p)
         slip = lagged(slip, wp.max(wp.abs(patch.v[0]), SLOWEST), lengths, limit, z, dt)

@@ -129,7 +129,7 @@ def tmeasy_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float
     q = load / p[Tmeasy.NOMINAL_LOAD]
     scale = friction_scale(patch, p)
     s = slip_velocity_ratio(patch)
-    lengths = relaxation_lengths(p)
+    lengths = relaxation_lengths(p, z)
     if lengths[0] > 0.0:
         limit = ADHESION * scale * adhesion_slip(p, Tmeasy.MAX_X, Tmeasy.MAX_Y, Tmeasy.SLOPE_X, Tmeasy.SLOPE_Y, q)
         s = lagged(s, transport_speed(patch), lengths, limit, z, dt)

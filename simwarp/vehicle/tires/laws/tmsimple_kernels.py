@@ -52,7 +52,7 @@ def tmsimple_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: flo
     held = standstill_force(patch, load, p, z, dt)
     q = load / p[Tmsimple.NOMINAL_LOAD]
     s = slip_velocity_ratio(patch)
-    lengths = relaxation_lengths(p)
+    lengths = relaxation_lengths(p, z)
     if lengths[0] > 0.0:
         limit = ADHESION * adhesion_slip(
             p, Tmsimple.MAX_X, Tmsimple.MAX_Y, Tmsimple.SLOPE_X, Tmsimple.SLOPE_Y, q

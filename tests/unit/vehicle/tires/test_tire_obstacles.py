@@ -1,4 +1,4 @@
-"""Tires that look out for static shapes: the envelope against its reference, and the laws of what it finds."""
+"""Tires that meet static shapes: the envelope against its reference, and the laws of what it finds."""
 
 import numpy as np
 import pytest
@@ -132,7 +132,7 @@ def test_flat_ground_is_what_the_single_point_finds():
 
 
 def test_ground_that_is_met_twice_counts_once():
-    """A floor of boxes flush with the ground, and the plane as a shape: bitwise the ground alone."""
+    """A floor of boxes flush with the ground, and the plane as a shape: the ground alone."""
     states = placed(np.array([[0.0, 0.0, 0.45], [0.9, 0.0, 0.44]]), upright(2))
     found = []
     for twice in (False, True):
@@ -232,17 +232,17 @@ def test_every_force_law_stands_on_shapes(template):
 
 
 def test_where_nothing_is_asked_for_nothing_is_spent():
-    """The look-out is a launch of its own, and no tire without it has room for one."""
+    """The search for envelopes is a launch of its own, and tires without obstacles have no room for one."""
     builder = sw.ModelBuilder()
     parts = add_vehicle(builder, load_vehicle("hmmwv"))
     builder.add_shape_plane()
     model = builder.finalize(1, "cpu", per_world=per_world())
-    plain, watchful = Vehicle(parts, model), Vehicle(parts, model, obstacles="all")
+    plain, meeting = Vehicle(parts, model), Vehicle(parts, model, obstacles="all")
     assert plain.tires.envelopes.normal.size == 0
     assert plain.tires.obstacle_tables is None
     assert set(plain.tires.tables.contact.numpy()) == {TireContact.SINGLE_POINT}
-    assert set(watchful.tires.tables.contact.numpy()) == {TireContact.SHAPES}
-    launches = [len(car.record(sw.Simulation(model, 1e-3), 1e-3)) for car in (plain, watchful)]
+    assert set(meeting.tires.tables.contact.numpy()) == {TireContact.SHAPES}
+    launches = [len(car.record(sw.Simulation(model, 1e-3), 1e-3)) for car in (plain, meeting)]
     assert launches == [2, 3]
 
 
@@ -252,7 +252,7 @@ def test_obstacles_that_are_refused():
     builder.add_shape_plane(name="floor")
     builder.add_shape_sphere(0, radius=0.1, name="lamp")
     model = builder.finalize(1, "cpu", per_world=per_world())
-    with pytest.raises(SpecError, match=r"^obstacles: must be left away with 'rigid' tires"):
+    with pytest.raises(SpecError, match=r"^obstacles: must be left out with 'rigid' tires"):
         Vehicle(parts, model, obstacles="all")
     with pytest.raises(SpecError, match=r"^obstacles: no shape is called 'flor'; there are floor"):
         TireObstacles(model, ["flor"])
@@ -264,7 +264,7 @@ def test_obstacles_that_are_refused():
 
 
 def test_a_field_as_ground_and_as_a_shape():
-    """`ground_of` a height field and look-out for it: the same as one of them."""
+    """`ground_of` a height field that is an obstacle, too: the same as one of them."""
     x = np.linspace(-2.0, 2.0, 41)
     builder = empty()
     builder.add_shape_height_field(WORLD, np.tile(0.05 * np.sin(3.0 * x), (41, 1)), size=(4.0, 4.0), name="field")
@@ -335,9 +335,9 @@ def test_hubs_take_the_way_that_rigid_tires_take(kind, height):
         assert 0.8 * abs(height) < (b.max() if height > 0.0 else -b.min()) < 1.1 * abs(height)
 
 
-# what stands beside the road is not there for tires without a look-out
 @pytest.mark.slow
-def test_without_a_look_out_a_kerb_is_not_there():
+def test_without_obstacles_a_kerb_is_not_there():
+    """Wheels drive through what stands on their ground."""
     builder = sw.ModelBuilder()
     parts = add_vehicle(builder, load_vehicle("hmmwv"), speed=2.0)
     course(builder, "kerb")

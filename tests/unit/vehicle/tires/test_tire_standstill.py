@@ -14,31 +14,20 @@ from tests.unit.vehicle.tires.tire_bench import (
     TEMPLATES,
     States,
     bench,
+    check_held,
+    damped,
     parked,
-    properties,
     row_of,
     spec,
     values,
 )
 
 
-def damped(template):
-    """Dampers that end all bouncing in seconds: while the load swings, bristles give way bit by bit, as they should."""
-    if template == "pacejka2002":
-        return {"tir": properties(VERTICAL_DAMPING=6000.0)}
-    return {"vertical_damping": 6000.0, **({"bristle_viscosity": (1.0, 1.0)} if template == "lugre" else {})}
-
-
 @pytest.mark.long("0.001-fiala", "0.001-lugre", "0.001-pacejka2002", "0.001-tmeasy", "0.001-tmsimple")
 @pytest.mark.parametrize("template", TEMPLATES)
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_a_parked_wheel_does_not_creep(template, dt):
-    path = parked(row_of(template, **damped(template)), 5, math.atan(0.2), dt, 8.0)
-    settled = path[len(path) // 2]
-    # what it slid before is the give of the bristles: 1600 N / 1e5 N/m = 16 mm, and LuGre's 0.2 / 60 = 3 mm
-    assert np.abs(settled - path[0])[:, :2].max() < 0.05
-    # 4 s later: rounding of the velocity, 1e-7 m/s, moves it less than this
-    assert np.abs(path[-1] - settled)[:, :2].max() < 1e-5
+    check_held(row_of(template, **damped(template)), dt)
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from simwarp.vehicle.tires.parameter_vector_kernels import (
 )
 from simwarp.vehicle.tires.tire_properties import ASYMMETRIC
 from simwarp.vehicle.tires.tires import tire_vector
-from tests.unit.vehicle.tires.tire_bench import DATA, TEMPLATES, properties, row_of
+from tests.unit.vehicle.tires.tire_bench import DATA, TEMPLATES, properties, row_of, run, steady
 
 
 def bare(template, **parameters):
@@ -257,7 +257,11 @@ def test_property_file_on_disk(tmp_path):
         ("FZMIN = -1", "line 2: FZMIN: must not be negative, got -1.0; give the least load"),
         ("LMUV = 0.5", "line 2: LMUV: must be 0, got 0.5; it scales friction that falls with the speed of sliding"),
         ("LMUY = 0", "line 2: LMUY: must be positive, got 0.0; give LMUY of the measured tire"),
+        ("LKY = 0", "line 2: LKY: must not be 0, got 0.0; mode 4 divides by that slope; give it or another mode"),
+        ("PKY2 = 0", "line 2: PKY2: must not be 0, got 0.0"),
+        ("PKX1 = 0", "line 2: PKX1: must not be 0, got 0.0"),
         ("PCX1 = 1.5\nPCX1 = 1.6", "line 3: PCX1: must be given once, got 1.5 in line 2 and 1.6 in line 3; leave one"),
+        ("PCX1 = 1.5\nPCX1 = much", "line 3: PCX1: must be a number or quoted text, got 'much'"),
         ("PDX1 1.2", "line 2: must be KEY = value, a [SECTION], a row of numbers or a comment after $, got 'PDX1 1.2'"),
         ("= 1.2", "line 2: must be KEY = value"),
         ("PDX 1 = 1.2", "line 2: must be KEY = value"),
@@ -322,6 +326,22 @@ def test_what_is_refused(template, parameters, message):
 def test_what_is_refused_in_a_property_file(change, message):
     with pytest.raises(SpecError, match=message):
         row_of("pacejka2002", tir=properties(**change))
+
+
+@pytest.mark.parametrize(("key", "mode"), [("PKX1", 2), ("LKX", 3), ("PKY1", 1), ("LKY", 0)])
+def test_a_file_without_a_slope_serves_the_modes_that_do_not_need_it(key, mode):
+    """Measurements of one direction alone leave the other at zero."""
+    row = row_of("pacejka2002", mode=mode, tir=properties(**{key: 0.0}))
+    tires = run(row, steady(row, slip=[0.0, 0.05], angle=[0.1, 0.0]))
+    assert np.isfinite(tires.force_w.numpy()).all()
+    assert np.isfinite(tires.torque_w.numpy()).all()
+
+
+def test_a_mode_that_asks_for_lengths_the_file_lacks_is_named_as_it_was_given():
+    with pytest.raises(
+        SpecError, match=r"^tire\.parameters\.mode: must be below 10 where PTX1 is missing or 0, got 14:"
+    ):
+        row_of("pacejka2002", mode=14, tir=properties(PTX1=0.0))
 
 
 def test_wrong_number_of_coefficients():

@@ -114,6 +114,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
                 LMUX=0.9,
                 LMUY=0.8,
                 LKY=1.1,
+                LGAY=3.0,
                 FZMIN=6000.0,
                 KPUMIN=-0.3,
                 KPUMAX=0.4,

@@ -146,3 +146,20 @@ def parked(row, worlds, angle, dt, seconds):
         arrays.body_v.assign(v[:, None].astype(np.float32))
         path.append(x)
     return np.array(path)
+
+
+def damped(template):
+    """Dampers that end all bouncing in seconds: while the load swings, bristles give way bit by bit, as they should."""
+    if template == "pacejka2002":
+        return {"tir": properties(VERTICAL_DAMPING=6000.0)}
+    return {"vertical_damping": 6000.0, **({"bristle_viscosity": (1.0, 1.0)} if template == "lugre" else {})}
+
+
+def check_held(row, dt):
+    """Assert that brakes hold five wheels on a slope of 0.2: they settle in 4 s, and stay for as long."""
+    path = parked(row, 5, np.arctan(0.2), dt, 8.0)
+    settled = path[len(path) // 2]
+    # what it slid before is the give of the bristles: 1600 N / 1e5 N/m = 16 mm, and LuGre's 0.2 / 60 = 3 mm
+    assert np.abs(settled - path[0])[:, :2].max() < 0.05
+    # 4 s later: rounding of the velocity, 1e-7 m/s, moves it less than this
+    assert np.abs(path[-1] - settled)[:, :2].max() < 1e-5

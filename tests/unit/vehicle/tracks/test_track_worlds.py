@@ -1,4 +1,4 @@
-"""Tracks in runs, files and worlds: motion repeats bit for bit, goes on from snapshots, and differs where told."""
+"""Tracks in runs, files and worlds: motion repeats bit for bit, goes on from snapshots, differs where worlds do."""
 
 import dataclasses
 import functools
@@ -66,7 +66,7 @@ def made(case, **options):
 
 
 def bits(sim, vehicle):
-    """All that a snapshot holds and a vehicle tells, by name."""
+    """All that a snapshot holds and a vehicle reports, by name."""
     found = {name: array.numpy().tobytes() for name, array in sim.snapshot().arrays().items()}
     return found | {name: getattr(vehicle, name).numpy().tobytes() for name in OUTPUTS}
 
