@@ -23,6 +23,7 @@ from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
 from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
 from simwarp.vehicle.suspensions.corner import extended, spring_table
 from simwarp.vehicle.suspensions.line_lengths import line_lengths
+from simwarp.vehicle.suspensions.wheel_axes import camber_angles, toe_angles
 from simwarp.vehicle.tires.parameter_vector_kernels import Common
 from simwarp.vehicle.tires.tires import Tires
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
@@ -154,6 +155,7 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
     forward = turn[:, 0] * (1.0, 1.0, 0.0)
     forward /= np.linalg.norm(forward)
     left = np.cross((0.0, 0.0, 1.0), forward)
+    level = np.array([forward, left, (0.0, 0.0, 1.0)])
     forces, loads = vehicle.tires.force_w.numpy()[0], vehicle.tires.load.numpy()[0]
     chassis = simulation.model.builder.bodies[parts.chassis].pose
     axles = []
@@ -162,9 +164,8 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
         axle = parts.spec.axles[pair[0].axle]
         built = np.add(axle.location, axle.suspension.spindle.com)
         center = np.mean([turn.T @ (places[side.spindle] - origin) for side in pair], axis=0)
-        axes = [matrix_of(rotations[side.spindle])[:, 1] for side in pair]
-        steers = [-side.side * np.arctan2(-axis @ forward, axis @ left) for side, axis in zip(pair, axes, strict=True)]
-        cambers = [-side.side * np.arcsin(axis[2]) for side, axis in zip(pair, axes, strict=True)]
+        axes = np.array([matrix_of(rotations[side.spindle])[:, 1] for side in pair]) @ level.T
+        signs = np.array([side.side for side in pair])
         pushes = [-side.side * (forces[first + k] @ left) for k, side in enumerate(pair)]
         springs: tuple[ForceLine, ...] = getattr(axle.suspension, "springs", ())
         frame = pose(chassis.position + rotate(chassis.rotation, parts.reference + axle.location), chassis.rotation)
@@ -173,8 +174,9 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
         above = origin + turn @ (built[0], 0.0, 0.0)
         axles.append(
             AxleStance(
-                ride_height=float(above[2]), travel=float(center[2] - built[2]), toe=float(np.mean(steers)),
-                camber=float(np.mean(cambers)), load=float(loads[first : first + 2].mean()),
+                ride_height=float(above[2]), travel=float(center[2] - built[2]),
+                toe=float(toe_angles(axes, signs).mean()), camber=float(camber_angles(axes, signs).mean()),
+                load=float(loads[first : first + 2].mean()),
                 side_force=float(np.mean(pushes)), tierod=tierod_length(axle.suspension),
                 lines=tuple(_line(line, length) for line, length in zip(springs, lengths[0].tolist(), strict=True)),
             )

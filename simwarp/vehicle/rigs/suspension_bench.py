@@ -22,6 +22,7 @@ from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, Pinned
 from simwarp.vehicle.suspensions.corner import extended, spring_table
 from simwarp.vehicle.suspensions.kinematics import HeldAxle, hold_axle
 from simwarp.vehicle.suspensions.kingpins import kingpin_axis
+from simwarp.vehicle.suspensions.wheel_axes import camber_angles, contact_points, steer_angles, toe_angles
 
 NEAR: Final = 1.0e-3
 """Travel to either side of a state between which its rates are measured [m]."""
@@ -101,7 +102,6 @@ class SuspensionBench:
         axes = np.stack([self._wheel_axis(k) for k in (0, 1)], axis=2)
         contacts = np.stack([self._contact(k, centers[:, BASE, k], axes[:, BASE, k]) for k in (0, 1)], axis=2)
         base = contacts[:, BASE]
-        steer = np.arctan2(-axes[:, BASE, :, 0], axes[:, BASE, :, 1])
         angles = [self._kingpin(k, base[:, k], axes[:, BASE, k]) for k in (0, 1)]
         caster, inclination, scrub, trail = (np.stack([a[m] for a in angles], axis=1) for m in range(4))
         dive, squat = self._anti(contacts, centers)
@@ -109,9 +109,9 @@ class SuspensionBench:
         spring_load, load = _loads_of(work), _loads_of(work + self._weights())
         usual = base[self.middle]
         measured: dict[str, Array] = {
-            "travel": (centers[:, BASE] - self.held.rest[0])[..., 2] - self.reference, "steer": steer,
-            "toe": -self.signs * steer,
-            "camber": -self.signs * np.arcsin(axes[:, BASE, :, 2]),
+            "travel": (centers[:, BASE] - self.held.rest[0])[..., 2] - self.reference,
+            "steer": steer_angles(axes[:, BASE]), "toe": toe_angles(axes[:, BASE], self.signs),
+            "camber": camber_angles(axes[:, BASE], self.signs),
             "track_change": (base[:, 0, 1] - base[:, 1, 1]) - (usual[0, 1] - usual[1, 1]),
             "wheelbase_change": base[..., 0] - usual[:, 0], "caster": caster, "kingpin_inclination": inclination,
             "scrub_radius": scrub, "trail": trail, "roll_centre": self._roll_centre(contacts), "anti_dive": dive,
@@ -127,11 +127,6 @@ class SuspensionBench:
         """(n, 5, 3) axis of a wheel, to the left."""
         return self.turned(self.held.bench.sides[side].spindle, np.array([0.0, 1.0, 0.0]))
 
-    def _below(self, center: Array, axis: Array) -> Array:
-        """(n, 3) points where wheels with such centres and axes touch the ground."""
-        up = np.array([0.0, 0.0, 1.0]) - axis[:, 2:] * axis
-        return center - self.radius * up / np.linalg.norm(up, axis=1, keepdims=True)
-
     def _contact(self, side: int, center: Array, axis: Array) -> Array:
         """(n, 5, 3) the contact point of each state, which in its neighbours moves with the wheel's carrier: as that
         of a wheel whose brake is locked.
@@ -139,7 +134,7 @@ class SuspensionBench:
         carrier = self.held.bench.sides[side].carrier
         places = self._x[:, carrier].reshape(self.states, -1, 3)
         turns = np.array([matrix_of(q) for q in self._q[:, carrier]]).reshape(self.states, -1, 3, 3)
-        local = np.einsum("nji,nj->ni", turns[:, BASE], self._below(center, axis) - places[:, BASE])
+        local = np.einsum("nji,nj->ni", turns[:, BASE], contact_points(center, axis, self.radius) - places[:, BASE])
         return places + np.einsum("nkij,nj->nki", turns, local)
 
     def _kingpin(self, side: int, contact: Array, axis: Array) -> tuple[Array, Array, Array, Array]:
