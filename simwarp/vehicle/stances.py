@@ -21,7 +21,7 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.parts import ForceLine, SpecError
 from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
 from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
-from simwarp.vehicle.suspensions.corner import extended, spring_table
+from simwarp.vehicle.suspensions.corner import spring_force
 from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.suspensions.wheel_axes import camber_angles, toe_angles
 from simwarp.vehicle.tires.parameter_vector_kernels import Common
@@ -187,21 +187,8 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
 
 def _line(line: ForceLine, length: float) -> LineStance:
     stop, into = stop_at(line, length)
-    return LineStance(
-        length=length, free_length=free_length(line), force=_force(line, length), stop=stop, into_stop=into
-    )
-
-
-def _force(line: ForceLine, length: float) -> float:
-    """Of spring and stops, still [N]."""
-    rest = free_length(line)
-    if rest is None:
-        rest = length if line.rest_length is None else line.rest_length
-    table = spring_table(line, rest)
-    if table is None:
-        return line.preload - line.stiffness * (length - rest)
-    knots, values = (np.asarray(part) for part in table)
-    return line.preload - float(extended(np.array([length - rest]), knots, values)[0])
+    force = float(spring_force(line, np.array(length)))
+    return LineStance(length=length, free_length=free_length(line), force=force, stop=stop, into_stop=into)
 
 
 def stop_at(line: ForceLine, length: float) -> tuple[str, float]:

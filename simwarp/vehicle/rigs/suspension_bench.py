@@ -19,7 +19,7 @@ from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads
 from simwarp.vehicle.rigs.suspension_curves import SuspensionCurve, SuspensionMotion
 from simwarp.vehicle.spec.parts import Array, Vec3
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, PinnedAxle, VehicleSpec
-from simwarp.vehicle.suspensions.corner import extended, spring_table
+from simwarp.vehicle.suspensions.corner import spring_force
 from simwarp.vehicle.suspensions.kinematics import HeldAxle, hold_axle
 from simwarp.vehicle.suspensions.kingpins import kingpin_axis
 from simwarp.vehicle.suspensions.wheel_axes import camber_angles, contact_points, steer_angles, toe_angles
@@ -192,8 +192,7 @@ class SuspensionBench:
             for number, line in enumerate(lines):
                 end = self.place(body, self.point(column, line.arm_point))
                 length = np.linalg.norm(end - self.point(column, line.chassis_point), axis=2)
-                built = float(np.linalg.norm(np.subtract(line.chassis_point, line.arm_point)))
-                push = pushing_force(line, length[:, BASE], built)
+                push = spring_force(line, length[:, BASE])
                 change = _changes(length)
                 work -= push[:, None] * change
                 ratios[:, column, number] = -change[:, 0]
@@ -231,18 +230,3 @@ def _loads_of(work: Array) -> Array:
 def _changes(values: Array) -> Array:
     """(n, 2) rates of (n, 5) over the travel of both wheels alike, and over the opposite one."""
     return np.stack([values[:, UP] - values[:, DOWN], values[:, LEFT] - values[:, RIGHT]], axis=1) / (2.0 * NEAR)
-
-
-def pushing_force(line: ForceLine, length: Array, built: float) -> Array:
-    """(...,) force with which a spring at rest pushes its ends apart [N], at lengths (...,) [m].
-
-    Args:
-        line: the spring, with its bump stops.
-        length: at which it is.
-        built: its length as built [m].
-    """
-    rest = built if line.rest_length is None else line.rest_length
-    table = spring_table(line, rest)
-    if table is None:
-        return np.asarray(line.preload - line.stiffness * (length - rest))
-    return np.asarray(line.preload - extended(length - rest, np.array(table[0]), np.array(table[1])))
