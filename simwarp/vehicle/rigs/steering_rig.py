@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.object_repr import Readable, Row, plural
-from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses
+from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses, slopes
 from simwarp.vehicle.rigs.suspension_rig import checked_axle
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
@@ -154,7 +154,7 @@ def _measured(spec: VehicleSpec, axle: int, inputs: Array, lock: float, tables: 
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = (turning - middle)[:, 1]
         away = np.linalg.norm(contacts - turning[:, None], axis=2)
-        ratio = 1.0 / np.gradient(mean, handwheel, edge_order=2)
+        ratio = 1.0 / slopes(mean, handwheel, table.reached)
     wheelbase = abs(centers[:, 2 * axle : 2 * axle + 2, 0].mean(axis=1) - middle[:, 0])
     track = centers[:, 2 * axle, 1] - centers[:, 2 * axle + 1, 1]
     wanted = ackermann_difference(table.steer, wheelbase, track)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, rotate
-from simwarp.vehicle.rigs.rig_rows import RowStatus
+from simwarp.vehicle.rigs.rig_rows import RowStatus, slopes
 from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads
 from simwarp.vehicle.rigs.suspension_curves import SuspensionCurve, SuspensionMotion
 from simwarp.vehicle.spec.parts import Array, Vec3
@@ -117,8 +117,8 @@ class SuspensionBench:
             "scrub_radius": scrub, "trail": trail, "roll_centre": self._roll_centre(contacts), "anti_dive": dive,
             "anti_squat": squat, "motion_ratio": ratios, "spring_load": spring_load, "wheel_load": load,
         }  # fmt: skip
-        measured |= self._rates(measured, float(usual[0, 1] - usual[1, 1]))
         status = np.where(self.reached.all(axis=1), RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
+        measured |= self._rates(measured, float(usual[0, 1] - usual[1, 1]), status == RowStatus.DONE)
         for values in measured.values():
             values[status != RowStatus.DONE] = np.nan
         return SuspensionCurve(motion=self.motion, steering=self.steering, status=status, **measured)
@@ -209,16 +209,16 @@ class SuspensionBench:
         heights = np.asarray(self._x[..., 2] @ self._weight).reshape(self.states, -1)
         return _changes(heights)
 
-    def _rates(self, measured: Mapping[str, Array], track: float) -> dict[str, Array]:
-        """Wheel rate and roll stiffness: slopes along the motion."""
+    def _rates(self, measured: Mapping[str, Array], track: float, done: Flags) -> dict[str, Array]:
+        """Wheel rate and roll stiffness: slopes along the motion, between states that are done."""
         rate, stiffness = np.full((self.states, 2), np.nan), np.full(self.states, np.nan)
         if self.motion is not SuspensionMotion.STEERING:
             load, travel = measured["spring_load"], measured["travel"]
             for column in (0, 1):
-                rate[:, column] = np.gradient(load[:, column], travel[:, column], edge_order=2)
+                rate[:, column] = slopes(load[:, column], travel[:, column], done)
         if self.motion is SuspensionMotion.OPPOSITE:
             angle = np.arctan2(travel[:, 0] - travel[:, 1], track)
-            stiffness = np.gradient(0.5 * track * (load[:, 0] - load[:, 1]), angle, edge_order=2)
+            stiffness = slopes(0.5 * track * (load[:, 0] - load[:, 1]), angle, done)
         return {"wheel_rate": rate, "roll_stiffness": stiffness}
 
 
