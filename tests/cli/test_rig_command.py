@@ -169,6 +169,8 @@ def test_a_world_that_diverges_is_marked_and_not_fatal(rig):
         (("full-car", "sedan", "--low", "5", "--high", "2"), "frequencies: must be 0 < low < high"),
         (("full-car", "sedan", "--tire", "rigid"), "got 'rigid'; take another tire"),
         (("full-car", "sedan", "--angle", "90"), "--angle must be above 0 and below 80 deg"),
+        (("full-car", "sedan", "--test", "tilt", "--angle", "20", "--points", "1"), "points: must be 3 or more angles"),
+        (("full-car", "sedan", "--test", "road", "--duration", "0.001"), "duration: must be finite and at least 0.1 s"),
     ],
 )
 def test_what_cannot_work_is_one_line(rig, words, message):

@@ -177,11 +177,24 @@ def test_a_world_is_the_same_alone_and_in_a_batch():
         (SineSweep(low=5.0, high=2.0), "frequencies: must be 0 < low < high < 100 Hz, got 5 to 2"),
         (SineSweep(points=1), "sweep: must have a mode, 2 points and 1 cycle at least"),
         (SineSweep(amplitude=0.0), "amplitude: must be > 0"),
+        (SineSweep(settle=np.inf), "settle: must be >= 0 s and finite"),
         (SineSweep(grip=0.0), "grip: must be above 0"),
     ],
 )
 def test_an_empty_range_is_one_line(sweep, message):
     with pytest.raises(SpecError, match=message):
         run_four_post(shipped("artcar"), sweep)
-    with pytest.raises(SpecError, match="roads: must hold one class and one speed"):
-        run_four_post_roads(shipped("artcar"), RoadSweep(roads=()))
+
+
+@pytest.mark.parametrize(
+    ("sweep", "message"),
+    [
+        (RoadSweep(roads=()), "roads: must hold one class and one speed"),
+        (RoadSweep(speeds=(10.0, np.nan)), "speeds: must be > 0 m/s and finite, got nan"),
+        (RoadSweep(duration=np.inf), "duration: must be finite"),
+        (RoadSweep(settle=-1.0), "settle: must be >= 0 s"),
+    ],
+)
+def test_a_road_that_cannot_be_driven_is_one_line(sweep, message):
+    with pytest.raises(SpecError, match=message):
+        run_four_post_roads(shipped("artcar"), sweep)

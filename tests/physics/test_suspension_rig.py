@@ -245,6 +245,13 @@ def test_worlds_that_do_not_reach_are_marked_and_the_others_stay():
         ("gator", 1, {}, "must have a suspension that travels, got 'rigid-suspension'"),
         ("gator", 2, {}, "axle: must be from 0 .front. to 1 of 'gator', got 2"),
         ("sedan", 0, {"travel": 0.0}, "travel: must be > 0 m, got 0: the range would be empty"),
+        (
+            "sedan",
+            0,
+            {"loaded_radius": 0.0},
+            "loaded_radius: must be above 0 and at most the tire's radius of .*, got 0",
+        ),
+        ("sedan", 0, {"loaded_radius": np.nan}, "loaded_radius: must be above 0"),
         ("sedan", 0, {"points": 4}, "points: must be an odd number"),
     ],
 )

@@ -29,6 +29,8 @@ LEAST_CYCLES: Final = 2.0
 """Periods after that before anything is measured."""
 ROAD_DT: Final = 2.0e-3
 """Between two samples of a drive over a road [s]."""
+SHORTEST: Final = 0.1
+"""Drive that has accelerations at the longest time step [s]."""
 
 
 class PostMode(enum.Enum):
@@ -80,11 +82,11 @@ class SineSweep:
             got = f"{len(self.modes)} modes, {self.points} points and {self.cycles} cycles"
             raise SpecError(f"sweep: must have a mode, 2 points and 1 cycle at least, got {got}")
         for name in ("amplitude", "speed"):
-            if not getattr(self, name) > 0.0:
-                raise SpecError(f"{name}: must be > 0, got {getattr(self, name):g}")
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise SpecError(f"{name}: must be > 0 and finite, got {getattr(self, name):g}")
         for name in ("settle", "transient"):
-            if not getattr(self, name) >= 0.0:
-                raise SpecError(f"{name}: must be >= 0 s, got {getattr(self, name):g}")
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise SpecError(f"{name}: must be >= 0 s and finite, got {getattr(self, name):g}")
 
     @property
     def frequencies(self) -> Array:
@@ -290,10 +292,15 @@ class RoadSweep:
         """
         if not self.roads or not self.speeds:
             raise SpecError("roads: must hold one class and one speed at least, got none")
-        if not (min(self.speeds) > 0.0 and self.duration > 0.0 and self.settle >= 0.0):
-            raise SpecError(
-                f"roads: speed and duration must be > 0, got {min(self.speeds):g} m/s and {self.duration:g} s"
-            )
+        for speed in self.speeds:
+            if not 0.0 < speed < math.inf:
+                raise SpecError(f"speeds: must be > 0 m/s and finite, got {speed:g}")
+        if not SHORTEST <= self.duration < math.inf:
+            raise SpecError(f"duration: must be finite and at least {SHORTEST:g} s, got {self.duration:g}")
+        if not 0.0 <= self.settle < math.inf:
+            raise SpecError(f"settle: must be >= 0 s and finite, got {self.settle:g}")
+        if self.seed < 0:
+            raise SpecError(f"seed: must be 0 or more, got {self.seed}")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -105,11 +105,13 @@ def run_tilt_table(
     Raises:
         SpecError: an empty range, or a tire that makes no forces of its own.
     """
-    given = None if angles is None else np.atleast_1d(np.asarray(angles, np.float64))
-    if given is not None and (len(given) < 3 or given[0] != 0.0 or (np.diff(given) <= 0.0).any()):
-        raise SpecError("angles: must be three or more, increasing from 0; the range would be empty otherwise")
     if points < 3:
         raise SpecError(f"points: must be 3 or more angles, got {points}")
+    given = None if angles is None else np.atleast_1d(np.asarray(angles, np.float64))
+    if given is not None and (len(given) < 3 or given[0] != 0.0 or not (np.diff(given) > 0.0).all()):
+        raise SpecError("angles: must be three or more, increasing from 0; the range would be empty otherwise")
+    if given is not None and not given[-1] < 0.5 * math.pi:
+        raise SpecError(f"angles: must be below a right angle, got {given[-1]:g} rad")
     rig = PostRig(spec, points if given is None else len(given), dt=dt, device=device)
     total = round((SETTLE + RAMP + HOLD) / dt)
     settling, ramp = round(SETTLE / dt), round(RAMP / dt)
