@@ -196,11 +196,11 @@ def run_four_post(
     time = 0.0
     try:
         for step in range(total):
-            time = (step + 1) * dt
-            if time > asked.settle:
+            begin, time = step * dt, (step + 1) * dt
+            if begin > asked.settle:  # posts are where they are when the step's forces are found
                 if not static.any():
                     static = rig.loads()[0]
-                rig.move(*_sines(amplitude, frequency, time - asked.settle, shape))
+                rig.move(*_sines(amplitude, frequency, begin - asked.settle, shape))
             rig.simulation.step()
             inside = (time >= start) & (time < end)
             if inside.any():
@@ -212,6 +212,7 @@ def run_four_post(
         if not (time >= end).any():
             raise
     found = fit.amplitudes() / amplitude[:, None]
+    found[:, 3 : 3 + wheels] *= np.exp(2j * math.pi * frequency * dt)[:, None]  # loads are of the steps' beginning
     status = np.where(time >= end - dt, RowStatus.DONE, RowStatus.UNFINISHED).astype(np.int8)
     status[rig.broken() | ((status == RowStatus.DONE) & ~np.isfinite(found).all(axis=1))] = RowStatus.DIVERGED
     found[status != RowStatus.DONE] = np.nan
