@@ -393,7 +393,9 @@ def run_four_post_roads(
     track = float(places[0, 1] - places[1, 1])
     span = RAMP + asked.duration
     length = max(100.0, max(asked.speeds) * span + float(np.ptp(places[:, 0])))
-    roads = [road_profile(road, length, track=track, seed=asked.seed) for road, _ in worlds]
+    profile = road_profile(RoadClass.A, length, track=track, seed=asked.seed)
+    # the same waves in every class: heights grow with the root of their density
+    size = np.sqrt([road.roughness / RoadClass.A.roughness for road, _ in worlds])[:, None]
     speed = np.array([each for _, each in worlds])
     every, total = max(1, round(ROAD_DT / dt)), math.ceil((asked.settle + span) / dt)
     samples: list[Array] = []
@@ -402,7 +404,7 @@ def run_four_post_roads(
         for step in range(total):
             driven = (step + 1) * dt - asked.settle
             if driven > 0.0:
-                height = min(driven / RAMP, 1.0) * _heights(roads, speed, driven, places)
+                height = min(driven / RAMP, 1.0) * size * _heights(profile, speed * driven, places)
                 rig.move(height, (height - last) / dt)
                 last = height
             rig.simulation.step()
@@ -420,14 +422,10 @@ def run_four_post_roads(
     return _summed(tuple(road for road, _ in worlds), speed, np.array(samples), every * dt, status)
 
 
-def _heights(roads: list[RoadProfile], speed: Array, time: float, places: Array) -> Array:
-    """(n, wheels) heights of the road under the wheels [m], after a drive of a time [s]."""
-    columns = []
-    for place in places:
-        behind = float(places[0, 0] - place[0])
-        side = 0 if place[1] > 0.0 else 1
-        columns.append([road.at(v * time - behind, side) for road, v in zip(roads, speed, strict=True)])
-    return np.asarray(columns, np.float64).T
+def _heights(road: RoadProfile, driven: Array, places: Array) -> Array:
+    """(n, wheels) heights of the road [m] under wheels at places (wheels, 3), after (n,) distances [m]."""
+    distance = driven[:, None] - (places[0, 0] - places[:, 0])
+    return np.where(places[:, 1] > 0.0, road.at(distance, 0), road.at(distance, 1))
 
 
 def _summed(
