@@ -100,7 +100,7 @@ def test_a_vehicle_on_a_tilt_table_and_on_posts(rig):
     assert code == 0
     content = json.loads(Path("a.json").read_text())
     found = content["parameters"]
-    assert found["tangent_of_lift_angle"] == pytest.approx(found["track_per_two_heights"], rel=0.05)
+    assert found["tangent_of_lift_angle"] == pytest.approx(found["static_stability_factor"], rel=0.05)
     assert 0 < content["diverged"] < 9  # those beyond the angle tipped over
     code, _, _ = rig(
         "full-car", "artcar", "--test", "road", "--roads", "A", "--duration", "1", "--json", "b.json", "--plot", "b.png"

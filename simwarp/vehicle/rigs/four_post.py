@@ -373,7 +373,7 @@ def run_four_post_roads(
 ) -> RoadResponse:  # fmt: skip
     """A vehicle on posts that move as roads of ISO 8608 under it, those of the rear axles as much later as they follow.
 
-    An interruption leaves what the drive has shown so far; its rows are UNFINISHED and keep their numbers.
+    An interruption leaves the statistics of the drive so far; its rows are UNFINISHED and keep their numbers.
 
     Args:
         spec: the vehicle.

@@ -76,7 +76,7 @@ class SteeringCurve(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """What a data sheet tells of the steering; keys name units, such as [m]. Locks that are not reached are NaN."""
+        """What a data sheet has of the steering; keys name units, such as [m]. Locks that are not reached are NaN."""
         left, right, middle = -1, 0, len(self.status) // 2
         return {
             "ratio_on_centre": float(self.ratio[middle]),
@@ -103,8 +103,8 @@ def run_steering_rig(
         spec: the vehicle.
         axle: index, from the front; None: the first one that is steered.
         points: of the sweep; the middle one of an odd number is straight on.
-        box_ratio: ratio of the handwheel's angle to that of the steering's arm or pinion: of a steering box, which the
-            description of a vehicle does not tell.
+        box_ratio: ratio of the handwheel's angle to that of the steering's arm or pinion: of a steering box, which is
+            not part of the description of a vehicle.
         device: that closes the linkages.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The worlds of a bench: linkages of an axle closed at all states of a motion and their neighbours, and what they tell.
+"""The worlds of a bench: linkages of an axle closed at all states of a motion and their neighbours, measured.
 
 Rates over the travel are differences between neighbours; loads follow by virtual work from springs, anti-roll bar and
 weights.
