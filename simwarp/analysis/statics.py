@@ -282,7 +282,7 @@ class _Newton:
 
 
 def sliding_bounds(sim: Simulation) -> bool:
-    """Whether dry friction acts in a joint: it holds within its bound, and has no derivative."""
+    """Whether dry friction acts in a joint now, for brakes write its bound in a step: it has no derivative."""
     friction = sim.model.parameters.joint_friction
     return bool(friction.size) and bool((friction.numpy() > 0.0).any())
 

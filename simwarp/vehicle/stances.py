@@ -21,8 +21,9 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.parts import ForceLine, SpecError
 from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
 from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
-from simwarp.vehicle.suspensions.corner import extended, spring_table
+from simwarp.vehicle.suspensions.corner import spring_force
 from simwarp.vehicle.suspensions.line_lengths import line_lengths
+from simwarp.vehicle.suspensions.wheel_axes import camber_angles, toe_angles
 from simwarp.vehicle.tires.parameter_vector_kernels import Common
 from simwarp.vehicle.tires.tires import Tires
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
@@ -105,9 +106,11 @@ def stance(spec: VehicleSpec, *, speed: float = 0.0, device: str = "cpu") -> Sta
         device: device of the simulation.
 
     Raises:
-        SpecError: it does not come to rest, as on tires that need soil.
+        SpecError: the speed is negative or not finite; the vehicle does not come to rest, as on tires that need soil.
         ModelError: its tires are flexible: their meshes have no static solver.
     """
+    if not 0.0 <= speed < np.inf:
+        raise SpecError(f"speed: must be >= 0 m/s and finite, got {speed:g}")
     coasting = dataclasses.replace(spec, driveline=None, engine=None, transmission=None)
     builder = ModelBuilder()
     parts = add_vehicle(builder, coasting, speed=speed)
@@ -154,6 +157,7 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
     forward = turn[:, 0] * (1.0, 1.0, 0.0)
     forward /= np.linalg.norm(forward)
     left = np.cross((0.0, 0.0, 1.0), forward)
+    level = np.array([forward, left, (0.0, 0.0, 1.0)])
     forces, loads = vehicle.tires.force_w.numpy()[0], vehicle.tires.load.numpy()[0]
     chassis = simulation.model.builder.bodies[parts.chassis].pose
     axles = []
@@ -162,9 +166,8 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
         axle = parts.spec.axles[pair[0].axle]
         built = np.add(axle.location, axle.suspension.spindle.com)
         center = np.mean([turn.T @ (places[side.spindle] - origin) for side in pair], axis=0)
-        axes = [matrix_of(rotations[side.spindle])[:, 1] for side in pair]
-        steers = [-side.side * np.arctan2(-axis @ forward, axis @ left) for side, axis in zip(pair, axes, strict=True)]
-        cambers = [-side.side * np.arcsin(axis[2]) for side, axis in zip(pair, axes, strict=True)]
+        axes = np.array([matrix_of(rotations[side.spindle])[:, 1] for side in pair]) @ level.T
+        signs = np.array([side.side for side in pair])
         pushes = [-side.side * (forces[first + k] @ left) for k, side in enumerate(pair)]
         springs: tuple[ForceLine, ...] = getattr(axle.suspension, "springs", ())
         frame = pose(chassis.position + rotate(chassis.rotation, parts.reference + axle.location), chassis.rotation)
@@ -173,8 +176,9 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
         above = origin + turn @ (built[0], 0.0, 0.0)
         axles.append(
             AxleStance(
-                ride_height=float(above[2]), travel=float(center[2] - built[2]), toe=float(np.mean(steers)),
-                camber=float(np.mean(cambers)), load=float(loads[first : first + 2].mean()),
+                ride_height=float(above[2]), travel=float(center[2] - built[2]),
+                toe=float(toe_angles(axes, signs).mean()), camber=float(camber_angles(axes, signs).mean()),
+                load=float(loads[first : first + 2].mean()),
                 side_force=float(np.mean(pushes)), tierod=tierod_length(axle.suspension),
                 lines=tuple(_line(line, length) for line, length in zip(springs, lengths[0].tolist(), strict=True)),
             )
@@ -185,21 +189,8 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
 
 def _line(line: ForceLine, length: float) -> LineStance:
     stop, into = stop_at(line, length)
-    return LineStance(
-        length=length, free_length=free_length(line), force=_force(line, length), stop=stop, into_stop=into
-    )
-
-
-def _force(line: ForceLine, length: float) -> float:
-    """Of spring and stops, still [N]."""
-    rest = free_length(line)
-    if rest is None:
-        rest = length if line.rest_length is None else line.rest_length
-    table = spring_table(line, rest)
-    if table is None:
-        return line.preload - line.stiffness * (length - rest)
-    knots, values = (np.asarray(part) for part in table)
-    return line.preload - float(extended(np.array([length - rest]), knots, values)[0])
+    force = float(spring_force(line, np.array(length)))
+    return LineStance(length=length, free_length=free_length(line), force=force, stop=stop, into_stop=into)
 
 
 def stop_at(line: ForceLine, length: float) -> tuple[str, float]:

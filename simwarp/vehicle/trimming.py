@@ -42,6 +42,8 @@ MOST_STEPS: Final = 15
 """Of Broyden's method, one equilibrium each."""
 LARGEST_LIFT: Final = 0.1
 """Change of a travel in one step, as a part of the tire's radius: springs with stops are no straight lines."""
+LARGEST_TURN: Final = 0.1
+"""Change of an upright's or a seat's angle in one step [rad]."""
 SEARCHED: Final = 0.8
 """Travel up and down in which a suspension is looked at, as a part of the tire's radius."""
 GRID: Final = 161
@@ -51,7 +53,7 @@ LARGEST_ANGLE: Final = math.radians(20.0)
 
 
 class Reading(enum.Enum):
-    """What is asked for, and how a unit of its unknown moves it."""
+    """What can be asked for."""
 
     RIDE_HEIGHT = "ride_height"
     TOE = "toe"
@@ -261,7 +263,7 @@ def _solve(
 
 def _limit(spec: VehicleSpec, wish: _Wish) -> float:
     """Of one step of an unknown [m or rad]."""
-    return LARGEST_LIFT * spec.axles[wish.axle].tire.radius if wish.reading is Reading.RIDE_HEIGHT else LARGEST_LIFT
+    return LARGEST_LIFT * spec.axles[wish.axle].tire.radius if wish.reading is Reading.RIDE_HEIGHT else LARGEST_TURN
 
 
 def _arrived(wishes: Sequence[_Wish], found: Stance) -> bool:

@@ -100,7 +100,7 @@ def test_a_vehicle_on_a_tilt_table_and_on_posts(rig):
     assert code == 0
     content = json.loads(Path("a.json").read_text())
     found = content["parameters"]
-    assert found["tangent_of_lift_angle"] == pytest.approx(found["track_per_two_heights"], rel=0.05)
+    assert found["tangent_of_lift_angle"] == pytest.approx(found["static_stability_factor"], rel=0.05)
     assert 0 < content["diverged"] < 9  # those beyond the angle tipped over
     code, _, _ = rig(
         "full-car", "artcar", "--test", "road", "--roads", "A", "--duration", "1", "--json", "b.json", "--plot", "b.png"
@@ -169,6 +169,8 @@ def test_a_world_that_diverges_is_marked_and_not_fatal(rig):
         (("full-car", "sedan", "--low", "5", "--high", "2"), "frequencies: must be 0 < low < high"),
         (("full-car", "sedan", "--tire", "rigid"), "got 'rigid'; take another tire"),
         (("full-car", "sedan", "--angle", "90"), "--angle must be above 0 and below 80 deg"),
+        (("full-car", "sedan", "--test", "tilt", "--angle", "20", "--points", "1"), "points: must be 3 or more angles"),
+        (("full-car", "sedan", "--test", "road", "--duration", "0.001"), "duration: must be finite and at least 0.1 s"),
     ],
 )
 def test_what_cannot_work_is_one_line(rig, words, message):

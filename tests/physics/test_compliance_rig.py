@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simwarp.core.rotation import matrix_of
 from simwarp.vehicle.rigs import RowStatus, SuspensionReference, WheelForce, run_compliance_rig
+from simwarp.vehicle.rigs.compliance_rig import _push
 from simwarp.vehicle.rigs.standing_loads import standing_loads
 from simwarp.vehicle.spec.vehicle_spec import Bushing, SpecError, VehicleSpec
+from simwarp.vehicle.suspensions.kinematics import hold_axle
 from tests.physics.sample_vehicles import shipped
 
 STIFFNESS = 4.0e6
@@ -72,6 +75,28 @@ def test_a_linkage_without_bushings_is_rigid(kind):
     assert np.ptp(found.camber, axis=0).max() < 1e-9
     assert np.ptp(found.steer, axis=0).max() < 1e-9
     assert found.parameters()[f"{kind.value}_camber_deg_per_kN"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_brake_forces_act_at_the_lowest_points_of_leaning_wheels():
+    """The lowest of 3600 points of the wheel's circle is the contact point to a radius times half a degree squared in
+    height, and half a degree times the toe aside: 0.1 mm. Forces are float32.
+    """
+    spec, radius = shipped("sedan"), 0.3
+    axle = spec.axles[1]
+    leaning = dataclasses.replace(axle, suspension=dataclasses.replace(axle.suspension, camber=0.1, toe=0.02))
+    held = hold_axle(dataclasses.replace(spec, axles=(spec.axles[0], leaning)), 1, [0.0, 0.0], [0.0, 0.0])
+    forces = np.array([-FORCE, FORCE])
+    _push(held, WheelForce.BRAKE, forces, radius)
+    state, torque = held.simulation.state, held.simulation.control.body_torque.numpy()
+    x, q = state.body_x.numpy(), state.body_rot.numpy()
+    angle = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
+    circle = radius * np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
+    for side in held.bench.sides:
+        points = x[0, side.spindle] + circle @ matrix_of(q[0, side.spindle]).T
+        arm = points[points[:, 2].argmin()] - x[0, side.carrier]
+        for world, force in enumerate(forces):
+            wanted = np.cross(arm, (-force, 0.0, 0.0))
+            assert torque[world, side.carrier] == pytest.approx(wanted, abs=1e-4 * FORCE)
 
 
 @pytest.mark.parametrize(

@@ -82,17 +82,22 @@ def quarter_car(frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 @pytest.mark.slow
 def test_heave_is_that_of_a_quarter_car():
-    """Long arms turn by a twentieth of a wheel's travel, whose forces are second order; the step of 0.5 ms delays by
-    some h omega / 2: 3 % of a radian of phase at 16 Hz, where the amplitude has fallen.
+    """Long arms turn by a twentieth of a wheel's travel, whose forces are second order; the step of 0.5 ms errs by some
+    h omega / 2: 1 % at the resonance of the wheels, at 12 Hz.
     """
     sweep = SineSweep(modes=(PostMode.HEAVE,), low=0.7, high=16.0, points=9, amplitude=0.002, cycles=4)
     found = run_four_post(upright_vehicle(), sweep, dt=5e-4)
     assert (found.status == RowStatus.DONE).all()
     assert found.static_load == pytest.approx(GRAVITY * (MASS / 4.0 + WHEEL), rel=2e-3)
     heave, load, travel = quarter_car(found.frequency)
-    assert np.abs(found.heave - heave).max() < 0.03 * np.abs(heave).max()
-    assert np.abs(found.load - load[:, None]).max() < 0.03 * np.abs(load).max()
-    assert np.abs(found.travel - travel[:, None]).max() < 0.03 * np.abs(travel).max()
+    assert np.abs(found.heave - heave).max() < 0.02 * np.abs(heave).max()
+    assert np.abs(found.load - load[:, None]).max() < 0.02 * np.abs(load).max()
+    assert np.abs(found.travel - travel[:, None]).max() < 0.02 * np.abs(travel).max()
+    # where neither chassis nor wheel is near a resonance, a step's error is a part of it: posts that run ahead of the
+    # vehicle by a step would lead by all of it
+    step = 2.0 * np.pi * found.frequency * 5e-4
+    between = (found.frequency > 2.5) & (found.frequency < 9.0)
+    assert np.abs(np.angle(found.travel[:, 0] / travel) / step)[between].max() < 0.5
     assert found.acceleration == pytest.approx(-((2.0 * np.pi * found.frequency) ** 2) * found.heave)
     # a symmetric vehicle neither pitches nor rolls
     assert np.abs(found.pitch).max() < 0.02
@@ -177,11 +182,24 @@ def test_a_world_is_the_same_alone_and_in_a_batch():
         (SineSweep(low=5.0, high=2.0), "frequencies: must be 0 < low < high < 100 Hz, got 5 to 2"),
         (SineSweep(points=1), "sweep: must have a mode, 2 points and 1 cycle at least"),
         (SineSweep(amplitude=0.0), "amplitude: must be > 0"),
+        (SineSweep(settle=np.inf), "settle: must be >= 0 s and finite"),
         (SineSweep(grip=0.0), "grip: must be above 0"),
     ],
 )
 def test_an_empty_range_is_one_line(sweep, message):
     with pytest.raises(SpecError, match=message):
         run_four_post(shipped("artcar"), sweep)
-    with pytest.raises(SpecError, match="roads: must hold one class and one speed"):
-        run_four_post_roads(shipped("artcar"), RoadSweep(roads=()))
+
+
+@pytest.mark.parametrize(
+    ("sweep", "message"),
+    [
+        (RoadSweep(roads=()), "roads: must hold one class and one speed"),
+        (RoadSweep(speeds=(10.0, np.nan)), "speeds: must be > 0 m/s and finite, got nan"),
+        (RoadSweep(duration=np.inf), "duration: must be finite"),
+        (RoadSweep(settle=-1.0), "settle: must be >= 0 s"),
+    ],
+)
+def test_a_road_that_cannot_be_driven_is_one_line(sweep, message):
+    with pytest.raises(SpecError, match=message):
+        run_four_post_roads(shipped("artcar"), sweep)

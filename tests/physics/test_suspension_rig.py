@@ -225,13 +225,18 @@ def test_springs_bear_the_standing_vehicle(name):
 
 @pytest.mark.slow
 def test_worlds_that_do_not_reach_are_marked_and_the_others_stay():
-    """Arms of the model car end at some centimetres."""
+    """Arms of the model car end at some centimetres. Rates of the last states are of those that are reached."""
     run = run_suspension_rig(shipped("artcar"), 1, travel=0.2, points=21, reference=BUILT)
     curve = run.curves[SuspensionMotion.PARALLEL]
     lost = curve.status == RowStatus.DIVERGED
     assert 0 < lost.sum() < 21
     assert np.isnan(curve.camber[lost]).all()
     assert np.isfinite(curve.camber[~lost]).all()
+    # the trapezoidal rule gives the load back: its error is the rate's curvature over 2 cm, most near the end of travel
+    rate, load, height = (values[~lost, 0] for values in (curve.wheel_rate, curve.spring_load, curve.travel))
+    assert 0.5 * (rate[1:] + rate[:-1]) * np.diff(height) == pytest.approx(np.diff(load), rel=0.1)
+    assert (curve.wheel_rate[~lost] > 0.0).all()
+    assert (run.curves[SuspensionMotion.OPPOSITE].roll_stiffness[~lost & ~lost[::-1]] > 0.0).all()
 
 
 @pytest.mark.parametrize(
@@ -240,6 +245,13 @@ def test_worlds_that_do_not_reach_are_marked_and_the_others_stay():
         ("gator", 1, {}, "must have a suspension that travels, got 'rigid-suspension'"),
         ("gator", 2, {}, "axle: must be from 0 .front. to 1 of 'gator', got 2"),
         ("sedan", 0, {"travel": 0.0}, "travel: must be > 0 m, got 0: the range would be empty"),
+        (
+            "sedan",
+            0,
+            {"loaded_radius": 0.0},
+            "loaded_radius: must be above 0 and at most the tire's radius of .*, got 0",
+        ),
+        ("sedan", 0, {"loaded_radius": np.nan}, "loaded_radius: must be above 0"),
         ("sedan", 0, {"points": 4}, "points: must be an odd number"),
     ],
 )

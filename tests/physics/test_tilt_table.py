@@ -55,6 +55,8 @@ def test_the_lift_is_where_the_load_of_a_wheel_would_end():
     [
         ({"points": 2}, "points: must be 3 or more angles"),
         ({"angles": [0.1, 0.2, 0.3]}, "angles: must be three or more, increasing from 0"),
+        ({"angles": [0.0, np.nan, 0.3]}, "angles: must be three or more, increasing from 0"),
+        ({"angles": [0.0, 0.5, 2.0]}, "angles: must be below a right angle, got 2 rad"),
         ({"dt": 0.0}, "dt: must be above 0"),
     ],
 )

@@ -201,6 +201,12 @@ def test_the_sedan_stands_as_designed_and_rolls_straight() -> None:
         assert rolling.ride_height == pytest.approx(standing.ride_height, abs=HEIGHT)
 
 
+@pytest.mark.parametrize("speed", [-1.0, math.nan, math.inf])
+def test_a_speed_that_is_none_is_one_line(speed):
+    with pytest.raises(SpecError, match="speed: must be >= 0 m/s and finite, got"):
+        stance(shipped("artcar"), speed=speed)
+
+
 @pytest.mark.slow
 def test_heights_beyond_the_travel_are_refused_with_its_ends() -> None:
     spec = load_vehicle("hmmwv")

@@ -8,6 +8,7 @@ import math
 import time
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 from rich.console import Console
 
@@ -139,7 +140,7 @@ def _road(spec: VehicleSpec, options: FullCarOptions, progress: Any) -> Outcome:
 def _tilt(spec: VehicleSpec, options: FullCarOptions, progress: Any) -> Outcome:
     angles = None
     if options.angle is not None:
-        angles = [math.radians(options.angle) * k / (options.points - 1) for k in range(options.points)]
+        angles = np.linspace(0.0, math.radians(options.angle), max(options.points, 0))
     found = run_tilt_table(
         spec, angles=angles, points=options.points, dt=options.dt, device=options.device_name, progress=progress
     )

@@ -25,7 +25,7 @@ from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.tracks.tracked_files import load_any_vehicle
 
 PICTURES: Final = (".png", ".pdf", ".svg")
-TOLD_EVERY: Final = 10.0
+REPORTED_EVERY: Final = 10.0
 """Between lines of progress where there is no terminal [s]."""
 NOTHING: Final = 1e-9
 """Smallest number of a table that is not rounding."""
@@ -85,15 +85,15 @@ def progress_bar(title: str) -> Iterator[Progress]:
     """Progress on standard error: a bar on a terminal, elsewhere a line now and then."""
     console = Console(stderr=True, markup=False, emoji=False)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
-    told = time.perf_counter()
+    reported = time.perf_counter()
     with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=1.0)
 
         def advance(share: float) -> None:
-            nonlocal told
+            nonlocal reported
             bar.update(task, completed=share)
-            if not console.is_terminal and time.perf_counter() - told > TOLD_EVERY:
-                told = time.perf_counter()
+            if not console.is_terminal and time.perf_counter() - reported > REPORTED_EVERY:
+                reported = time.perf_counter()
                 console.print(f"{title}: {100.0 * share:.0f} %", highlight=False)
 
         yield advance
@@ -122,7 +122,7 @@ def print_values(console: Console, values: Mapping[str, float]) -> None:
 def finish(
     console: Console, options: RigOptions, rows: RigRows, content: Mapping[str, Any], *, interrupted: bool, wall: float
 ) -> int:  # fmt: skip
-    """Write the files of a rig, tell of rows that are missing, and return the exit code.
+    """Write the files of a rig, report rows that are missing, and return the exit code.
 
     Args:
         console: for people.

@@ -113,7 +113,9 @@ def _tires(target: str, options: TireOptions) -> tuple[dict[str, Tire], tuple[fl
     if _is_tire(target):
         files = (target, *(name for name in options.tires if name != target))
         if not options.loads:
-            raise UsageError("--loads must be given with the file of a tire, which tells no load, such as --loads 4000")
+            raise UsageError(
+                "--loads must be given with the file of a tire, which has no load of its own, such as --loads 4000"
+            )
         return {Path(name).stem: read_spec(Tire, name) for name in files}, options.loads
     spec = wheeled_vehicle(target, "tire")
     own = checked_axle(spec, options.axle).tire

@@ -3,7 +3,7 @@
     spec = sw.vehicle.load("hmmwv")
     curves = sw.vehicle.rigs.run_suspension_rig(spec, axle=0)
 
-Every rig takes a description and returns arrays, whose units their classes tell; a sweep is one batch of worlds.
+Every rig takes a description and returns arrays, whose units stand in their classes; a sweep is one batch of worlds.
 """
 
 from simwarp.vehicle.rigs.compliance_rig import ComplianceCurve, WheelForce, run_compliance_rig

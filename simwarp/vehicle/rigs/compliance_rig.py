@@ -24,6 +24,7 @@ from simwarp.vehicle.rigs.suspension_rig import reference_state
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import HeldAxle, hold_axle, wheel_angles
+from simwarp.vehicle.suspensions.wheel_axes import contact_points
 
 
 class WheelForce(enum.Enum):
@@ -152,12 +153,10 @@ def _push(held: HeldAxle, kind: WheelForce, forces: Array, radius: float) -> Non
     }
     for column, side in enumerate(held.bench.sides):
         applied = forces[:, None] * np.array(direction[kind])
-        lean = -side.side * table.camber[:, column]
-        down = np.stack([0.0 * lean, -np.sin(lean), -np.cos(lean)], axis=1)
-        arm = table.center[:, column] - x[:, side.carrier]
+        point = table.center[:, column]
         if kind is not WheelForce.DRIVE:
-            arm = arm + radius * down
+            point = contact_points(point, table.axis[:, column], radius)
         force[:, side.carrier] += applied
-        torque[:, side.carrier] += np.cross(arm, applied)
+        torque[:, side.carrier] += np.cross(point - x[:, side.carrier], applied)
     control.body_force.assign(force.astype(np.float32))
     control.body_torque.assign(torque.astype(np.float32))

@@ -29,6 +29,8 @@ LEAST_CYCLES: Final = 2.0
 """Periods after that before anything is measured."""
 ROAD_DT: Final = 2.0e-3
 """Between two samples of a drive over a road [s]."""
+SHORTEST: Final = 0.1
+"""Drive that has accelerations at the longest time step [s]."""
 
 
 class PostMode(enum.Enum):
@@ -80,11 +82,11 @@ class SineSweep:
             got = f"{len(self.modes)} modes, {self.points} points and {self.cycles} cycles"
             raise SpecError(f"sweep: must have a mode, 2 points and 1 cycle at least, got {got}")
         for name in ("amplitude", "speed"):
-            if not getattr(self, name) > 0.0:
-                raise SpecError(f"{name}: must be > 0, got {getattr(self, name):g}")
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise SpecError(f"{name}: must be > 0 and finite, got {getattr(self, name):g}")
         for name in ("settle", "transient"):
-            if not getattr(self, name) >= 0.0:
-                raise SpecError(f"{name}: must be >= 0 s, got {getattr(self, name):g}")
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise SpecError(f"{name}: must be >= 0 s and finite, got {getattr(self, name):g}")
 
     @property
     def frequencies(self) -> Array:
@@ -194,11 +196,11 @@ def run_four_post(
     time = 0.0
     try:
         for step in range(total):
-            time = (step + 1) * dt
-            if time > asked.settle:
+            begin, time = step * dt, (step + 1) * dt
+            if begin > asked.settle:  # posts are where they are when the step's forces are found
                 if not static.any():
                     static = rig.loads()[0]
-                rig.move(*_sines(amplitude, frequency, time - asked.settle, shape))
+                rig.move(*_sines(amplitude, frequency, begin - asked.settle, shape))
             rig.simulation.step()
             inside = (time >= start) & (time < end)
             if inside.any():
@@ -210,6 +212,7 @@ def run_four_post(
         if not (time >= end).any():
             raise
     found = fit.amplitudes() / amplitude[:, None]
+    found[:, 3 : 3 + wheels] *= np.exp(2j * math.pi * frequency * dt)[:, None]  # loads are of the steps' beginning
     status = np.where(time >= end - dt, RowStatus.DONE, RowStatus.UNFINISHED).astype(np.int8)
     status[rig.broken() | ((status == RowStatus.DONE) & ~np.isfinite(found).all(axis=1))] = RowStatus.DIVERGED
     found[status != RowStatus.DONE] = np.nan
@@ -290,10 +293,15 @@ class RoadSweep:
         """
         if not self.roads or not self.speeds:
             raise SpecError("roads: must hold one class and one speed at least, got none")
-        if not (min(self.speeds) > 0.0 and self.duration > 0.0 and self.settle >= 0.0):
-            raise SpecError(
-                f"roads: speed and duration must be > 0, got {min(self.speeds):g} m/s and {self.duration:g} s"
-            )
+        for speed in self.speeds:
+            if not 0.0 < speed < math.inf:
+                raise SpecError(f"speeds: must be > 0 m/s and finite, got {speed:g}")
+        if not SHORTEST <= self.duration < math.inf:
+            raise SpecError(f"duration: must be finite and at least {SHORTEST:g} s, got {self.duration:g}")
+        if not 0.0 <= self.settle < math.inf:
+            raise SpecError(f"settle: must be >= 0 s and finite, got {self.settle:g}")
+        if self.seed < 0:
+            raise SpecError(f"seed: must be 0 or more, got {self.seed}")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -365,7 +373,7 @@ def run_four_post_roads(
 ) -> RoadResponse:  # fmt: skip
     """A vehicle on posts that move as roads of ISO 8608 under it, those of the rear axles as much later as they follow.
 
-    An interruption leaves what the drive has shown so far; its rows are UNFINISHED and keep their numbers.
+    An interruption leaves the statistics of the drive so far; its rows are UNFINISHED and keep their numbers.
 
     Args:
         spec: the vehicle.
@@ -385,7 +393,9 @@ def run_four_post_roads(
     track = float(places[0, 1] - places[1, 1])
     span = RAMP + asked.duration
     length = max(100.0, max(asked.speeds) * span + float(np.ptp(places[:, 0])))
-    roads = [road_profile(road, length, track=track, seed=asked.seed) for road, _ in worlds]
+    profile = road_profile(RoadClass.A, length, track=track, seed=asked.seed)
+    # the same waves in every class: heights grow with the root of their density
+    size = np.sqrt([road.roughness / RoadClass.A.roughness for road, _ in worlds])[:, None]
     speed = np.array([each for _, each in worlds])
     every, total = max(1, round(ROAD_DT / dt)), math.ceil((asked.settle + span) / dt)
     samples: list[Array] = []
@@ -394,7 +404,7 @@ def run_four_post_roads(
         for step in range(total):
             driven = (step + 1) * dt - asked.settle
             if driven > 0.0:
-                height = min(driven / RAMP, 1.0) * _heights(roads, speed, driven, places)
+                height = min(driven / RAMP, 1.0) * size * _heights(profile, speed * driven, places)
                 rig.move(height, (height - last) / dt)
                 last = height
             rig.simulation.step()
@@ -412,14 +422,10 @@ def run_four_post_roads(
     return _summed(tuple(road for road, _ in worlds), speed, np.array(samples), every * dt, status)
 
 
-def _heights(roads: list[RoadProfile], speed: Array, time: float, places: Array) -> Array:
-    """(n, wheels) heights of the road under the wheels [m], after a drive of a time [s]."""
-    columns = []
-    for place in places:
-        behind = float(places[0, 0] - place[0])
-        side = 0 if place[1] > 0.0 else 1
-        columns.append([road.at(v * time - behind, side) for road, v in zip(roads, speed, strict=True)])
-    return np.asarray(columns, np.float64).T
+def _heights(road: RoadProfile, driven: Array, places: Array) -> Array:
+    """(n, wheels) heights of the road [m] under wheels at places (wheels, 3), after (n,) distances [m]."""
+    distance = driven[:, None] - (places[0, 0] - places[:, 0])
+    return np.where(places[:, 1] > 0.0, road.at(distance, 0), road.at(distance, 1))
 
 
 def _summed(

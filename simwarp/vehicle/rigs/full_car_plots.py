@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator
 
 from simwarp.vehicle.results.plot_style import GREY, INK
-from simwarp.vehicle.rigs.four_post import FourPostResponse, RoadResponse
+from simwarp.vehicle.rigs.four_post import FourPostResponse, PostMode, RoadResponse
 from simwarp.vehicle.rigs.rig_plots import COLORS, STYLES, label_axes, plot_page
 from simwarp.vehicle.rigs.tilt_table import TiltTable
 
@@ -25,20 +25,24 @@ def draw_responses(response: FourPostResponse, target: Path, title: str) -> None
         for mode, color in zip(response.sweep.modes, COLORS, strict=False):
             chosen = response.of(mode)
             frequency = response.frequency[chosen]
-            panels[0, 0].loglog(frequency, np.abs(response.heave[chosen]), color=color, label=mode.value)
-            panels[0, 1].loglog(frequency, np.abs(response.pitch[chosen]), color=color, label=mode.value)
+            turn = response.roll if mode is PostMode.ROLL else response.pitch
+            if mode is not PostMode.ROLL:  # a vehicle that rolls does not heave but for its asymmetry
+                panels[0, 0].loglog(frequency, np.abs(response.heave[chosen]), color=color, label=mode.value)
+            panels[0, 1].loglog(frequency, np.abs(turn[chosen]), color=color, label=mode.value)
             wheels = range(0, response.load.shape[1], 2)
             for wheel, style in zip(wheels, STYLES * len(wheels), strict=False):
                 label = f"{mode.value}, axle {wheel // 2}"
                 load, travel = 1e-3 * np.abs(response.load[chosen, wheel]), np.abs(response.travel[chosen, wheel])
                 panels[1, 0].semilogx(frequency, load, style, color=color, label=label)
                 panels[1, 1].semilogx(frequency, travel, style, color=color, label=label)
+        angles = "pitch, in roll: roll" if PostMode.ROLL in response.sweep.modes else "pitch"
         label_axes(panels[0, 0], "heave of the chassis per motion of the posts", "frequency [Hz]")
-        label_axes(panels[0, 1], "pitch of the chassis per motion of the posts [rad/m]", "frequency [Hz]")
+        label_axes(panels[0, 1], f"{angles} of the chassis per motion of the posts [rad/m]", "frequency [Hz]")
         label_axes(panels[1, 0], "wheel load per motion of the posts [kN/m], left wheels", "frequency [Hz]")
         label_axes(panels[1, 1], "suspension travel per motion of the posts, left wheels", "frequency [Hz]")
         for axes in panels.flat:
-            axes.legend(frameon=False, fontsize=8)
+            if axes.lines:
+                axes.legend(frameon=False, fontsize=8)
 
 
 def draw_roads(response: RoadResponse, target: Path, title: str) -> None:

@@ -138,14 +138,12 @@ class PostRig(Readable):
     def _readable_title(self) -> str:
         return f": '{self.vehicle.parts.spec.name}' in {plural(self.simulation.model.world_count, 'world')}"
 
-    def tilt(self, angle: Array, roll: bool = True) -> None:
-        """Turn gravity as on a table that is tilted by (W,) angles [rad]: about x, or about y."""
+    def tilt(self, angle: Array) -> None:
+        """Turn gravity as on a table that is tilted about x by (W,) angles [rad], the left side upwards."""
         size = float(np.linalg.norm(self.vehicle.model.builder.gravity))
-        still = np.zeros_like(angle)
-        aside = -size * np.sin(angle)
         fields: Any = self.simulation.model.parameters
-        parts = (still, aside, -size * np.cos(angle)) if roll else (aside, still, -size * np.cos(angle))
-        fields.gravity.assign(np.stack(parts, axis=1).astype(np.float32))
+        gravity = -size * np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=1)
+        fields.gravity.assign(gravity.astype(np.float32))
 
     def move(self, height: Array, speed: Array) -> None:
         """Set the posts' (W, wheels) heights [m] and speeds upwards [m/s] for the next step."""

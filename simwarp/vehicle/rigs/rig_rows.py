@@ -94,6 +94,11 @@ def joined_rows(parts: list[RigRows]) -> RigRows:
     return RigRows(columns, np.concatenate([part.status for part in parts]))
 
 
-def spread(low: float, high: float, points: int) -> Array:
-    """(points,) values from low to high; with an odd number of points zero is one of a symmetric range."""
-    return np.linspace(low, high, points)
+def slopes(values: Array, abscissae: Array, done: npt.NDArray[np.bool_]) -> Array:
+    """(n,) slopes of values (n,), of second order up to the ends of what is done; NaN elsewhere, and of fewer than
+    three states.
+    """
+    found = np.full(len(values), np.nan)
+    if done.sum() >= 3:
+        found[done] = np.gradient(values[done], abscissae[done], edge_order=2)
+    return found

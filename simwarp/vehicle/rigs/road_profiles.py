@@ -2,8 +2,8 @@
 
 The one-sided spectral density of a road's height over the spatial frequency n [1/m] is G_d(n) = G_d(n_0) (n / n_0)^-2
 with n_0 = 0.1 1/m; from class to class G_d(n_0) grows by a factor of four. The surface is taken as isotropic: two
-tracks at a distance b have the coherence 2 pi n b K_1(2 pi n b), so that they agree in long waves and not in short
-ones.
+tracks at a distance b have the cross-spectral density G_d(n) 2 pi n b K_1(2 pi n b), so that they agree in long waves
+and not in short ones (Dodds and Robson 1973).
 """
 
 from __future__ import annotations
@@ -49,8 +49,10 @@ def displacement_spectrum(frequency: npt.ArrayLike, road: RoadClass) -> Array:
     return np.asarray(road.roughness * (n / REFERENCE_FREQUENCY) ** -2.0)
 
 
-def track_coherence(frequency: npt.ArrayLike, distance: float) -> Array:
-    """(...,) share of one track's waves of spatial frequencies (...,) [1/m] that another one at a distance [m] has."""
+def track_correlation(frequency: npt.ArrayLike, distance: float) -> Array:
+    """(...,) cross-spectral density of two tracks at a distance [m] over the density of each, the square root of their
+    coherence, at spatial frequencies (...,) [1/m].
+    """
     x = 2.0 * math.pi * np.asarray(frequency, np.float64) * distance
     return np.where(x > 1e-9, x * k1(np.maximum(x, 1e-9)), 1.0)
 
@@ -101,10 +103,16 @@ def road_profile(
     Raises:
         SpecError: the period holds no long wave, or the spacing misses short ones.
     """
-    if not length >= 1.0 / BAND[0]:
-        raise SpecError(f"length: must be at least the longest wave of {1.0 / BAND[0]:.3g} m, got {length:g} m")
+    if not 1.0 / BAND[0] <= length < math.inf:
+        raise SpecError(
+            f"length: must be at least the longest wave of {1.0 / BAND[0]:.3g} m and finite, got {length:g} m"
+        )
     if not 0.0 < spacing <= 0.5 / BAND[1]:
         raise SpecError(f"spacing: must be > 0 and at most {0.5 / BAND[1]:.3g} m, got {spacing:g} m")
+    if not 0.0 <= track < math.inf:
+        raise SpecError(f"track: must be >= 0 m and finite, got {track:g}")
+    if seed < 0:
+        raise SpecError(f"seed: must be 0 or more, got {seed}")
     count = round(length / spacing)
     n = np.fft.rfftfreq(count, spacing)
     inside = (n >= BAND[0]) & (n <= BAND[1])
@@ -114,7 +122,7 @@ def road_profile(
     random = np.random.default_rng(seed)
     first, second = size * np.exp(2j * math.pi * random.random((2, len(n))))
     alike = np.zeros(len(n))
-    alike[inside] = track_coherence(n[inside], track)
+    alike[inside] = track_correlation(n[inside], track)
     other = alike * first + np.sqrt(1.0 - alike**2) * second
     heights = np.fft.irfft(np.stack([first, other]) * (0.5 * count), count, axis=1)
     return RoadProfile(road, length / count, heights)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.object_repr import Readable, Row, plural
-from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses
+from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses, slopes
 from simwarp.vehicle.rigs.suspension_rig import checked_axle
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
+from simwarp.vehicle.suspensions.wheel_axes import contact_points
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -37,7 +38,8 @@ class SteeringCurve(Readable):
         ackermann: (n,) ratio of the difference of both angles to that; NaN straight on.
         turn_radius: (n,) from the turning point to the middle of the axle that is farthest from this one, positive to
             the left [m]; infinite straight on.
-        kerb_circle: (n,) diameter of the circle of the outermost wheel's middle plane at its contact point [m].
+        kerb_circle: (n,) diameter of the circle of the outermost wheel's contact point, a tire's radius below its
+            centre in its middle plane [m].
         status: (n,) `RowStatus`.
     """
 
@@ -74,7 +76,7 @@ class SteeringCurve(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """What a data sheet tells of the steering; keys name units, such as [m]. Locks that are not reached are NaN."""
+        """What a data sheet has of the steering; keys name units, such as [m]. Locks that are not reached are NaN."""
         left, right, middle = -1, 0, len(self.status) // 2
         return {
             "ratio_on_centre": float(self.ratio[middle]),
@@ -101,8 +103,8 @@ def run_steering_rig(
         spec: the vehicle.
         axle: index, from the front; None: the first one that is steered.
         points: of the sweep; the middle one of an odd number is straight on.
-        box_ratio: ratio of the handwheel's angle to that of the steering's arm or pinion: of a steering box, which the
-            description of a vehicle does not tell.
+        box_ratio: ratio of the handwheel's angle to that of the steering's arm or pinion: of a steering box, which is
+            not part of the description of a vehicle.
         device: that closes the linkages.
 
     Raises:
@@ -116,11 +118,10 @@ def run_steering_rig(
     if not (math.isfinite(box_ratio) and box_ratio > 0.0):
         raise SpecError(f"box_ratio: must be > 0, got {box_ratio:g}; 1 is that of a pinion on the handwheel's shaft")
     inputs = np.linspace(-1.0, 1.0, points)
-    tables = {
-        index: travel_table(spec, index, 0.0, inputs, device=device)
+    tables = [
+        travel_table(spec, index, 0.0, 0.0 if part.steering is None else inputs, device=device)
         for index, part in enumerate(spec.axles)
-        if index == chosen or part.steering is not None
-    }
+    ]
     return _measured(spec, chosen, inputs, box_ratio * spec.steerings[mount].steering.max_angle, tables)
 
 
@@ -135,20 +136,25 @@ def _steered(spec: VehicleSpec, axle: int | None) -> int:
     return axle
 
 
-def _measured(
-    spec: VehicleSpec, axle: int, inputs: Array, lock: float, tables: Mapping[int, TravelTable]
-) -> SteeringCurve:
+def _measured(spec: VehicleSpec, axle: int, inputs: Array, lock: float, tables: Sequence[TravelTable]) -> SteeringCurve:
     table = tables[axle]
     handwheel = inputs * lock
-    centers, headings = _wheels(spec, len(inputs), tables)
-    turning = _turning_points(centers, headings)
+    centers = _of_all_wheels([each.center[..., :2] for each in tables], len(inputs))
+    turning = _turning_points(centers, _of_all_wheels([each.steer for each in tables], len(inputs)))
+    contacts = _of_all_wheels(
+        [
+            contact_points(each.center, each.axis, part.tire.radius)[..., :2]
+            for each, part in zip(tables, spec.axles, strict=True)
+        ],
+        len(inputs),
+    )
     other = max(range(len(spec.axles)), key=lambda k: abs(spec.axles[k].location[0] - spec.axles[axle].location[0]))
     middle = centers[:, 2 * other : 2 * other + 2].mean(axis=1)
     mean = table.steer.mean(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = (turning - middle)[:, 1]
-        away = np.linalg.norm(centers - turning[:, None], axis=2)
-        ratio = 1.0 / np.gradient(mean, handwheel, edge_order=2)
+        away = np.linalg.norm(contacts - turning[:, None], axis=2)
+        ratio = 1.0 / slopes(mean, handwheel, table.reached)
     wheelbase = abs(centers[:, 2 * axle : 2 * axle + 2, 0].mean(axis=1) - middle[:, 0])
     track = centers[:, 2 * axle, 1] - centers[:, 2 * axle + 1, 1]
     wanted = ackermann_difference(table.steer, wheelbase, track)
@@ -178,19 +184,9 @@ def ackermann_difference(steer: Array, wheelbase: npt.ArrayLike, track: npt.Arra
     return np.where(np.abs(inner) > 1e-9, inner - outer, 0.0)
 
 
-def _wheels(spec: VehicleSpec, states: int, tables: Mapping[int, TravelTable]) -> tuple[Array, Array]:
-    """(n, wheels, 2) centres of all wheels on the ground plan [m], and (n, wheels) their headings [rad]."""
-    centers, headings = [], []
-    for index, part in enumerate(spec.axles):
-        if index in tables:
-            centers.append(tables[index].center[..., :2])
-            headings.append(tables[index].steer)
-            continue
-        place = np.asarray(part.location[:2]) + np.asarray(part.suspension.spindle.com[:2])
-        outwards = np.array([place[1] + part.wheel.offset, -place[1] - part.wheel.offset])
-        centers.append(np.tile(np.stack([np.full(2, place[0]), outwards], axis=1), (states, 1, 1)))
-        headings.append(np.zeros((states, 2)))
-    return np.concatenate(centers, axis=1), np.concatenate(headings, axis=1)
+def _of_all_wheels(axles: Sequence[Array], states: int) -> Array:
+    """(n, wheels, ...) values of all wheels from (n, 2, ...) of each axle; (1, 2, ...) of one that is not steered."""
+    return np.concatenate([np.broadcast_to(values, (states, *values.shape[1:])) for values in axles], axis=1)
 
 
 def _turning_points(centers: Array, headings: Array) -> Array:

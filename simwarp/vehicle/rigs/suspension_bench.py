@@ -1,4 +1,4 @@
-"""The worlds of a bench: linkages of an axle closed at all states of a motion and their neighbours, and what they tell.
+"""The worlds of a bench: linkages of an axle closed at all states of a motion and their neighbours, measured.
 
 Rates over the travel are differences between neighbours; loads follow by virtual work from springs, anti-roll bar and
 weights.
@@ -14,14 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, rotate
-from simwarp.vehicle.rigs.rig_rows import RowStatus
+from simwarp.vehicle.rigs.rig_rows import RowStatus, slopes
 from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads
 from simwarp.vehicle.rigs.suspension_curves import SuspensionCurve, SuspensionMotion
 from simwarp.vehicle.spec.parts import Array, Vec3
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, PinnedAxle, VehicleSpec
-from simwarp.vehicle.suspensions.corner import extended, spring_table
+from simwarp.vehicle.suspensions.corner import spring_force
 from simwarp.vehicle.suspensions.kinematics import HeldAxle, hold_axle
 from simwarp.vehicle.suspensions.kingpins import kingpin_axis
+from simwarp.vehicle.suspensions.wheel_axes import camber_angles, contact_points, steer_angles, toe_angles
 
 NEAR: Final = 1.0e-3
 """Travel to either side of a state between which its rates are measured [m]."""
@@ -101,7 +102,6 @@ class SuspensionBench:
         axes = np.stack([self._wheel_axis(k) for k in (0, 1)], axis=2)
         contacts = np.stack([self._contact(k, centers[:, BASE, k], axes[:, BASE, k]) for k in (0, 1)], axis=2)
         base = contacts[:, BASE]
-        steer = np.arctan2(-axes[:, BASE, :, 0], axes[:, BASE, :, 1])
         angles = [self._kingpin(k, base[:, k], axes[:, BASE, k]) for k in (0, 1)]
         caster, inclination, scrub, trail = (np.stack([a[m] for a in angles], axis=1) for m in range(4))
         dive, squat = self._anti(contacts, centers)
@@ -109,16 +109,16 @@ class SuspensionBench:
         spring_load, load = _loads_of(work), _loads_of(work + self._weights())
         usual = base[self.middle]
         measured: dict[str, Array] = {
-            "travel": (centers[:, BASE] - self.held.rest[0])[..., 2] - self.reference, "steer": steer,
-            "toe": -self.signs * steer,
-            "camber": -self.signs * np.arcsin(axes[:, BASE, :, 2]),
+            "travel": (centers[:, BASE] - self.held.rest[0])[..., 2] - self.reference,
+            "steer": steer_angles(axes[:, BASE]), "toe": toe_angles(axes[:, BASE], self.signs),
+            "camber": camber_angles(axes[:, BASE], self.signs),
             "track_change": (base[:, 0, 1] - base[:, 1, 1]) - (usual[0, 1] - usual[1, 1]),
             "wheelbase_change": base[..., 0] - usual[:, 0], "caster": caster, "kingpin_inclination": inclination,
             "scrub_radius": scrub, "trail": trail, "roll_centre": self._roll_centre(contacts), "anti_dive": dive,
             "anti_squat": squat, "motion_ratio": ratios, "spring_load": spring_load, "wheel_load": load,
         }  # fmt: skip
-        measured |= self._rates(measured, float(usual[0, 1] - usual[1, 1]))
         status = np.where(self.reached.all(axis=1), RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
+        measured |= self._rates(measured, float(usual[0, 1] - usual[1, 1]), status == RowStatus.DONE)
         for values in measured.values():
             values[status != RowStatus.DONE] = np.nan
         return SuspensionCurve(motion=self.motion, steering=self.steering, status=status, **measured)
@@ -127,11 +127,6 @@ class SuspensionBench:
         """(n, 5, 3) axis of a wheel, to the left."""
         return self.turned(self.held.bench.sides[side].spindle, np.array([0.0, 1.0, 0.0]))
 
-    def _below(self, center: Array, axis: Array) -> Array:
-        """(n, 3) points where wheels with such centres and axes touch the ground."""
-        up = np.array([0.0, 0.0, 1.0]) - axis[:, 2:] * axis
-        return center - self.radius * up / np.linalg.norm(up, axis=1, keepdims=True)
-
     def _contact(self, side: int, center: Array, axis: Array) -> Array:
         """(n, 5, 3) the contact point of each state, which in its neighbours moves with the wheel's carrier: as that
         of a wheel whose brake is locked.
@@ -139,7 +134,7 @@ class SuspensionBench:
         carrier = self.held.bench.sides[side].carrier
         places = self._x[:, carrier].reshape(self.states, -1, 3)
         turns = np.array([matrix_of(q) for q in self._q[:, carrier]]).reshape(self.states, -1, 3, 3)
-        local = np.einsum("nji,nj->ni", turns[:, BASE], self._below(center, axis) - places[:, BASE])
+        local = np.einsum("nji,nj->ni", turns[:, BASE], contact_points(center, axis, self.radius) - places[:, BASE])
         return places + np.einsum("nkij,nj->nki", turns, local)
 
     def _kingpin(self, side: int, contact: Array, axis: Array) -> tuple[Array, Array, Array, Array]:
@@ -197,8 +192,7 @@ class SuspensionBench:
             for number, line in enumerate(lines):
                 end = self.place(body, self.point(column, line.arm_point))
                 length = np.linalg.norm(end - self.point(column, line.chassis_point), axis=2)
-                built = float(np.linalg.norm(np.subtract(line.chassis_point, line.arm_point)))
-                push = pushing_force(line, length[:, BASE], built)
+                push = spring_force(line, length[:, BASE])
                 change = _changes(length)
                 work -= push[:, None] * change
                 ratios[:, column, number] = -change[:, 0]
@@ -215,16 +209,16 @@ class SuspensionBench:
         heights = np.asarray(self._x[..., 2] @ self._weight).reshape(self.states, -1)
         return _changes(heights)
 
-    def _rates(self, measured: Mapping[str, Array], track: float) -> dict[str, Array]:
-        """Wheel rate and roll stiffness: slopes along the motion."""
+    def _rates(self, measured: Mapping[str, Array], track: float, done: Flags) -> dict[str, Array]:
+        """Wheel rate and roll stiffness: slopes along the motion, between states that are done."""
         rate, stiffness = np.full((self.states, 2), np.nan), np.full(self.states, np.nan)
         if self.motion is not SuspensionMotion.STEERING:
             load, travel = measured["spring_load"], measured["travel"]
             for column in (0, 1):
-                rate[:, column] = np.gradient(load[:, column], travel[:, column], edge_order=2)
+                rate[:, column] = slopes(load[:, column], travel[:, column], done)
         if self.motion is SuspensionMotion.OPPOSITE:
             angle = np.arctan2(travel[:, 0] - travel[:, 1], track)
-            stiffness = np.gradient(0.5 * track * (load[:, 0] - load[:, 1]), angle, edge_order=2)
+            stiffness = slopes(0.5 * track * (load[:, 0] - load[:, 1]), angle, done)
         return {"wheel_rate": rate, "roll_stiffness": stiffness}
 
 
@@ -236,18 +230,3 @@ def _loads_of(work: Array) -> Array:
 def _changes(values: Array) -> Array:
     """(n, 2) rates of (n, 5) over the travel of both wheels alike, and over the opposite one."""
     return np.stack([values[:, UP] - values[:, DOWN], values[:, LEFT] - values[:, RIGHT]], axis=1) / (2.0 * NEAR)
-
-
-def pushing_force(line: ForceLine, length: Array, built: float) -> Array:
-    """(...,) force with which a spring at rest pushes its ends apart [N], at lengths (...,) [m].
-
-    Args:
-        line: the spring, with its bump stops.
-        length: at which it is.
-        built: its length as built [m].
-    """
-    rest = built if line.rest_length is None else line.rest_length
-    table = spring_table(line, rest)
-    if table is None:
-        return np.asarray(line.preload - line.stiffness * (length - rest))
-    return np.asarray(line.preload - extended(length - rest, np.array(table[0]), np.array(table[1])))

@@ -24,7 +24,7 @@ from simwarp.vehicle.spec.parts import Array
 
 
 class SuspensionReference(enum.Enum):
-    """State from which travel counts, and of which parameters are told."""
+    """State from which travel counts, and at which parameters are given."""
 
     STANDING = "standing"
     """The vehicle stands on level ground; as BUILT for an axle without springs of its own."""
@@ -63,7 +63,7 @@ class SuspensionCurve(Readable):
         roll_centre: (n, 2) of both contact points' normals in front view: y to the left, height above the ground [m].
         anti_dive: (n, 2) share of the load transfer in braking that the linkage bears: anti-dive of a front axle,
             anti-lift of a rear one.
-        anti_squat: (n, 2) the same in driving, all of the force on this axle.
+        anti_squat: (n, 2) the same in driving, all of the force on this axle, by shafts whose torque the chassis bears.
         motion_ratio: (n, 2, lines) ratio of the springs' and dampers' compression to the travel, in parallel travel.
         spring_load: (n, 2) vertical force on a wheel that holds springs and anti-roll bar there [N].
         wheel_load: (n, 2) the same with the weight of wheel and links [N].

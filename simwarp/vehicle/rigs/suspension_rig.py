@@ -116,6 +116,11 @@ def reference_state(
         raise SpecError(
             f"axle {axle}: must have a suspension that travels, got '{part.suspension.template}'; take another axle"
         )
+    if loaded_radius is not None and not 0.0 < loaded_radius <= part.tire.radius:
+        raise SpecError(
+            f"loaded_radius: must be above 0 and at most the tire's radius of {part.tire.radius:.4g} m, got "
+            f"{loaded_radius:g}"
+        )
     loads = standing_loads(spec, device=device)
     radius = float(loads.loaded_radius[axle]) if loaded_radius is None else loaded_radius
     standing = reference is SuspensionReference.STANDING and bool(getattr(part.suspension, "springs", ()))

@@ -42,7 +42,8 @@ class TiltTable(Readable):
         angle: (n,) of the table, positive where the left side is raised [rad].
         load: (n, wheels) vertical forces on the table [N].
         roll: (n,) of the chassis on the table, positive to the right [rad].
-        lift_angle: of the table at which the first wheel lifts [rad]; NaN where none does.
+        lift_angle: of the table at which the first wheel lifts [rad]; NaN where none does, or not after two angles at
+            which it stands.
         lifted_wheel: its index; -1 where none does.
         track: between the points of contact, of the axle whose wheel lifts, else of the first one [m].
         com_height: of the centre of mass above the level table [m].
@@ -59,9 +60,14 @@ class TiltTable(Readable):
     status: Statuses
 
     @property
+    def static_stability_factor(self) -> float:
+        """The ratio of the track to twice the height of the centre of mass."""
+        return self.track / (2.0 * self.com_height)
+
+    @property
     def rigid_angle(self) -> float:
-        """Angle at which a rigid vehicle tips: arctan(track / 2 height) [rad]."""
-        return math.atan(self.track / (2.0 * self.com_height))
+        """Angle at which a rigid vehicle tips: the arc tangent of the static stability factor [rad]."""
+        return math.atan(self.static_stability_factor)
 
     def _readable_title(self) -> str:
         return f": first lift at {math.degrees(self.lift_angle):.4g}° of {plural(len(self.angle), 'angle')}"
@@ -78,10 +84,10 @@ class TiltTable(Readable):
         return RigRows(columns, self.status)
 
     def parameters(self) -> dict[str, float]:
-        """What the table tells; keys name units, such as [m]."""
+        """Characteristic values; keys name units, such as [m]."""
         return {
             "lift_angle_deg": math.degrees(self.lift_angle), "lifted_wheel": float(self.lifted_wheel),
-            "track_per_two_heights": self.track / (2.0 * self.com_height),
+            "static_stability_factor": self.static_stability_factor,
             "rigid_angle_deg": math.degrees(self.rigid_angle),
             "tangent_of_lift_angle": math.tan(self.lift_angle), "track_m": self.track, "com_height_m": self.com_height,
         }  # fmt: skip
@@ -105,11 +111,13 @@ def run_tilt_table(
     Raises:
         SpecError: an empty range, or a tire that makes no forces of its own.
     """
-    given = None if angles is None else np.atleast_1d(np.asarray(angles, np.float64))
-    if given is not None and (len(given) < 3 or given[0] != 0.0 or (np.diff(given) <= 0.0).any()):
-        raise SpecError("angles: must be three or more, increasing from 0; the range would be empty otherwise")
     if points < 3:
         raise SpecError(f"points: must be 3 or more angles, got {points}")
+    given = None if angles is None else np.atleast_1d(np.asarray(angles, np.float64))
+    if given is not None and (len(given) < 3 or given[0] != 0.0 or not (np.diff(given) > 0.0).all()):
+        raise SpecError("angles: must be three or more, increasing from 0; the range would be empty otherwise")
+    if given is not None and not given[-1] < 0.5 * math.pi:
+        raise SpecError(f"angles: must be below a right angle, got {given[-1]:g} rad")
     rig = PostRig(spec, points if given is None else len(given), dt=dt, device=device)
     total = round((SETTLE + RAMP + HOLD) / dt)
     settling, ramp = round(SETTLE / dt), round(RAMP / dt)

@@ -23,6 +23,7 @@ from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
+from simwarp.vehicle.suspensions.wheel_axes import camber_angles, steer_angles, toe_angles
 
 FRAME: Final = "axle"
 """Name of the axle's frame on the bench."""
@@ -48,6 +49,8 @@ class TravelTable:
     """(n, 2) positive where the wheel's top leans outwards [rad]."""
     center: Array
     """(n, 2, 3) of the wheels, in the vehicle's frame of reference [m]."""
+    axis: Array
+    """(n, 2, 3) of the wheels, likewise, unit vectors to the left."""
     reached: npt.NDArray[np.bool_]
     """(n,) whether the linkage closes there."""
 
@@ -202,8 +205,7 @@ def wheel_angles(held: HeldAxle) -> TravelTable:
     rotations = np.array(state.body_rot.numpy()[:, spindles], dtype=np.float64)
     axes = np.array([[matrix_of(q)[:, 1] for q in row] for row in rotations])
     axes[~held.reached] = center[~held.reached] = np.nan
-    steer = np.arctan2(-axes[..., 0], axes[..., 1])
     return TravelTable(
-        steering=held.steering, travel=(center - held.rest)[..., 2], steer=steer, toe=-signs * steer,
-        camber=-signs * np.arcsin(axes[..., 2]), center=center, reached=held.reached,
+        steering=held.steering, travel=(center - held.rest)[..., 2], steer=steer_angles(axes),
+        toe=toe_angles(axes, signs), camber=camber_angles(axes, signs), center=center, axis=axes, reached=held.reached,
     )  # fmt: skip

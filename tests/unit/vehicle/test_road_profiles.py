@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import coherence, welch
 
 from simwarp.vehicle.rigs import RoadClass, displacement_spectrum, road_profile
-from simwarp.vehicle.rigs.road_profiles import BAND, track_coherence
+from simwarp.vehicle.rigs.road_profiles import BAND, track_correlation
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 LENGTH, SPACING, SEGMENT = 20_000.0, 0.1, 4096
@@ -38,8 +38,8 @@ def test_tracks_agree_in_long_waves():
     for low, high in ((0.02, 0.05), (0.1, 0.2), (0.3, 0.6)):
         band = (n > low) & (n < high)
         # of estimates of 97 windows, of which half overlap: within 0.05; that of none is 0.015
-        assert found[band].mean() == pytest.approx((track_coherence(n[band], 1.8) ** 2).mean(), abs=0.05)
-    assert track_coherence([0.0, 10.0], 1.8) == pytest.approx([1.0, 0.0], abs=1e-12)
+        assert found[band].mean() == pytest.approx((track_correlation(n[band], 1.8) ** 2).mean(), abs=0.05)
+    assert track_correlation([0.0, 10.0], 1.8) == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
 def test_a_profile_repeats_itself_and_its_seed():
@@ -56,6 +56,9 @@ def test_a_profile_repeats_itself_and_its_seed():
     [
         ({"length": 50.0}, "length: must be at least the longest wave"),
         ({"length": 200.0, "spacing": 0.5}, "spacing: must"),
+        ({"length": np.inf}, "length: must be at least the longest wave of 90.9 m and finite, got inf"),
+        ({"length": 200.0, "track": np.nan}, "track: must be >= 0 m and finite"),
+        ({"length": 200.0, "seed": -1}, "seed: must be 0 or more, got -1"),
     ],
 )
 def test_what_misses_waves_is_one_line(options, message):
