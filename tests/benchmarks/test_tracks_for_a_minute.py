@@ -19,7 +19,7 @@ def test_a_chain_beside_its_wheels_and_a_sprocket_that_turns_in_it_are_found():
     sim, vehicle, _ = simulation("plane")
     watch = ChainWatch(sim, vehicle)
     assert watch.read() == {"on": 1.0, "aside": pytest.approx(0.0, abs=1e-5), "skipped": pytest.approx(0.0, abs=1e-5)}
-    side = vehicle.parts.left
+    side = vehicle.parts.chains[0]
     x, q = sim.state.body_x.numpy(), sim.state.joint_x.numpy()
     x[0, list(side.shoes), 1] += 0.05  # guides have a quarter of that
     q[0, sim.model.joint_dof_start[side.sprocket]] += 0.2 * np.pi  # one tooth of ten

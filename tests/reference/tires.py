@@ -463,7 +463,7 @@ def pac02(c: Contact, row, z, dt, mirror):
     v = abs(c.v[0]) + 0.1
     g = np.clip(mirror * clamped_camber(c, row), p.CAMMIN, p.CAMMAX)
     slip = np.clip([-c.slide[0] / v, -mirror * arctan(c.v[1] / v)], [p.KPUMIN, p.ALPMIN], [p.KPUMAX, p.ALPMAX])
-    x, y, _, _ = pac02_pure(p, *slip, g, least, m)
+    x, y, _, _ = pac02_pure(p, slip[0], slip[1], g, least, m)
     limit = [3 * least * x["mu"] / abs(x["k"]), 3 * least * y["mu"] / abs(y["k"])]
     k, a = lagged(slip, v, pac02_lengths(p, row, least, g), limit, z, dt)
     r = row[Common.RADIUS]

@@ -1,6 +1,7 @@
 """Tension of tracks and friction of the ground, drawn for each world: they act, and worlds stay apart."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ RANGES = {
     "joint_preload": Range(0.7, 1.3, only=TENSIONERS, shared=True),
     "shape_friction": Range(0.1, 0.9, mode="set", only="ground"),
 }
-FLAT = {"hills": 0.0, "obstacles": 0, "low_rocks": 0, "obs": "state"}
+FLAT: dict[str, Any] = {"hills": 0.0, "obstacles": 0, "low_rocks": 0, "obs": "state"}
 
 
 class Tracks(IdleTask):
@@ -69,8 +70,8 @@ def test_chains_differ_by_world_and_are_as_if_alone():
 
 
 def test_belts_and_their_ground_differ_by_world_and_are_as_if_alone():
-    options = {"friction": (0.3, 0.9), "tension": (0.7, 1.3), **FLAT}
-    task = make("tracked-off-road", 3, seed=5, **options)
+    options: dict[str, Any] = {"friction": (0.3, 0.9), "tension": (0.7, 1.3), **FLAT}
+    task: Any = make("tracked-off-road", 3, seed=5, **options)
     task.restart()
     friction = task.vehicle.belts.ground_friction.numpy().copy()
     assert len(set(friction.tolist())) == 3
@@ -86,7 +87,7 @@ def test_belts_and_their_ground_differ_by_world_and_are_as_if_alone():
     assert len({x.tobytes() for x in found}) == 3
     assert (np.diff(tension[np.argsort(drawn[:, 0])], axis=0) > 0.0).all(), "the more force, the more tension"
     for world in range(3):
-        alone = make("tracked-off-road", 1, seed=5, first_world=world, **options)
+        alone: Any = make("tracked-off-road", 1, seed=5, first_world=world, **options)
         alone.restart()
         assert alone.vehicle.belts.ground_friction.numpy()[0] == friction[world]
         for _ in range(5):
@@ -97,8 +98,8 @@ def test_belts_and_their_ground_differ_by_world_and_are_as_if_alone():
 
 @pytest.mark.slow
 def test_tensioners_of_chains_are_drawn_for_the_task_too():
-    shoes = {"full": True, "dt": 0.001, "decimation": 200}
-    task = make("tracked-off-road", 2, seed=5, tension=(0.7, 1.3), friction=(0.3, 0.9), **shoes, **FLAT)
+    shoes: dict[str, Any] = {"full": True, "dt": 0.001, "decimation": 200}
+    task: Any = make("tracked-off-road", 2, seed=5, tension=(0.7, 1.3), friction=(0.3, 0.9), **shoes, **FLAT)
     task.restart(seed=5)
     model, built = task.simulation.model, load_tracked_vehicle("m113").left.idler.tensioner.force
     dofs = [model.joint_dof_start[side.tensioner] for side in task.vehicle.parts.chains]

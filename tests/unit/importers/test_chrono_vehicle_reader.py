@@ -123,7 +123,7 @@ def test_the_hmmwv_is_ours_within_the_printed_rounding(chrono):
 def test_the_sedan_is_ours_but_for_its_trim_and_the_balance_of_its_shafts(chrono):
     """Ours has longer springs, with which it stands as designed, and shafts that do not push the chassis aside."""
     theirs: Any = load_chrono_vehicle(chrono.root / "sedan/vehicle/Sedan_Vehicle.json", **SEDAN)
-    ours = load_vehicle("sedan")
+    ours: Any = load_vehicle("sedan")
     axles = []
     for mine, other in zip(ours.axles, theirs.axles, strict=True):
         spring, damper = other.suspension.springs

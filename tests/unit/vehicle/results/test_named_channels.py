@@ -58,7 +58,7 @@ def test_forces_in_wheel_axes_are_those_of_the_world_turned(left_turn):
         y = -np.sin(heading) * force[0] + np.cos(heading) * force[1]
         got = [last(recorder, f"F{axis}_{name}_N") for axis in "xyz"]
         # both in double precision from the same float32 arrays
-        assert got == pytest.approx([x, y, force[2]], abs=1e-6 * np.linalg.norm(force))
+        assert got == pytest.approx([x, y, force[2]], abs=1e-6 * float(np.linalg.norm(force)))
         # no tire transmits a moment about its W axes that is large beside its load times its radius
         assert abs(last(recorder, f"Mx_{name}_Nm")) < 0.2 * force[2]
 

@@ -9,7 +9,7 @@ from simwarp.vehicle import VEHICLE_SOLVER, Vehicle, add_vehicle, load_vehicle, 
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireContact
 from simwarp.vehicle.tires.tire_obstacles import TireObstacles
-from simwarp.vehicle.tires.tires import ground, ground_of
+from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from tests.reference.tire_obstacles import ball, box, capsule, envelope_of, half_space
 from tests.reference.tires import unit
 from tests.unit.vehicle.tires.tire_bench import DT, States, bench, product, quaternion, rotated, row_of, steady
@@ -238,6 +238,8 @@ def test_where_nothing_is_asked_for_nothing_is_spent():
     builder.add_shape_plane()
     model = builder.finalize(1, "cpu", per_world=per_world())
     plain, meeting = Vehicle(parts, model), Vehicle(parts, model, obstacles="all")
+    assert isinstance(plain.tires, Tires)
+    assert isinstance(meeting.tires, Tires)
     assert plain.tires.envelopes.normal.size == 0
     assert plain.tires.obstacle_tables is None
     assert set(plain.tires.tables.contact.numpy()) == {TireContact.SINGLE_POINT}

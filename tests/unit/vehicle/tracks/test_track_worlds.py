@@ -62,7 +62,8 @@ def on_ground(case):
 
 
 def made(case, **options):
-    return simulate(*on_ground(case), CASES[case][1], **options)
+    builder, parts = on_ground(case)
+    return simulate(builder, parts, CASES[case][1], **options)
 
 
 def bits(sim, vehicle):
