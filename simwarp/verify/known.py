@@ -11,7 +11,7 @@ EXPLAINED: Final = "docs/decisions.md#vehicles"
 
 _ARTCAR: Final = f"the recorded car spins a wheel and its tires ring from step to step: {EXPLAINED}"
 _GATOR: Final = f"the recorded rack steers by itself at full throttle: {EXPLAINED}"
-_FIALA: Final = f"the recorded yaw rate falls with the recording's step: {EXPLAINED}"
+_FIALA: Final = f"the recorded yaw rate falls with the recording's step, and these tires amplify it: {EXPLAINED}"
 _SHIFT: Final = f"the record's own gear change moves by 0.1 s with its step: {EXPLAINED}"
 _LOAD: Final = f"not explained, the other three loads are within: {EXPLAINED}"
 
