@@ -336,6 +336,24 @@ def beside(world: int, belt: int, point: int, tables: BeltTables, work: BeltWork
 
 
 @wp.func
+def sinkage_below(
+    world: int, belt: int, point: int, moved: float, near: Beside, tables: BeltTables, memory: BeltMemory
+) -> float:  # fmt: skip
+    """Deepest sinkage of the soil that is below a point now: ruts stay in the ground, over which the vehicle moves.
+
+    Points are taken from the sprocket on, so that the rut of the point before is that of this step, and of the one
+    behind that of the last step: forwards soil comes along implicitly, backwards explicitly, both as fast as it moves.
+    """
+    own = memory.sinkage[world, belt, point]
+    entering = wp.where(moved >= 0.0, point - 1, point + 1)
+    step = wp.abs(moved) / wp.where(moved >= 0.0, near.to_before, near.to_after)
+    rut = float(0.0)
+    if entering >= 0 and entering < tables.points[belt]:
+        rut = memory.sinkage[world, belt, entering]
+    return own + wp.where(moved >= 0.0, step / (1.0 + step), wp.min(step, 1.0)) * (rut - own)
+
+
+@wp.func
 def press_down(
     world: int, belt: int, point: int, depth: float, rate: float, moved: float, near: Beside, p: wp.array[float],
     law: Law, now: Belt, tables: BeltTables, memory: BeltMemory,
@@ -357,13 +375,7 @@ def press_down(
         backing += 1.0 / wp.max(p[BeltParameter.WHEEL_SINK], LEAST_SINK)
     found = Pressed()
     if tables.soft == 1:
-        # the rut stays in the ground, over which the vehicle moves
-        entering = wp.where(moved >= 0.0, point - 1, point + 1)
-        step = wp.abs(moved) / wp.where(moved >= 0.0, near.to_before, near.to_after)
-        rut = float(0.0)
-        if entering >= 0 and entering < tables.points[belt]:
-            rut = memory.sinkage[world, belt, entering]
-        deepest = (memory.sinkage[world, belt, point] + step * rut) / (1.0 + step)
+        deepest = sinkage_below(world, belt, point, moved, near, tables, memory)
         found = press_soil(depth, rate, pulled / backing, backing, near.length, deepest, law, p)
         memory.sinkage[world, belt, point] = found.sinkage
     else:
@@ -401,28 +413,50 @@ def slide(
 
 
 @wp.func
-def press_point(
+def press_points(
+    world: int, belt: int, dt: float, p: wp.array[float], law: Law, frame: Frame, now: Belt, tables: BeltTables,
+    memory: BeltMemory, work: BeltWork, reports: BeltReports,
+):  # fmt: skip
+    """Normal forces of the ground on all points, and their lifts.
+
+    One sweep leaves lifts that depend on its direction. It is the same one however the belt moves: a belt at rest turns
+    by rounding, and must not be lifted in another way where that changes its sign.
+    """
+    forward = tables.forward[belt]
+    memory.bulge[world, belt] = 0.0
+    for point in range(tables.points[belt]):
+        near = beside(world, belt, point, tables, work)
+        normal = bridged_normal(world, belt, point, tables, work)
+        arm = reports.point_arm[world, belt, point]
+        depth = (work.ground[world, belt, point][2] - arm[2]) * normal[2]
+        velocity = frame.v + wp.cross(frame.omega, arm)
+        swing = wheels_motion(world, belt, point, tables, work)
+        rate = -wp.dot(velocity + forward * swing[0] * frame.ahead + swing[1] * frame.up, normal)
+        moved = forward * wp.dot(velocity, frame.ahead) * dt
+        pressed = press_down(world, belt, point, depth, rate, moved, near, p, law, now, tables, memory)
+        work.press[world, belt, point] = wp.where(normal[2] == 0.0, 0.0, pressed.force)
+        work.area[world, belt, point] = pressed.area
+
+
+@wp.func
+def force_on_point(
     world: int, belt: int, point: int, onwards: int, dt: float, p: wp.array[float], law: Law, friction: wp.array[float],
     frame: Frame, now: Belt, terrain: TerrainTables, tables: BeltTables, memory: BeltMemory, work: BeltWork,
     reports: BeltReports, joint_force: wp.array2d[float],
 ) -> wp.vec3:  # fmt: skip
-    """Force of the ground on a point, world axes [N]; `onwards` is 1 where the belt's lower side moves towards the
-    idler, which is the direction in which points are taken, else -1.
+    """Force of the ground on a point that is pressed, world axes [N]; `onwards` is 1 where the belt's lower side moves
+    towards the idler, which is the direction in which points are taken, else -1.
     """
+    press = work.press[world, belt, point]
+    work.pull[world, belt, point] = 0.0
+    if press <= 0.0:
+        memory.shear[world, belt, point] = wp.vec2()
+        return wp.vec3()
     forward = tables.forward[belt]
     near = beside(world, belt, point, tables, work)
     normal = bridged_normal(world, belt, point, tables, work)
     arm = reports.point_arm[world, belt, point]
-    depth = (work.ground[world, belt, point][2] - arm[2]) * normal[2]
     velocity = frame.v + wp.cross(frame.omega, arm)
-    swing = wheels_motion(world, belt, point, tables, work)
-    rate = -wp.dot(velocity + forward * swing[0] * frame.ahead + swing[1] * frame.up, normal)
-    moved = forward * wp.dot(velocity, frame.ahead) * dt
-    pressed = press_down(world, belt, point, depth, rate, moved, near, p, law, now, tables, memory)
-    work.pull[world, belt, point] = 0.0
-    if pressed.force <= 0.0 or normal[2] == 0.0:
-        memory.shear[world, belt, point] = wp.vec2()
-        return wp.vec3()
     axis = wp.normalize(frame.ahead - wp.dot(frame.ahead, normal) * normal)
     across = wp.cross(normal, axis)
     slip = wp.vec2(wp.dot(velocity, axis) - now.speed, wp.dot(velocity, across))
@@ -433,17 +467,18 @@ def press_point(
     pull = wp.vec2()
     push = normal
     if tables.soft == 1:
-        pull = soil_traction_of(shear, slip, pressed.force, pressed.area, law, p[BeltParameter.SHEAR_DAMPING])
+        area = work.area[world, belt, point]
+        pull = soil_traction_of(shear, slip, press, area, law, p[BeltParameter.SHEAR_DAMPING])
         risen = memory.lift[world, belt, near.after] - memory.lift[world, belt, near.before]
         risen /= near.to_before + near.to_after
         push = belt_normal(world, belt, point, risen, frame, tables, work)
     else:
         road = friction_at(world, frame.x + to_double(arm), friction, terrain)
-        pull = traction_of(shear, slip, pressed.force, wp.min(road, p[BeltParameter.FRICTION]), p)
+        pull = traction_of(shear, slip, press, wp.min(road, p[BeltParameter.FRICTION]), p)
     work.pull[world, belt, point] = forward * pull[0]
     in_plane = wp.vec2(forward * wp.dot(push, frame.ahead), wp.dot(push, frame.up))
-    load_wheels(world, belt, point, pressed.force, in_plane, tables, work, reports, joint_force)
-    return pressed.force * push + pull[0] * axis + pull[1] * across
+    load_wheels(world, belt, point, press, in_plane, tables, work, reports, joint_force)
+    return press * push + pull[0] * axis + pull[1] * across
 
 
 @wp.func
@@ -528,12 +563,12 @@ def run_belts(
     for wheel in range(tables.wheels[belt]):
         joint_force[world, tables.arm[belt, wheel]] = 0.0
         reports.load[world, belt, wheel] = 0.0
+    press_points(world, belt, dt, p, law, frame, now, tables, memory, work, reports)
     count = tables.points[belt]
-    memory.bulge[world, belt] = 0.0
     onwards = wp.where(tables.forward[belt] * now.speed >= 0.0, 1, -1)
     for k in range(count):
         point = wp.where(onwards > 0, k, count - 1 - k)
-        force = press_point(
+        force = force_on_point(
             world, belt, point, onwards, dt, p, law, ground_friction, frame, now, terrain, tables, memory, work,
             reports, joint_force,
         )  # fmt: skip
