@@ -24,6 +24,7 @@ from simwarp.vehicle import (
     per_world,
     with_belts,
 )
+from simwarp.vehicle.tracks.belt_tables_kernels import BeltParameter
 from tests.emulated_cuda.device import device
 from tests.emulated_cuda.settings import StreamOrder
 from tests.unit.vehicle.tracks.short_vehicles import shortened
@@ -35,7 +36,9 @@ CASES: dict[str, tuple[bool, str | None, int]] = {
 INPUTS = np.array([[0.3, 1.0, 0.0, 0.0], [0.0, 0.5, 0.2, 0.0]], np.float32)
 """Of each world: steering, throttle, braking, clutch."""
 VELOCITIES = np.array([[0.0, 0.0, 0.0], [0.5, 0.2, 0.0]])
-"""With which each world begins [m/s]."""
+"""With which each world begins [m/s]: at rest, where rounding chooses the signs of belts' speeds, and in motion."""
+BELT_SPEED = 0.4
+"""Of both belts in the world that moves [m/s]; less than the vehicle's, so that they slide."""
 HEIGHT = 0.57
 """Of the sprockets' axes at the start [m]: tracks are on the ground, and a little in it."""
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -55,6 +58,11 @@ def arrays(name: str, where: str, *, capture: bool = False) -> Arrays:
     sim = sw.Simulation(model, 1e-3, elements=[vehicle], solver=solver, check_start=False)
     vehicle.input.assign(INPUTS)
     sim.state.body_v.assign(sim.state.body_v.numpy() + VELOCITIES[:, None])
+    if vehicle.belts is not None:
+        rates = sim.state.joint_qd.numpy()
+        radii = vehicle.belts.parameter.numpy()[0, :, BeltParameter.PITCH_RADIUS]
+        rates[1, [model.joint_dof_start[belt.sprocket] for belt in vehicle.belts.parts]] = BELT_SPEED / radii
+        sim.state.joint_qd.assign(rates)
     sim.step()
     if capture:
         with wp.ScopedCapture(where) as captured:
