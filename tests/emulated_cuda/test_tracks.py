@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow  # kernels compile for many minutes
 BOUND = 2e-5
 """Of each quantity, for the largest of it. Compilers round differently, by 1e-7. On the CPU alone, runs whose
 velocities begin 6e-8 m/s and rad/s apart end with 6e-6 of the turning between them (soil; chains 3e-6): what differs by
-more has another cause. Sweeps that followed the sign of a belt's speed, which is that of rounding at rest, made 7e-4."""
+more has another cause. Sweeps that followed the sign of a belt's speed, chosen by rounding at rest, made 7e-4."""
 SCALES = {"sprockets": "turning"}
 """Sprockets of chains turn by 0.003 rad/s, found as what is between bodies that turn by 4 rad/s."""
 
