@@ -240,6 +240,7 @@ class BeltForces:
         self.loads = np.zeros(len(self.angles))
         self.onwards = 1 if self.shape.forward * self.speed >= 0.0 else -1
         self.force, self.torque = np.zeros(3), np.zeros(3)
+        self.presses = [self.load(i) for i in range(count)]
         for i in range(count)[:: self.onwards]:
             there = self.point(i)
             self.force = self.force + there
@@ -303,12 +304,13 @@ class BeltForces:
         before, after, length = self.near(i)
         moved = self.shape.forward * (self.velocity(self.places[i]) @ self.axes[:, 0]) * self.dt
         source, way = (i - 1, before) if moved >= 0.0 else (i + 1, after)
-        share = abs(moved) / way
+        step = abs(moved) / way
+        share = step / (1.0 + step) if moved >= 0.0 else min(step, 1.0)  # of this step, and of the last one
         rut = self.sinkage[source] if 0 <= source < len(self.points) else 0.0
         soil, law = self.soil, self.law
         layers = [(law["width"] * length, 0.0), (law["side_width"] * length, law["side_height"])]
         force, self.sinkage[i], self.areas[i] = press_bekker(
-            reach, backing, layers, (self.sinkage[i] + share * rut) / (1.0 + share),
+            reach, backing, layers, self.sinkage[i] + share * (rut - self.sinkage[i]),
             soil.k_phi + soil.k_c / law["patch"], soil.exponent, soil.elastic,
         )  # fmt: skip
         return force, self.areas[i]
@@ -357,7 +359,7 @@ class BeltForces:
 
     def point(self, i):
         """Force of the ground on a point, world axes [N]; and its share in the wheels' arms."""
-        load = self.load(i)
+        load = self.presses[i]
         if load <= 0.0:
             self.shear[i] = 0.0
             return np.zeros(3)

@@ -113,6 +113,8 @@ class BeltWork:
     place: wp.array3d[wp.vec2]  # of points, on the ground's side [m]
     ground: wp.array3d[wp.vec3]  # below points, from the chassis' centre of mass, world axes [m]
     normal: wp.array3d[wp.vec3]  # of the ground; zero: there is none
+    press: wp.array3d[float]  # normal force of the ground on points [N]
+    area: wp.array3d[float]  # of soil that they press [m²]
     pull: wp.array3d[float]  # of the ground on points, towards the sprocket [N]
 
 

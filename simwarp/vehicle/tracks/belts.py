@@ -100,7 +100,7 @@ class Belts(ForceElement):
         points = int(self._tables.kind.shape[1])
         self._memory: Any = _zeros(BeltMemory(), shape, {"lift": points, "shear": points, "sinkage": points}, device)
         self._memory.idler.assign(np.tile([each.resting.idler for each in self.parts], (model.world_count, 1)))
-        on_points = dict.fromkeys(("place", "ground", "normal", "pull"), points)
+        on_points = dict.fromkeys(("place", "ground", "normal", "press", "area", "pull"), points)
         work: Any = BeltWork()
         on_circles = {name: wheels + 2 for name in work._cls.vars if name not in on_points}
         self._work: Any = _zeros(work, shape, on_points | on_circles, device)

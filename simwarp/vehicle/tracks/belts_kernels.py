@@ -22,6 +22,13 @@ from simwarp.vehicle.tracks.belt_contact_kernels import (
     soil_traction_of,
     traction_of,
 )
+from simwarp.vehicle.tracks.belt_course_kernels import (
+    outward,
+    place_circles,
+    place_of_point,
+    tighten,
+    wheels_motion,
+)
 from simwarp.vehicle.tracks.belt_tables_kernels import (
     BeltMemory,
     BeltParameter,
@@ -29,16 +36,12 @@ from simwarp.vehicle.tracks.belt_tables_kernels import (
     BeltTables,
     BeltWork,
     PointKind,
-    WheelColumn,
 )
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
-PI = wp.constant(3.14159265)
 LIFT = wp.constant(0.5)  # above a point from where a mesh is looked for [m]
-LONGEST_MOVE = wp.constant(0.05)  # of an idler in one step: far from the solution its equation is not linear [m]
-LEAST_LEVER = wp.constant(0.2)  # of the tension along the slide; less only where idler and wheels have met
 LEAST_STIFFNESS = wp.constant(1.0)  # of a slack span [N/m]
 SHORTEST = wp.constant(1.0e-3)  # of the way between two points [m]
 LEAST_SINK = wp.constant(1.0e-9)  # of a wheel in the belt [m/N]: 0.1 mm under 100 kN
@@ -71,31 +74,6 @@ class Belt:
 
 
 @wp.func
-def cross2(a: wp.vec2, b: wp.vec2) -> float:
-    """Positive if b points to the left of a."""
-    return a[0] * b[1] - a[1] * b[0]
-
-
-@wp.func
-def outward(along: wp.vec2) -> wp.vec2:
-    """Normal of a span, off the wheels: the belt runs clockwise, from the sprocket below the wheels to the idler."""
-    return wp.vec2(-along[1], along[0])
-
-
-@wp.func
-def turn_between(before: wp.vec2, after: wp.vec2) -> float:
-    """Angle by which the belt turns around a wheel, negative where a wheel stands above its neighbours' tangent."""
-    return -wp.atan2(cross2(before, after), wp.dot(before, after))
-
-
-@wp.func
-def far_turn(before: wp.vec2, after: wp.vec2) -> float:
-    """The same around sprocket and idler, where it is about half a turn."""
-    turn = turn_between(before, after)
-    return wp.where(turn < -0.5 * PI, turn + 2.0 * PI, turn)
-
-
-@wp.func
 def frame_of(world: int, belt: int, tables: BeltTables, state: StateArrays) -> Frame:
     """Place and motion of a belt's chassis."""
     body = tables.chassis[belt]
@@ -110,110 +88,6 @@ def frame_of(world: int, belt: int, tables: BeltTables, state: StateArrays) -> F
     frame.omega = state.body_omega[world, body]
     frame.origin = to_float(wp.quat_rotate(q, to_double(tables.origin_b[belt])))
     return frame
-
-
-@wp.func
-def place_circles(
-    world: int, belt: int, p: wp.array[float], tables: BeltTables, state: StateArrays, memory: BeltMemory,
-    work: BeltWork,
-):  # fmt: skip
-    """Centres and radii of all circles, and how the wheels move in the chassis."""
-    last = tables.wheels[belt] + 1
-    for wheel in range(last - 1):
-        row = tables.wheel[belt, wheel]
-        dof = tables.arm[belt, wheel]
-        sense = row[WheelColumn.SENSE]
-        angle = sense * float(state.joint_x[world, dof])
-        c = wp.cos(angle)
-        s = wp.sin(angle)
-        arm = wp.vec2(row[WheelColumn.ARM_X] * c + row[WheelColumn.ARM_Z] * s,
-                      row[WheelColumn.ARM_Z] * c - row[WheelColumn.ARM_X] * s)  # fmt: skip
-        lever = sense * wp.vec2(arm[1], -arm[0])
-        work.center[world, belt, wheel + 1] = wp.vec2(row[WheelColumn.HINGE_X], row[WheelColumn.HINGE_Z]) + arm
-        work.lever[world, belt, wheel + 1] = lever
-        work.motion[world, belt, wheel + 1] = lever * state.joint_qd[world, dof]
-        work.radius[world, belt, wheel + 1] = row[WheelColumn.RADIUS]
-    slide = wp.vec2(p[BeltParameter.SLIDE_X], p[BeltParameter.SLIDE_Z])
-    built = wp.vec2(p[BeltParameter.IDLER_X], p[BeltParameter.IDLER_Z])
-    work.center[world, belt, 0] = wp.vec2()
-    work.radius[world, belt, 0] = p[BeltParameter.SPROCKET_RADIUS]
-    work.center[world, belt, last] = built + memory.idler[world, belt] * slide
-    work.radius[world, belt, last] = p[BeltParameter.IDLER_RADIUS]
-    for circle in range(last + 1):
-        following = wp.where(circle == last, 0, circle + 1)
-        way = work.center[world, belt, following] - work.center[world, belt, circle]
-        drop = work.radius[world, belt, circle] - work.radius[world, belt, following]
-        square = wp.max(wp.dot(way, way), 1.0e-6)
-        length = wp.sqrt(wp.max(square - drop * drop, 0.0))
-        along = wp.vec2(way[0] * length + way[1] * drop, way[1] * length - way[0] * drop) / square
-        work.along[world, belt, circle] = along
-        work.length[world, belt, circle] = length
-        work.start[world, belt, circle] = work.center[world, belt, circle] + work.radius[world, belt, circle] * outward(
-            along
-        )
-
-
-@wp.func
-def tighten(world: int, belt: int, p: wp.array[float], tables: BeltTables, memory: BeltMemory, work: BeltWork) -> float:
-    """One step of Newton for the idler's place, at which the belt has its length; returns the tension."""
-    last = tables.wheels[belt] + 1
-    excess = memory.bulge[world, belt] - p[BeltParameter.LENGTH]
-    pushed = float(0.0)  # rate of the way around by the wheels' motion
-    for circle in range(last + 1):
-        before = work.along[world, belt, wp.where(circle == 0, last, circle - 1)]
-        after = work.along[world, belt, circle]
-        turn = turn_between(before, after)
-        if circle == 0 or circle == last:
-            turn = far_turn(before, after)
-        else:
-            pushed += wp.dot(before - after, work.motion[world, belt, circle])
-        excess += work.length[world, belt, circle] + work.radius[world, belt, circle] * turn
-    slide = wp.vec2(p[BeltParameter.SLIDE_X], p[BeltParameter.SLIDE_Z])
-    lever = wp.dot(work.along[world, belt, last] - work.along[world, belt, last - 1], slide)
-    lever = wp.where(lever < 0.0, wp.min(lever, -LEAST_LEVER), wp.max(lever, LEAST_LEVER))
-    stiffness = p[BeltParameter.TENSIONER_STIFFNESS]
-    force = p[BeltParameter.TENSIONER_FORCE]
-    x = memory.idler[world, belt]
-    stretch = p[BeltParameter.STRETCH]
-    slope = lever + stretch * stiffness / lever
-    excess -= stretch * (force + stiffness * x) / lever
-    x += wp.clamp(excess / slope, -LONGEST_MOVE, LONGEST_MOVE)
-    memory.idler[world, belt] = x
-    return wp.max((force + stiffness * x + p[BeltParameter.TENSIONER_DAMPING] * pushed / slope) / lever, 0.0)
-
-
-@wp.func
-def wheel_direction(before: wp.vec2, after: wp.vec2) -> wp.vec2:
-    """Direction of the belt where a wheel meets the ground: level, if the belt is that anywhere around the wheel."""
-    rising = before[1] > 0.0
-    falling = after[1] < 0.0
-    if rising and not falling:
-        return before
-    if falling and not rising:
-        return after
-    return wp.vec2(-1.0, 0.0)
-
-
-@wp.func
-def place_of_point(world: int, belt: int, point: int, depth: float, tables: BeltTables, work: BeltWork) -> wp.vec2:
-    """A point on the ground's side of the belt, in the belt's plane [m]."""
-    kind = tables.kind[belt, point]
-    place = tables.place[belt, point]
-    share = tables.share[belt, point]
-    if kind == PointKind.SPAN:
-        along = work.along[world, belt, place]
-        pin = work.start[world, belt, place] + share * work.length[world, belt, place] * along
-        return pin + depth * outward(along)
-    direction = wp.vec2()
-    if kind == PointKind.WHEEL:
-        direction = outward(wheel_direction(work.along[world, belt, place - 1], work.along[world, belt, place]))
-    elif kind == PointKind.SPROCKET:
-        direction = wp.normalize((1.0 - share) * outward(work.along[world, belt, 0]) + share * wp.vec2(1.0, 0.0))
-    else:
-        direction = wp.normalize(
-            (1.0 - share) * outward(work.along[world, belt, place - 1]) + share * wp.vec2(-1.0, 0.0)
-        )
-    return work.center[world, belt, place] + (work.radius[world, belt, place] + depth) * direction
 
 
 @wp.func
@@ -297,17 +171,6 @@ def load_wheels(
         reports.load[world, belt, place] += second * force
 
 
-@wp.func
-def wheels_motion(world: int, belt: int, point: int, tables: BeltTables, work: BeltWork) -> wp.vec2:
-    """Velocity of a point by the wheels' motion in the chassis, in the belt's plane [m/s]."""
-    kind = tables.kind[belt, point]
-    place = tables.place[belt, point]
-    if kind != PointKind.SPAN:
-        return work.motion[world, belt, place]
-    share = tables.share[belt, point]
-    return (1.0 - share) * work.motion[world, belt, place] + share * work.motion[world, belt, place + 1]
-
-
 @wp.struct
 class Beside:
     """A point's neighbours along the belt."""
@@ -336,6 +199,24 @@ def beside(world: int, belt: int, point: int, tables: BeltTables, work: BeltWork
 
 
 @wp.func
+def sinkage_below(
+    world: int, belt: int, point: int, moved: float, near: Beside, tables: BeltTables, memory: BeltMemory
+) -> float:  # fmt: skip
+    """Deepest sinkage of the soil that is below a point now: ruts stay in the ground, over which the vehicle moves.
+
+    Points are taken from the sprocket on, so that the rut of the point before is that of this step, and of the one
+    behind that of the last step: forwards soil comes along implicitly, backwards explicitly, both as fast as it moves.
+    """
+    own = memory.sinkage[world, belt, point]
+    entering = wp.where(moved >= 0.0, point - 1, point + 1)
+    step = wp.abs(moved) / wp.where(moved >= 0.0, near.to_before, near.to_after)
+    rut = float(0.0)
+    if entering >= 0 and entering < tables.points[belt]:
+        rut = memory.sinkage[world, belt, entering]
+    return own + wp.where(moved >= 0.0, step / (1.0 + step), wp.min(step, 1.0)) * (rut - own)
+
+
+@wp.func
 def press_down(
     world: int, belt: int, point: int, depth: float, rate: float, moved: float, near: Beside, p: wp.array[float],
     law: Law, now: Belt, tables: BeltTables, memory: BeltMemory,
@@ -357,13 +238,7 @@ def press_down(
         backing += 1.0 / wp.max(p[BeltParameter.WHEEL_SINK], LEAST_SINK)
     found = Pressed()
     if tables.soft == 1:
-        # the rut stays in the ground, over which the vehicle moves
-        entering = wp.where(moved >= 0.0, point - 1, point + 1)
-        step = wp.abs(moved) / wp.where(moved >= 0.0, near.to_before, near.to_after)
-        rut = float(0.0)
-        if entering >= 0 and entering < tables.points[belt]:
-            rut = memory.sinkage[world, belt, entering]
-        deepest = (memory.sinkage[world, belt, point] + step * rut) / (1.0 + step)
+        deepest = sinkage_below(world, belt, point, moved, near, tables, memory)
         found = press_soil(depth, rate, pulled / backing, backing, near.length, deepest, law, p)
         memory.sinkage[world, belt, point] = found.sinkage
     else:
@@ -401,28 +276,50 @@ def slide(
 
 
 @wp.func
-def press_point(
+def press_points(
+    world: int, belt: int, dt: float, p: wp.array[float], law: Law, frame: Frame, now: Belt, tables: BeltTables,
+    memory: BeltMemory, work: BeltWork, reports: BeltReports,
+):  # fmt: skip
+    """Normal forces of the ground on all points, and their lifts.
+
+    One sweep leaves lifts that depend on its direction. It is the same one however the belt moves: a belt at rest turns
+    by rounding, and must not be lifted in another way where that changes its sign.
+    """
+    forward = tables.forward[belt]
+    memory.bulge[world, belt] = 0.0
+    for point in range(tables.points[belt]):
+        near = beside(world, belt, point, tables, work)
+        normal = bridged_normal(world, belt, point, tables, work)
+        arm = reports.point_arm[world, belt, point]
+        depth = (work.ground[world, belt, point][2] - arm[2]) * normal[2]
+        velocity = frame.v + wp.cross(frame.omega, arm)
+        swing = wheels_motion(world, belt, point, tables, work)
+        rate = -wp.dot(velocity + forward * swing[0] * frame.ahead + swing[1] * frame.up, normal)
+        moved = forward * wp.dot(velocity, frame.ahead) * dt
+        pressed = press_down(world, belt, point, depth, rate, moved, near, p, law, now, tables, memory)
+        work.press[world, belt, point] = wp.where(normal[2] == 0.0, 0.0, pressed.force)
+        work.area[world, belt, point] = pressed.area
+
+
+@wp.func
+def force_on_point(
     world: int, belt: int, point: int, onwards: int, dt: float, p: wp.array[float], law: Law, friction: wp.array[float],
     frame: Frame, now: Belt, terrain: TerrainTables, tables: BeltTables, memory: BeltMemory, work: BeltWork,
     reports: BeltReports, joint_force: wp.array2d[float],
 ) -> wp.vec3:  # fmt: skip
-    """Force of the ground on a point, world axes [N]; `onwards` is 1 where the belt's lower side moves towards the
-    idler, which is the direction in which points are taken, else -1.
+    """Force of the ground on a point that is pressed, world axes [N]; `onwards` is 1 where the belt's lower side moves
+    towards the idler, which is the direction in which points are taken, else -1.
     """
+    press = work.press[world, belt, point]
+    work.pull[world, belt, point] = 0.0
+    if press <= 0.0:
+        memory.shear[world, belt, point] = wp.vec2()
+        return wp.vec3()
     forward = tables.forward[belt]
     near = beside(world, belt, point, tables, work)
     normal = bridged_normal(world, belt, point, tables, work)
     arm = reports.point_arm[world, belt, point]
-    depth = (work.ground[world, belt, point][2] - arm[2]) * normal[2]
     velocity = frame.v + wp.cross(frame.omega, arm)
-    swing = wheels_motion(world, belt, point, tables, work)
-    rate = -wp.dot(velocity + forward * swing[0] * frame.ahead + swing[1] * frame.up, normal)
-    moved = forward * wp.dot(velocity, frame.ahead) * dt
-    pressed = press_down(world, belt, point, depth, rate, moved, near, p, law, now, tables, memory)
-    work.pull[world, belt, point] = 0.0
-    if pressed.force <= 0.0 or normal[2] == 0.0:
-        memory.shear[world, belt, point] = wp.vec2()
-        return wp.vec3()
     axis = wp.normalize(frame.ahead - wp.dot(frame.ahead, normal) * normal)
     across = wp.cross(normal, axis)
     slip = wp.vec2(wp.dot(velocity, axis) - now.speed, wp.dot(velocity, across))
@@ -433,17 +330,18 @@ def press_point(
     pull = wp.vec2()
     push = normal
     if tables.soft == 1:
-        pull = soil_traction_of(shear, slip, pressed.force, pressed.area, law, p[BeltParameter.SHEAR_DAMPING])
+        area = work.area[world, belt, point]
+        pull = soil_traction_of(shear, slip, press, area, law, p[BeltParameter.SHEAR_DAMPING])
         risen = memory.lift[world, belt, near.after] - memory.lift[world, belt, near.before]
         risen /= near.to_before + near.to_after
         push = belt_normal(world, belt, point, risen, frame, tables, work)
     else:
         road = friction_at(world, frame.x + to_double(arm), friction, terrain)
-        pull = traction_of(shear, slip, pressed.force, wp.min(road, p[BeltParameter.FRICTION]), p)
+        pull = traction_of(shear, slip, press, wp.min(road, p[BeltParameter.FRICTION]), p)
     work.pull[world, belt, point] = forward * pull[0]
     in_plane = wp.vec2(forward * wp.dot(push, frame.ahead), wp.dot(push, frame.up))
-    load_wheels(world, belt, point, pressed.force, in_plane, tables, work, reports, joint_force)
-    return pressed.force * push + pull[0] * axis + pull[1] * across
+    load_wheels(world, belt, point, press, in_plane, tables, work, reports, joint_force)
+    return press * push + pull[0] * axis + pull[1] * across
 
 
 @wp.func
@@ -528,12 +426,12 @@ def run_belts(
     for wheel in range(tables.wheels[belt]):
         joint_force[world, tables.arm[belt, wheel]] = 0.0
         reports.load[world, belt, wheel] = 0.0
+    press_points(world, belt, dt, p, law, frame, now, tables, memory, work, reports)
     count = tables.points[belt]
-    memory.bulge[world, belt] = 0.0
     onwards = wp.where(tables.forward[belt] * now.speed >= 0.0, 1, -1)
     for k in range(count):
         point = wp.where(onwards > 0, k, count - 1 - k)
-        force = press_point(
+        force = force_on_point(
             world, belt, point, onwards, dt, p, law, ground_friction, frame, now, terrain, tables, memory, work,
             reports, joint_force,
         )  # fmt: skip
