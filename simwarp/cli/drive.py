@@ -32,7 +32,8 @@ from simwarp.vehicle.results.chain_plot import draw_chains
 from simwarp.vehicle.results.chain_record import ChainRecord
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
-from simwarp.vehicle.results.results import Result, results
+from simwarp.vehicle.results.results import results
+from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import with_options

@@ -14,7 +14,8 @@ from simwarp.core.files import replacing
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, spanned, title_of
-from simwarp.vehicle.results.results import ON_TRACKS, Result
+from simwarp.vehicle.results.results import ON_TRACKS
+from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.track_panels import arms, ground_or_pins, tensions, track_speeds
 
 WHEELS: Final = {"FL": BLUE, "FR": "#5bb5d5", "RL": ORANGE, "RR": "#f0a35e"}

@@ -19,9 +19,11 @@ from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drawbar import Drawbar, with_locks
 from simwarp.vehicle.driving.drivers import ScriptedDriver
+from simwarp.vehicle.driving.intervention import Intervening
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
+from simwarp.vehicle.results.road import add_bump, check_even, tire_ground
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
@@ -147,11 +149,16 @@ def set_up(
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
-        parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
-        if not on_soil and any(side.meets_shapes for side in parts.sides):
+        driven = spec if maneuver.drawbar is None else with_locks(spec)
+        parts = add_vehicle(builder, driven, at=start, speed=maneuver.initial_speed)
+        meets_shapes = any(side.meets_shapes for side in parts.sides)
+        if not on_soil and meets_shapes:
             add_ground(builder, None, rotation, Material(friction=friction))
+        if meets_shapes or on_soil:
+            check_even(maneuver, parts.spec)
+        asset = add_bump(builder, maneuver)
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-        vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
+        vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))
         vehicle.tires.ground_friction.fill_(friction)
     driver, acting = _acting(vehicle, maneuver, elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
@@ -174,6 +181,8 @@ def _acting(
         # it adds to the forces that the vehicle writes
         driver = Drawbar(vehicle, maneuver.drawbar)
         return driver, [vehicle, driver, *further]
+    if maneuver.intervention is not None and not isinstance(vehicle, TrackedVehicle):
+        return driver, [driver, Intervening(vehicle, maneuver.intervention, maneuver.start), vehicle, *further]
     return driver, [driver, vehicle, *further]
 
 
@@ -219,7 +228,7 @@ class Drive(Readable):
         return f" of vehicle '{self.setup.vehicle.parts.spec.name}': {self.setup.maneuver.duration:g} s"
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Steps to the end of the manoeuvre, or until the first world breaks down.
+        """Steps to the end of the manoeuvre, or until all recorded worlds have broken down.
 
         An interruption leaves what was recorded: `result`.
         """
@@ -242,9 +251,9 @@ class Drive(Readable):
         return self.result()
 
     def broken(self) -> bool:
-        """True if the first recorded world is not finite any more."""
-        world = self.recorder.worlds.start or 0
-        return bool(self.setup.simulation.state.world_status.numpy()[world] & WorldStatus.NON_FINITE)
+        """True if no recorded world is finite any more."""
+        status = self.setup.simulation.state.world_status.numpy()[self.recorder.worlds]
+        return bool(np.all(status & WorldStatus.NON_FINITE))
 
     def result(self, world: int = 0) -> Run:
         """Recorded run of one of the recorder's worlds, at multiples of 10 ms."""
