@@ -55,7 +55,7 @@ def results(run: Run, maneuver: Maneuver) -> list[Result]:
     special = _SPECIAL.get(maneuver.name)
     found = [] if special is None else special(moving, maneuver)
     if maneuver.course is not None:
-        found += lane_results(run, maneuver.course)
+        found = [*lane_results(run, maneuver.course), *found]
     return [*found, *_missed_speed(moving, maneuver), *_common(moving), *_energy(moving)]
 
 
