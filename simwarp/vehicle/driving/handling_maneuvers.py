@@ -23,8 +23,12 @@ HANDWHEEL: Final = 540.0
 CIRCLES: Final = {"gator": (15.0, 7.0), "artcar": (3.0, 1.7), "skid-steer": (2.0, 0.8)}
 """Radius [m] and last speed [m/s] of the steady-state circle, where it is not 40 m and 5 m/s² across."""
 CIRCLE: Final = (40.0, 5.0)
-UNITS: Final = {"hmmwv": 0.1, "hmmwv-reduced": 0.1, "sedan": 0.1, "gator": 0.1, "artcar": 0.5, "skid-steer": 0.3}
-"""Steering input at 0.3 g and `HANDLING_SPEED` or `SLOWER`, found by slow-steer."""
+UNITS: Final = {
+    "hmmwv": 0.0667, "hmmwv-reduced": 0.0873, "sedan": 0.036, "gator": 0.248, "artcar": 0.15, "skid-steer": 0.15,
+}  # fmt: skip
+"""Steering input at 0.3 g and `HANDLING_SPEED` or `SLOWER`, found by slow-steer. `artcar` and `skid-steer` do not reach
+0.3 g: theirs makes 6.5 times as much nearly full steering.
+"""
 
 DWELL_FREQUENCY: Final = 0.7
 """Of the sine with dwell [Hz]."""
