@@ -168,7 +168,7 @@ def test_patches_of_friction_are_where_they_were_laid():
     factors, origin, cell = terrain.friction_map.numpy(), terrain.friction_origin, terrain.friction_cell
 
     def factor(x, y):
-        column, row = (math.floor((p - o) / c) for p, o, c in zip((x, y), origin, cell, strict=True))
+        column, row = (math.floor((p - float(o)) / float(c)) for p, o, c in zip((x, y), origin, cell, strict=True))
         rows, columns = factors.shape
         return factors[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from simwarp.vehicle.driving.driver_choices import speed_gains, steering_for
+from simwarp.vehicle.driving.driver_choices import steering_for
 from simwarp.vehicle.driving.drivers import HELD, ScriptSpec
 from simwarp.vehicle.driving.handling_maneuvers import CIRCLES
 from simwarp.vehicle.driving.intervention import Intervention, Pedals
 from simwarp.vehicle.driving.maneuver_spec import Bump, FrictionPatch, Maneuver, after_settling
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, wheelbase
 from simwarp.vehicle.driving.paths import circle
-from simwarp.vehicle.driving.rolling_start import LEAD, rolling
+from simwarp.vehicle.driving.rolling_start import LEAD, holding_gains, rolling
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 BRAKING_SPEEDS: Final = {"hmmwv": 20.0, "hmmwv-reduced": 20.0, "gator": 7.0, "artcar": 1.7, "skid-steer": 0.8}
@@ -42,7 +42,7 @@ def _stop_time(speed: float) -> float:
 
 
 def braking(
-    spec: VehicleSpec, *, speed: float | None = None, brakes: float = 1.0, duration: float | None = None
+    spec: VehicleSpec, *, speed: float | None = None, brakes: float = 0.5, duration: float | None = None
 ) -> Maneuver:
     """A stop from a speed [m/s], straight on with the steering kept; brakes (0..1) within 0.1 s."""
     target = braking_speed(spec) if speed is None else speed
@@ -51,7 +51,7 @@ def braking(
 
 
 def split_braking(
-    spec: VehicleSpec, *, speed: float | None = None, brakes: float = 1.0, left: float = 0.3,
+    spec: VehicleSpec, *, speed: float | None = None, brakes: float = 0.5, left: float = 0.3,
     duration: float | None = None,
 ) -> Maneuver:  # fmt: skip
     """A stop (ISO 14512) with the steering kept where the road's left side has a share of the friction."""
@@ -77,7 +77,7 @@ def brake_in_turn(
     turn = turn if radius is None else radius
     target = min(last, math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
-        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=speed_gains(spec)
+        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=holding_gains(spec, target)
     )
     return Maneuver(
         name="brake-in-turn", follow=follow, start=TURN_SETTLING, duration=duration, initial_speed=target,

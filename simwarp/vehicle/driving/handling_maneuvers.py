@@ -12,11 +12,11 @@ from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, wheelbase
 from simwarp.vehicle.driving.paths import circle
 from simwarp.vehicle.driving.rolling_start import rolling
 from simwarp.vehicle.spec.parts import Points
-from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
 
 HANDLING_SPEED: Final = 80.0 / 3.6
 """[m/s]."""
-SLOWER: Final = {"gator": 6.0, "artcar": 1.5, "skid-steer": 0.8}
+SLOWER: Final = {"hmmwv": 18.0, "hmmwv-reduced": 18.0, "gator": 6.0, "artcar": 1.5, "skid-steer": 0.8}
 """Speeds of vehicles that do not reach it [m/s]."""
 HANDWHEEL: Final = 540.0
 """Turn of a steering wheel at full steering that rates and limits of the standards are taken by [deg]."""
@@ -24,7 +24,7 @@ CIRCLES: Final = {"gator": (15.0, 7.0), "artcar": (3.0, 1.7), "skid-steer": (2.0
 """Radius [m] and last speed [m/s] of the steady-state circle, where it is not 40 m and 5 m/s² across."""
 CIRCLE: Final = (40.0, 5.0)
 UNITS: Final = {
-    "hmmwv": 0.0667, "hmmwv-reduced": 0.0873, "sedan": 0.036, "gator": 0.248, "artcar": 0.15, "skid-steer": 0.15,
+    "hmmwv": 0.0789, "hmmwv-reduced": 0.1045, "sedan": 0.036, "gator": 0.248, "artcar": 0.15, "skid-steer": 0.15,
 }  # fmt: skip
 """Steering input at 0.3 g and `HANDLING_SPEED` or `SLOWER`, found by slow-steer. `artcar` and `skid-steer` do not reach
 0.3 g: theirs makes 6.5 times as much nearly full steering.
@@ -69,6 +69,11 @@ def _amplitude(spec: VehicleSpec, given: float | None, factor: float) -> float:
         rule = f"must be given for '{spec.name}', which has no known steering at 0.3 g"
         raise SpecError(f"steering: {rule}; slow-steer finds it")
     return min(factor * unit, 1.0)
+
+
+def released(spec: VehicleSpec) -> Pedals:
+    """The throttle released; held by motors that would stop the vehicle at once."""
+    return Pedals.HELD if isinstance(spec.driveline, DifferentialDrive) else Pedals.RELEASED
 
 
 def steady_state_circle(
@@ -136,7 +141,7 @@ def sine_with_dwell(
         raise SpecError(f"duration: must be above {SINE_END + 1.75:.3g} s, where yaw rates are read, got {duration!r}")
     target = handling_speed(spec) if speed is None else speed
     test = Intervention(
-        steering=sine_pattern(), amplitude=_amplitude(spec, steering, USUAL_FACTOR), pedals=Pedals.RELEASED
+        steering=sine_pattern(), amplitude=_amplitude(spec, steering, USUAL_FACTOR), pedals=released(spec)
     )
     return rolling(
         spec, "sine-with-dwell", speed=target, duration=duration, intervention=test, steering_unit=steering_unit(spec)
@@ -161,6 +166,6 @@ def fishhook(
         (other + FISHHOOK_HOLD + FISHHOOK_BACK, 0.0),
     )  # fmt: skip
     test = Intervention(
-        steering=pattern, amplitude=amplitude, pedals=Pedals.RELEASED, pause=there if dwell is None else None
+        steering=pattern, amplitude=amplitude, pedals=released(spec), pause=there if dwell is None else None
     )
     return rolling(spec, "fishhook", speed=target, duration=duration, intervention=test)

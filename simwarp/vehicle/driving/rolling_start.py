@@ -8,14 +8,25 @@ import numpy as np
 
 from simwarp.vehicle.driving.driver_choices import needs_axles, speed_gains, steering_for
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
-from simwarp.vehicle.driving.path_tracking import LookAhead, PathTrackingSpec, Unicycle
+from simwarp.vehicle.driving.path_tracking import LookAhead, PathTrackingSpec, PIDGains, Unicycle
 from simwarp.vehicle.driving.paths import Path
-from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, VehicleSpec
 
 LEAD: Final = 2.0
 """Time in motion before a manoeuvre's zero, in which the vehicle settles on its springs [s]."""
 PREVIEW: Final = 0.5
 """Of the driver [s]."""
+FIRM_BELOW: Final = 12.0
+"""Speed below which the pedals are firmer [m/s]."""
+
+
+def holding_gains(spec: VehicleSpec, speed: float) -> PIDGains:
+    """Of the pedals that hold a speed [m/s] from the first step on: the firmer the slower it is, below 12 m/s."""
+    gains = speed_gains(spec)
+    if isinstance(spec.driveline, DifferentialDrive):
+        return gains
+    firmer = max(1.0, FIRM_BELOW / speed)
+    return PIDGains(proportional=firmer * gains.proportional, integral=firmer * gains.integral)
 
 
 def straight(length: float) -> Path:
@@ -45,5 +56,5 @@ def rolling(
     needs_axles(spec)
     line = straight(2.0 * speed * (lead + duration) + 10.0) if path is None else path
     law = steering_for(spec, PREVIEW, speed) if steering is None else steering
-    follow = PathTrackingSpec(paths=(line,), speed=speed, steering=law, speed_gains=speed_gains(spec))
+    follow = PathTrackingSpec(paths=(line,), speed=speed, steering=law, speed_gains=holding_gains(spec, speed))
     return Maneuver(name=name, follow=follow, start=lead, duration=duration, initial_speed=speed, **rest)

@@ -156,13 +156,17 @@ def dwell_results(run: Run, maneuver: Maneuver) -> list[Result]:
 def dwell_verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
     """FMVSS 126: yaw rate 1 s and 1.75 s after the end of the steering, and lateral displacement from 5 A on."""
     found = [
-        at_most(f"FMVSS 126: yaw rate {time:g} s after the end over its peak", 100.0 * dwell_ratio(run, k), limit, "%")
+        at_most(f"FMVSS 126: yaw rate {time:g} s after end over the peak", 100.0 * abs(dwell_ratio(run, k)), limit, "%")
         for k, (time, limit) in enumerate(zip(RATIO_TIMES, RATIO_LIMITS, strict=True))
     ]
     if _dwell_factor(run, maneuver) >= USUAL_FACTOR - 1e-6:
         rule = f"FMVSS 126: lateral displacement {DISPLACED_AFTER:g} s after the start"
         found.append(at_least(rule, displacement(run), LEAST_DISPLACEMENT, "m"))
-    return found
+    return [*found, _roll_verdict(run)]
+
+
+def _roll_verdict(run: Run) -> Verdict:
+    return at_most("no roll-over: greatest roll", math.degrees(float(np.abs(run["roll_rad"]).max())), MOST_ROLL, "deg")
 
 
 RATIO_TIMES: Final = (1.0, 1.75)
@@ -170,6 +174,8 @@ RATIO_LIMITS: Final = (35.0, 20.0)
 """Times after the end of the steering [s], and the most of the yaw rate's peak that is left then [%]."""
 DISPLACED_AFTER: Final = 1.07
 """Time since the steering began at which the displacement counts [s]."""
+MOST_ROLL: Final = 45.0
+"""Beyond which a vehicle counts as rolled over [deg]."""
 LEAST_DISPLACEMENT: Final = 1.83
 """Of vehicles of up to 3500 kg [m]."""
 
@@ -240,7 +246,8 @@ def lift_verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
     """Fishhook: both wheels of a side do not bear nothing together for longer than two rows."""
     rows = max(_longest(column) for column in lifted_sides(run).T)
     step = float(np.median(np.diff(run["t_s"])))
-    return [at_most("fishhook: both wheels of a side lifted for", rows * step, (LIFT_ROWS - 0.5) * step, "s")]
+    lifted = at_most("fishhook: both wheels of a side lifted for", rows * step, (LIFT_ROWS - 0.5) * step, "s")
+    return [lifted, _roll_verdict(run)]
 
 
 def _longest(flags: Array) -> int:

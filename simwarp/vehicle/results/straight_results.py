@@ -55,9 +55,16 @@ def acceleration_times(run: Run, maneuver: Maneuver) -> list[Result]:
 
 
 def travelled(run: Run) -> Array:
-    """(n,) way along the vehicle's own axis since the first row [m]."""
-    t, speed = run["t_s"], run["speed_mps"]
-    return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
+    """(n,) way of the frame of reference since the first row, wherever the vehicle points [m]."""
+    steps = np.stack([np.diff(run[name]) for name in ("x_m", "y_m", "z_m")])
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=0))])
+
+
+def ground_speed(run: Run) -> Array:
+    """(n,) size of the frame's horizontal velocity, wherever the vehicle points [m/s]."""
+    if len(run["t_s"]) < 2:
+        return np.abs(run["speed_mps"])
+    return np.hypot(np.gradient(run["x_m"], run["t_s"]), np.gradient(run["y_m"], run["t_s"]))
 
 
 def braking_results(run: Run, maneuver: Maneuver) -> list[Result]:
@@ -68,7 +75,7 @@ def braking_results(run: Run, maneuver: Maneuver) -> list[Result]:
     """
     stopped = stopping_row(run)
     until_stop = run if stopped is None else until(run, float(run["t_s"][stopped]))
-    t, speed, way = until_stop["t_s"], until_stop["speed_mps"], travelled(until_stop)
+    t, speed, way = until_stop["t_s"], ground_speed(until_stop), travelled(until_stop)
     begin = float(speed[0])
     missing = "still moving at the end"
     distance = math.nan if stopped is None else float(way[-1])
@@ -89,7 +96,7 @@ def braking_results(run: Run, maneuver: Maneuver) -> list[Result]:
 
 def stopping_row(run: Run) -> int | None:
     """First row at standstill."""
-    still = np.flatnonzero(np.abs(run["speed_mps"]) < STANDSTILL)
+    still = np.flatnonzero(ground_speed(run) < STANDSTILL)
     return int(still[0]) if still.size else None
 
 
@@ -121,7 +128,7 @@ def braking_verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
     until_stop = run if stopped is None else until(run, float(run["t_s"][stopped]))
     off, yaw = course_deviation(until_stop)
     return [
-        at_most("speed at the end", float(until_stop["speed_mps"][-1]), STANDSTILL, "m/s"),
+        at_most("speed at the end", float(ground_speed(run)[-1 if stopped is None else stopped]), STANDSTILL, "m/s"),
         at_most("UN R13-H: change of the heading", math.degrees(float(np.abs(yaw).max())), MOST_YAW, "deg"),
         at_most("UN R13-H: distance from the line", float(np.abs(off).max()), 0.5 * ROAD_WIDTH, "m"),
     ]
@@ -136,14 +143,15 @@ def turn_braking_results(run: Run, maneuver: Maneuver) -> list[Result]:
     begin = float(speed[0])
     radius = begin / yaw_rate[0] if abs(yaw_rate[0]) > 1e-3 else math.nan
     at_one = {name: float(np.interp(1.0, t, values)) for name, values in (("v", speed), ("r", yaw_rate))}
-    kept = at_one["v"] / radius
-    moving = speed > 0.2 * begin
-    slip = np.degrees(sideslip(run)[moving])
+    stands = at_one["v"] < 0.1 * begin
+    ratio = math.nan if stands else at_one["r"] / (at_one["v"] / radius)
+    # a vehicle that hardly moves has no direction
+    slip = np.degrees(np.where(speed > 0.2 * begin, sideslip(run), sideslip(run)[0]))
     return [
         Result("braking_from", "braking from", begin, "m/s"),
         Result("steady_lateral", "lateral acceleration before", float(lateral[0]), "m/s²"),
         Result("steady_radius", "radius before", radius, "m", "it goes straight on"),
-        Result("yaw_rate_ratio", "yaw rate after 1 s over that on the circle", at_one["r"] / kept, ""),
+        Result("yaw_rate_ratio", "yaw rate after 1 s over that on the circle", ratio, "", "it stands by then"),
         Result("mean_deceleration", "mean deceleration in that second", begin - at_one["v"], "m/s²"),
         Result("peak_yaw_rate", "peak yaw rate", float(np.abs(yaw_rate).max()), "rad/s"),
         Result("peak_sideslip", "greatest change of the sideslip angle", float(np.abs(slip - slip[0]).max()), "deg"),
