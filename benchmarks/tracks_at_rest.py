@@ -1,6 +1,7 @@
 """A tracked vehicle, shoe by shoe, at rest and driven: cost of a step, iterations, pins, statics beside a recorded run.
 
-Run: python benchmarks/tracks_at_rest.py [--quick] [--json FILE]        some four minutes; --quick: one
+Run: python benchmarks/tracks_at_rest.py [solvers driven rest teeth] [--quick] [--json FILE]    some five minutes;
+--quick: one. Solvers and rest are on smooth sprockets, teeth is rest on toothed ones.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import argparse
 import dataclasses
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -95,14 +97,23 @@ def run(sim: sw.Simulation, parts: TrackedVehicleParts, seconds: float) -> dict[
     return {"ms per step": round(1e3 * spent / (10 * len(rows)), 3), **means}
 
 
-def at_rest(seconds: float) -> dict[str, Any]:
+REST: Final[dict[SprocketContact, dict[str, tuple[bool, int, float]]]] = {
+    SprocketContact.DRUM: {
+        "rigid": (False, 100, 1e-3), "rigid, 30 iterations": (False, 30, 1e-3), "rigid, 2 ms": (False, 100, 2e-3),
+        "compliant": (True, 100, 1e-3), "compliant, 300 iterations": (True, 300, 1e-3),
+    },
+    SprocketContact.TEETH: {
+        "rigid": (False, 100, 1e-3), "rigid, 30 iterations": (False, 30, 1e-3), "compliant": (True, 100, 1e-3),
+    },
+}  # fmt: skip
+"""Whether contacts are compliant, iterations, step [s]."""
+
+
+def at_rest(seconds: float, sprocket: SprocketContact = SprocketContact.DRUM) -> dict[str, Any]:
     """Ten seconds after the release of the tensioners, the last 2.5 of them read."""
     found: dict[str, Any] = {"recorded": RECORDED}
-    for name, compliant, iterations, dt in (
-        ("rigid", False, 100, 1e-3), ("rigid, 30 iterations", False, 30, 1e-3), ("rigid, 2 ms", False, 100, 2e-3),
-        ("compliant", True, 100, 1e-3), ("compliant, 300 iterations", True, 300, 1e-3),
-    ):  # fmt: skip
-        builder, parts = vehicle(compliant)
+    for name, (compliant, iterations, dt) in REST[sprocket].items():
+        builder, parts = vehicle(compliant, sprocket)
         sim = simulation(builder.finalize(1, "cpu", contact_capacity=200), iterations, dt)
         sim.step(round(0.75 * seconds / dt))
         found[name] = run(sim, parts, 0.25 * seconds)
@@ -156,17 +167,24 @@ def driven() -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", default=[], metavar="PART", help="solvers, driven, rest or teeth; else all")
     parser.add_argument("--quick", action="store_true", help="shorter runs, without the slow solvers' means")
-    parser.add_argument("--json", type=Path, help="file for the results")
+    parser.add_argument("--json", type=Path, help="file for the results; those of other parts in it stay")
     arguments = parser.parse_args()
-    results = {
-        "machine": describe(wp.get_device("cpu")),
-        "solvers": solvers(20 if arguments.quick else 60), "driven": driven(),
-        "rest": at_rest(2.0 if arguments.quick else 10.0),
+    seconds = 2.0 if arguments.quick else 10.0
+    parts: dict[str, Callable[[], dict[str, Any]]] = {
+        "solvers": lambda: solvers(20 if arguments.quick else 60), "driven": driven, "rest": lambda: at_rest(seconds),
+        "teeth": lambda: at_rest(seconds, SprocketContact.TEETH),
     }  # fmt: skip
-    if arguments.json is not None:
-        arguments.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    for name in arguments.parts or parts:
+        if name not in parts:
+            parser.error(f"part: must be one of {', '.join(parts)}, got {name!r}")
+        found = parts[name]()
+        if arguments.json is not None:
+            kept = json.loads(arguments.json.read_text(encoding="utf-8")) if arguments.json.exists() else {}
+            kept |= {"machine": describe(wp.get_device("cpu")), name: found}
+            arguments.json.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import dataclasses
+import functools
+import inspect
 import json
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +48,9 @@ def vehicle_schema(cls: type[Spec], title: str) -> dict[str, Any]:
     """That of a vehicle on wheels or tracks: any value in it may be `{"file": ...}`."""
     whole = SPECS.json_schema(cls)
     classes = whole["$defs"]
-    for schema in classes.values():
+    kinds = {kind.__name__: kind for kind in _kinds_of(Spec)}
+    for name, schema in classes.items():
+        _describe_inherited(schema, kinds.get(name))
         _tidy(schema)
         for key, value in schema["properties"].items():
             if "items" in value:
@@ -52,6 +59,32 @@ def vehicle_schema(cls: type[Spec], title: str) -> dict[str, Any]:
                 schema["properties"][key] = _or_file(value)
     classes[cls.__name__]["properties"]["$schema"] = {"type": "string"}
     return {"$schema": DIALECT, "title": title, **whole, "$defs": {**classes, "File": FILE}}
+
+
+def _kinds_of(cls: type[Spec]) -> list[type[Spec]]:
+    """A class and all that inherit from it."""
+    return [cls, *(each for below in cls.__subclasses__() for each in _kinds_of(below))]
+
+
+def _describe_inherited(schema: dict[str, Any], cls: type[Spec] | None) -> None:
+    """Add the docstrings of fields that a class inherits: the schema has only those of its own."""
+    for base in () if cls is None else cls.__mro__[1:]:
+        if dataclasses.is_dataclass(base):
+            for key, text in _field_texts(base).items():
+                schema["properties"].get(key, {}).setdefault("description", text)
+
+
+@functools.cache
+def _field_texts(cls: type) -> dict[str, str]:
+    """Docstrings of the fields that stand in a class."""
+    (node,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    assert isinstance(node, ast.ClassDef)
+    found = {}
+    for line, after in zip(node.body, node.body[1:], strict=False):
+        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and isinstance(after, ast.Expr):
+            text = ast.literal_eval(after.value)
+            found[line.target.id] = inspect.cleandoc(text)
+    return found
 
 
 def sensor_schema() -> dict[str, Any]:

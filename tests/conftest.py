@@ -61,6 +61,8 @@ MEASURED = Path(__file__).with_name("slow_tests.txt")
 """Names of tests that take more than a second, one in a line."""
 SWEEP = 5
 """Of the cases of a test marked `sweep`, one in so many, and at least two, are part of `make test`."""
+STALE = pytest.StashKey[list[str]]()
+"""What marks and the list of slow tests name, and what is not there: a test reads it, for workers end in silence."""
 
 
 def _mark_sweeps(items: list[pytest.Item]) -> None:
@@ -75,7 +77,13 @@ def _mark_sweeps(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.slow)
 
 
-def _mark_measured(items: list[pytest.Item], *, all_there: bool) -> None:
+@pytest.fixture
+def stale_names(request: pytest.FixtureRequest) -> list[str]:
+    """Tests and cases that are named as slow or quick, and are not there; none when only a part was collected."""
+    return request.config.stash[STALE]
+
+
+def _mark_measured(items: list[pytest.Item], *, all_there: bool) -> list[str]:
     names = {line for line in MEASURED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")}
     for item in items:
         if item.nodeid in names:
@@ -84,9 +92,7 @@ def _mark_measured(items: list[pytest.Item], *, all_there: bool) -> None:
     tests = {item.nodeid.partition("[")[0] for item in items}
     files = {test.partition("::")[0] for test in tests}
     named = {name.partition("[")[0] for name in names}
-    stale = sorted(test for test in named - tests if all_there and test.partition("::")[0] in files)
-    if stale:
-        raise pytest.UsageError(f"{MEASURED.name} names tests that are not there: {', '.join(stale)}; take them out")
+    return sorted(test for test in named - tests if all_there and test.partition("::")[0] in files)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -103,11 +109,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if (case in mark.args) == (long is not None):
             item.add_marker(pytest.mark.slow)
     all_there = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    _mark_measured(items, all_there=all_there)
+    stale = _mark_measured(items, all_there=all_there)
     if all_there:  # and so all their cases
-        for test, (named, cases) in sampled.items():
-            if not named <= cases:
-                raise pytest.UsageError(f"{test}: marks name cases that it does not have: {sorted(named - cases)}")
+        stale += [f"{test}[{case}]" for test, (named, cases) in sampled.items() for case in sorted(named - cases)]
+    config.stash[STALE] = stale
     _mark_sweeps(items)
     marked = [item for item in items if item.get_closest_marker("cuda")]
     import warp as wp

@@ -27,11 +27,13 @@ NEWTON_STEPS: Final = 12
 LARGEST_TURN: Final = 0.3
 """Largest change of a coordinate in a step of Newton's method [m or rad]."""
 QUIET_STEPS: Final = 10
-"""Steps for which worlds must rest where contacts push."""
+"""Steps for which worlds must rest where contacts push, or dry friction and bristles hold."""
 WORST: Final = 2.0
 """Growth of the acceleration beyond its smallest at which Newton's method is given up and kinetic damping goes on."""
 NEARLY_STILL: Final = 20.0
 """Rate over the solver's tolerance below which a world rests on its contacts: a box on a slope trembles by ten."""
+HELD_STILL: Final = 2.0
+"""The same where dry friction of joints or bristles of tires hold, whose residuals are smaller."""
 INDEPENDENT: Final = 1e-6
 """Part of the largest stiffness below which a direction has none, and Newton's method leaves it alone."""
 RESOLVED: Final = 1e-6
@@ -51,7 +53,8 @@ class StaticResult(Readable):
         newton_steps: of Newton's method, the last of which ended at the equilibrium.
         acceleration: (W,) largest that is left of a free coordinate [m/s² or rad/s²].
         stable: (W,) False where a small push would grow, as of a pendulum on its head; True where contacts push.
-        by_contacts: contacts push: with friction it is one of many, the one that is reached from the given state.
+        by_contacts: contacts push, or dry friction of joints (brakes) or what elements remember (bristles of tires)
+            holds: it is one of many, the one that is reached from the given state.
     """
 
     steps: int
@@ -69,13 +72,13 @@ def solve_static(simulation: Simulation, *, tolerance: float = 1e-3, max_steps: 
     """Bring every world to rest in an equilibrium, and leave it there.
 
     The simulation steps, and rates are taken away whenever their energy has turned (kinetic damping: Cundall 1976),
-    which finds the valley; Newton's method on the accelerations finds its bottom. Where contacts push there is no
-    derivative: kinetic damping goes on alone. With friction many states are at rest, and the one that is reached from
-    the given one is found.
+    which finds the valley; Newton's method on the accelerations finds its bottom. Where contacts push or dry friction
+    of joints holds, there is no derivative: kinetic damping goes on alone. With friction many states are at rest, and
+    the one that is reached from the given one is found: a vehicle on its brakes keeps the side forces of its tires.
 
     Args:
         simulation: its present state is where the search begins, and is replaced; its clock stays.
-        tolerance: acceleration that may be left [m/s² or rad/s²]; with contacts, what their solver
+        tolerance: acceleration that may be left [m/s² or rad/s²]; with contacts and dry friction, what their solver
             leaves; or Newton's method wants to move by less than 1e-6 m or rad, as with light links, whose
             accelerations float32 does not resolve.
         max_steps: of the simulation.
@@ -108,7 +111,7 @@ def _search(thing: str, sim: Simulation, tolerance: float, max_steps: int) -> St
         if resting:
             worlds = sim.model.world_count
             return StaticResult(steps, 0, relaxation.acceleration, np.ones(worlds, bool), by_contacts=True)
-        if not relaxation.pushing():
+        if not relaxation.pushing() and not sliding_bounds(sim):
             newton = _Newton(thing, sim, tolerance)
             if newton.converge(any_equilibrium=steps == 0):
                 return StaticResult(steps, newton.steps, newton.size, newton.stable, by_contacts=False)
@@ -120,7 +123,7 @@ def _search(thing: str, sim: Simulation, tolerance: float, max_steps: int) -> St
         while steps < until and not resting:
             relaxation.step()
             steps += 1
-            resting = relaxation.quiet(tolerance) and relaxation.pushing()
+            resting = relaxation.resting(tolerance)
         trial += 1
     what = relaxation.worst() if relaxation.pushing() or not failed else failed
     raise ModelError(
@@ -142,7 +145,9 @@ class _Relaxation:
         self.acceleration = np.full(worlds, np.inf)
         self._speed = np.full(worlds, np.inf)
         self._energy = np.zeros(worlds)
-        self._calm = 0
+        self._calm = self._slow = 0
+        self._since = _rates(sim)
+        self._held = remembering(sim)
         self._mass = np.asarray(sim.model.body_mass.numpy(), np.float64)[:, :, None]
 
     def step(self) -> None:
@@ -160,9 +165,32 @@ class _Relaxation:
         if turned.any():
             _stand_still(sim, turned)
             energy[turned] = 0.0
+            self._since, self._slow = _rates(sim), 0
         self._energy = energy
 
-    def quiet(self, tolerance: float) -> bool:
+    def resting(self, tolerance: float) -> bool:
+        """Whether all worlds are at rest, where that is no matter of derivatives."""
+        if self.pushing():
+            return self._quiet(tolerance)
+        return (self._held or sliding_bounds(self.sim)) and self._holds(tolerance)
+
+    def _holds(self, tolerance: float) -> bool:
+        """The same under dry friction of joints and bristles, which tremble by single steps: over some steps together,
+        so that slow modes have come to rest, too.
+        """
+        sim = self.sim
+        self._slow = self._slow + 1 if (self._speed <= HELD_STILL * sim.solver.tolerance).all() else 0
+        if self._slow == 0:
+            self._since = _rates(sim)
+        if self._slow < QUIET_STEPS:
+            return False
+        span = QUIET_STEPS * sim.dt
+        rates = _rates(sim)
+        self.acceleration = np.abs(rates - self._since).max(axis=1, initial=0.0) / span
+        self._since, self._slow = rates, 0
+        return bool((self.acceleration <= max(tolerance, HELD_STILL * sim.solver.tolerance / span)).all())
+
+    def _quiet(self, tolerance: float) -> bool:
         """Whether all worlds have been at rest for some steps, as far as the solver of the contacts finds it."""
         residual = NEARLY_STILL * self.sim.solver.tolerance
         still = (self._speed <= residual).all()
@@ -251,6 +279,17 @@ class _Newton:
         self.failed = f"{title} of world {world} still accelerates by {self.size[world]:.3g} m/s² or rad/s²"
         self.sim.restore(self._kept)
         return False
+
+
+def sliding_bounds(sim: Simulation) -> bool:
+    """Whether dry friction acts in a joint now, for brakes write its bound in a step: it has no derivative."""
+    friction = sim.model.parameters.joint_friction
+    return bool(friction.size) and bool((friction.numpy() > 0.0).any())
+
+
+def remembering(sim: Simulation) -> bool:
+    """Whether a force element remembers: what a bristle or a filter holds depends on how it came there."""
+    return any(len(element.memory) > 0 for element in sim.elements)
 
 
 def _rates(sim: Simulation) -> Array:

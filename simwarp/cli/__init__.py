@@ -70,6 +70,13 @@ COMMANDS = {
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
         Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.benching:run"),
         Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
+        Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
+        Command(
+            "rig",
+            "RIG NAME",
+            "a rig: tires, suspensions, steerings, posts, tilt table",
+            "simwarp.cli.rig.rig_command:run",
+        ),
         Command("sensor-demo", "", "one picture of what all kinds of sensors see", "simwarp.cli.sensor_demo:run"),
         Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verifying:run"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
@@ -173,7 +180,8 @@ def explanation(error: BaseException) -> str:
 def _find(name: str) -> Command:
     if name in COMMANDS:
         return COMMANDS[name]
-    hint = suggestions(name, COMMANDS, f"commands: {', '.join(COMMANDS)}")
+    # short words are near to many others: half of their letters in common is no likeness
+    hint = suggestions(name, COMMANDS, f"commands: {', '.join(COMMANDS)}", cutoff=0.7)
     raise UsageError(f"unknown command '{shortened(name)}'; {hint}")
 
 

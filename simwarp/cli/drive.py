@@ -33,6 +33,7 @@ from simwarp.vehicle.results.chain_plot import draw_chains
 from simwarp.vehicle.results.chain_record import ChainRecord
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
+from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
@@ -58,6 +59,9 @@ MOST_STEPS: Final = 10**9
 """Of one run: days of driving."""
 ROW_BYTES: Final = 1000
 """That a row of the record takes, with what is made of it in the end."""
+
+LIST: Final = "list"
+"""Of --channels, prints the names of all and drives nothing."""
 
 MANEUVER_HELP: Final = (
     f"What to do: {', '.join(MANEUVERS)} (docs/vehicles.md tells what each does); on tracks: "
@@ -92,6 +96,7 @@ BUMP_HINT: Final = "(default: by the tires)"
 DWELL_HINT: Final = "(default: until the roll rate is below 1.5°/s)"
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
+NORMAL_HINT: Final = "(default: ground)"
 """Defaults of the options that are not given, for the help."""
 
 
@@ -115,12 +120,18 @@ class DriveOptions(CommonOptions):
     """Deformable ground below `--tire soil-rigid` or `flexible`."""
     spacing: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=SPACING_HINT)] = None
     """Of the soil's nodes."""
+    soil_normal: Annotated[str | None, tyro.conf.arg(metavar="ground|surface", help_behavior_hint=NORMAL_HINT)] = None
+    """Along which soil presses on rigid wheels: the ground's, or their surface's, where compaction holds them back."""
     friction: float = REFERENCE_FRICTION
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
     dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
     """Writes the run to this file."""
+    channels: Annotated[
+        str | None, tyro.conf.arg(metavar="NAMES", help_behavior_hint="(default: the usual columns)")
+    ] = None
+    """Further columns: names or patterns with commas between, such as "Fx_*,travel_*"; list prints all names."""
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
     chains: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
@@ -170,6 +181,13 @@ class DriveOptions(CommonOptions):
     """Of the manoeuvre after t = 0; reference-* have their own."""
 
     @property
+    def patterns(self) -> tuple[str, ...]:
+        """Of --channels; none where it is left out or only lists them."""
+        if self.channels is None or self.channels == LIST:
+            return ()
+        return tuple(each.strip() for each in self.channels.split(",") if each.strip())
+
+    @property
     def chosen(self) -> dict[str, float]:
         """The options of the manoeuvre that are given."""
         values = {key: getattr(self, key) for key in UNITS}
@@ -212,6 +230,9 @@ def run(arguments: list[str]) -> int:
 
         check_scene(options.export_scene, what.start + what.duration)
     console = options.console()
+    if options.channels == LIST:
+        _print_channels(console, spec, what, options)
+        return DONE
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
     judged = [] if isinstance(spec, TrackedVehicleSpec) else verdicts(outcome.run, what)
@@ -331,9 +352,10 @@ def _on_tracks(spec: TrackedVehicleSpec, options: DriveOptions) -> TrackedVehicl
     Raises:
         UsageError: one makes no sense on tracks.
     """
-    for key in ("tire", "soil", "spacing"):
+    for key in ("tire", "soil", "spacing", "soil_normal"):
         if getattr(options, key) is not None:
-            raise UsageError(f"--{key}: '{spec.name}' has tracks, which drive on rigid ground; leave it out")
+            option = key.replace("_", "-")
+            raise UsageError(f"--{option}: '{spec.name}' has tracks, which drive on rigid ground; leave it out")
     return with_options(spec, powertrain=options.powertrain, driveline=options.driveline)
 
 
@@ -349,13 +371,24 @@ def _chrono_template(path: Path) -> str | None:
     return str(content.get("Template")) if found else None
 
 
+def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
+    """Names, units and meanings of all channels, for people and for scripts."""
+    setup = set_up(spec, what, device="cpu", elements=lambda v: _soil(v, options), on_soil=options.soil is not None)
+    known = channels_of(setup.simulation, setup.vehicle)
+    for channel in known:
+        line = f"{channel.name}  [{channel.unit}]  {channel.meaning}"
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    options.emit({"channels": [{"name": c.name, "unit": c.unit, "meaning": c.meaning} for c in known]})
+
+
 def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
     setup = set_up(
         spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
         elements=lambda vehicle: _soil(vehicle, options), on_soil=options.soil is not None,
+        joint_reactions=wants_reactions(options.patterns),
     )  # fmt: skip
-    drive = Drive(setup)
+    drive = Drive(setup, channels=options.patterns)
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
     outcome.films = films = _films(setup, options)
@@ -401,6 +434,8 @@ def _soil(vehicle: AnyVehicle, options: DriveOptions) -> list[Soil]:
     if options.soil is None and not isinstance(vehicle.tires, SoilTires):
         return []
     given: dict[str, Any] = {} if options.spacing is None else {"spacing": options.spacing}
+    if options.soil_normal is not None:
+        given["pressure_normal"] = options.soil_normal
     return [soil_under(vehicle, options.soil or "mid", **given)]
 
 
@@ -504,6 +539,8 @@ def _title(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
             parts.append(f"{kind} {Path(value).stem}")
     if options.soil is not None:
         parts.append(f"soil {options.soil}")
+    if options.soil_normal is not None:
+        parts.append(f"pressure along the {options.soil_normal}")
     if options.friction != REFERENCE_FRICTION:
         parts.append(f"friction {options.friction:g}")
     if options.dt != REFERENCE_DT:
@@ -545,6 +582,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         "powertrain": options.powertrain,
         "driveline": options.driveline,
         "soil": options.soil,
+        "soil_normal": options.soil_normal,
         "friction": options.friction,
         "dt": options.dt,
         "worlds": options.worlds,

@@ -10,7 +10,8 @@ from typing import Any
 from simwarp.core.types import formatted
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.spec.vehicle_files import read_text
-from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
+from simwarp.vehicle.tires.tire_file_units import in_si_units
 from simwarp.vehicle.tires.tire_files import parse_tir
 
 SLOPES = (
@@ -167,8 +168,12 @@ def pacejka2002(node: Node, root: Path) -> Tire:
     path = root / node.text("TIR Specification File")
     tir = parse_tir(read_text(path), path.name)
     sizes = {}
+    try:
+        values = in_si_units(tir)
+    except SpecError as error:
+        raise tir.located(error) from None
     for key in ("UNLOADED_RADIUS", "WIDTH"):
-        value = tir.get(key)
+        value = values.get(key)
         if not isinstance(value, float):
             rule = f"{path.name}: {key}: must be a number, got {formatted(value)}"
             raise node.place.at("TIR Specification File").error(rule)
@@ -180,7 +185,7 @@ def pacejka2002(node: Node, root: Path) -> Tire:
         inertia=node.vector("Inertia", "kg·m²"),
         radius=sizes["UNLOADED_RADIUS"],
         width=sizes["WIDTH"],
-        parameters={"tir": tir, **common(node)},
+        parameters={"tir": tir, "combined": "friction-ellipse", **common(node)},
     )
 
 

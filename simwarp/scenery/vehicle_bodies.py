@@ -271,7 +271,7 @@ STYLES: Final = {
     "gator": BodyStyle(_gator, tone("2f7d32"), tone("f2c20a"), 0.45, (2.95, 1.54, 1.83), (-0.007, 0.0)),
     "artcar": BodyStyle(_artcar, tone("d3261f"), tone("e6e6e6"), 0.62, (0.81, 0.42, 0.26), (-0.037, -0.035)),
     "skid-steer": BodyStyle(_skid_steer, tone("f2c20a"), tone("6a6d70"), 0.5, (0.99, 0.685, 0.4), (0.0, 0.0)),
-    "sedan": BodyStyle(_sedan, tone("2f66b0"), tone("c9ccd0"), 0.7, (4.85, 1.86, 1.46), (0.161, 0.035)),
+    "sedan": BodyStyle(_sedan, tone("2f66b0"), tone("c9ccd0"), 0.7, (4.85, 1.86, 1.46), (0.13, 0.005)),
 }
 PLAIN_STYLE: Final = BodyStyle(lambda _: [], _DARK, _STEEL, 0.55, (0.0, 0.0, 0.0), (0.0, 0.0))
 """Of a vehicle without a body: its wheels."""

@@ -8,15 +8,21 @@ from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.soil.deformed_surface_kernels import FARTHEST
 from simwarp.soil.pages_kernels import find_page, slot_in
-from simwarp.soil.shape_surface_kernels import ball_low, box_column, capsule_low, lowest_face
+from simwarp.soil.shape_surface_kernels import GENTLE, ball_low, box_column, capsule_low, lowest_face
 from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, WHEEL, SoilNodes, SoilShapes, SoilTables
-from simwarp.soil.wheel_surface_kernels import Column, column_above
+from simwarp.soil.wheel_surface_kernels import UPRIGHT, Column, column_above
 from simwarp.vehicle.tires.ground_kernels import GroundPoint, ground_below
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 SLACK = wp.constant(0.02)
 """Of the ground's height below a shape, taken into its footprint where the ground is no plane [radii]."""
+LEANEST = wp.constant(0.25)
+"""Cosine of the greatest angle between the ground's normal and that along which it presses: 75 degrees."""
+ON_FACE = wp.constant(2.0e-5)
+"""Distance from a face below which a lowest point is on it [radii of the ball around a box, half widths of a wheel]."""
+TREAD = wp.constant(0.999)
+"""Distance from a wheel's axis above which a lowest point is on its tread [radii]."""
 TILTED = wp.constant(0.2)
 """Vertical part of an axis above which a wheel's whole outline counts."""
 
@@ -118,6 +124,45 @@ def surface_above(dx: float, dy: float, p: Pose, axis: wp.vec3, side: wp.vec3, c
     else:
         c.height = ball_low(dx, dy, p.radius)
     return c
+
+
+@wp.func
+def surface_normal(lowest: wp.vec3, ground: wp.vec3, p: Pose) -> wp.vec3:
+    """Unit normal, into the shape, of its surface at a lowest point, given from its centre. Where that leans from the
+    ground's normal by more than `LEANEST`, it is turned back to it.
+    """
+    inward = -lowest
+    if p.kind == BOX:
+        axes = box_axes(p.axis, p.side)
+        place = wp.transpose(axes) * lowest
+        face = lowest_face(axes)
+        for k in range(3):  # another one beyond its edge
+            gentle = -wp.sign(place[k]) * axes[2, k] > GENTLE
+            if gentle and wp.abs(wp.abs(place[k]) - p.half[k]) < ON_FACE * p.radius:
+                face = k
+        inward = -wp.sign(place[face]) * wp.vec3(axes[0, face], axes[1, face], axes[2, face])
+    elif p.kind == CAPSULE:
+        inward += wp.clamp(wp.dot(lowest, p.axis), -p.half_width, p.half_width) * p.axis
+    elif p.kind == WHEEL:
+        across = wp.dot(lowest, p.axis)
+        ahead = wp.cross(p.axis, wp.vec3(0.0, 0.0, 1.0))
+        at_side = wp.abs(wp.abs(across) - p.half_width) < ON_FACE * p.half_width
+        inside = wp.length(lowest - across * p.axis) < TREAD * p.radius
+        if (at_side and inside) or wp.length(ahead) < UPRIGHT:
+            inward = -wp.sign(across) * p.axis
+        else:
+            # a point beside the tread was moved along the axis: its place ahead is what is left of it
+            ahead = wp.normalize(ahead)
+            forward = wp.clamp(wp.dot(lowest, ahead) / p.radius, -1.0, 1.0)
+            inward = wp.sqrt(1.0 - forward * forward) * wp.cross(ahead, p.axis) - forward * ahead
+            if p.crown > 0.0:
+                inward -= across / p.crown * p.axis
+    inward = wp.normalize(inward)
+    upright = wp.dot(inward, ground)
+    if upright < LEANEST:
+        along = wp.normalize(inward - upright * ground)
+        inward = LEANEST * ground + wp.sqrt(1.0 - LEANEST * LEANEST) * along
+    return inward
 
 
 @wp.func

@@ -13,7 +13,7 @@ STILL = wp.constant(1.0e-9)
 
 @wp.func
 def lean_of(slot: int, world: int, n: wp.vec3, nodes: SoilNodes) -> wp.vec3:
-    """Direction of a node's shear, in the plane of the ground."""
+    """Direction of a node's shear, in the plane across n."""
     lean = wp.vec3(nodes.node[world, slot, LEAN_X], nodes.node[world, slot, LEAN_Y], 0.0)
     lean[2] = -(n[0] * lean[0] + n[1] * lean[1]) / n[2]
     return lean
@@ -38,12 +38,12 @@ class NodeStress:
     """Stresses on a surface, and how they change with its velocity."""
 
     bears: int  # 0: there are none
-    pressure: float  # along the normal of the ground [Pa]
+    pressure: float  # along its normal [Pa]
     against: wp.vec3  # shear, in the direction of the slip [Pa]
     stiffness: float  # of the pressure per sinkage [Pa/m]
     damping: float  # of the pressure [Pa s/m]
     drag: float  # of the shear per velocity, times the step [Pa s^2/m]
-    sunk: float  # what the node's drop grew by [m]
+    sunk: float  # what the node yielded by, along the normal of the ground [m]
 
 
 @wp.func
@@ -57,12 +57,12 @@ def node_stress(
         sinkage: of the surface now, along the normal of the ground [m].
         after: the same at the end of the step, at the present velocity.
         v: of the surface at the node [m/s].
-        n: normal of the ground.
+        n: unit normal along which pressure acts: of the ground or, against it, of the surface.
     """
     s = NodeStress()
     plastic = nodes.node[world, slot, SINKAGE]
     before = press(sinkage, plastic, nodes.node[world, slot, YIELD], law)
-    s.sunk = (before.plastic - plastic) / n[2]
+    s.sunk = before.plastic - plastic
     nodes.node[world, slot, SINKAGE] = before.plastic
     nodes.node[world, slot, YIELD] = before.limit
     touched = before.pressure > 0.0

@@ -30,6 +30,7 @@ from simwarp.soil.footprint_kernels import (
     shape_pose,
     soil_at,
     surface_above,
+    surface_normal,
 )
 from simwarp.soil.node_stress_kernels import node_stress
 from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
@@ -101,26 +102,34 @@ def press_node(
 ) -> ShapeSum:  # fmt: skip
     """Moves the memory of a node on, and adds what it does to the shape."""
     s = total
-    n = b.normal
-    arm = p.centre + wp.vec3(b.x, b.y, wp.where(b.low == NOTHING, b.height, b.low))
+    ground = b.normal
+    lowest = wp.vec3(b.x, b.y, wp.where(b.low == NOTHING, b.height, b.low))
+    arm = p.centre + lowest
+    n = ground
+    upright = float(1.0)
+    if soil.along_surface == 1:
+        n = surface_normal(lowest, ground, p)
+        upright = wp.dot(n, ground)
     v = p.v + wp.cross(p.omega, arm)
     cell = soil.spacing * float(soil.weighted)
     moved = surface_above(b.x - p.moved[0], b.y - p.moved[1], p, p.moved_axis, p.moved_side, cell)
-    after = n[2] * (b.height - p.moved[2] - moved.height)
+    after = ground[2] * (b.height - p.moved[2] - moved.height)
     if moved.height == NOTHING or b.low == NOTHING:
         after = -NOTHING
     stress = node_stress(slot, world, dt, b.sinkage, after, v, n, law, soil, nodes)
-    s.sunk += stress.sunk
+    s.sunk += stress.sunk / ground[2]
     if stress.bears == 0:
         return s
-    force = area * (stress.pressure * n - stress.against)
+    share = area / upright  # of the surface above the cell
+    force = share * (stress.pressure * n - stress.against)
     s.force += force
     s.moment += wp.cross(arm - 0.5 * p.moved, force)  # all through the step the wheel moves on over the node
-    s = add_elastic_block(s, area * dt * dt * stress.stiffness, arm, n, p)
-    s = add_block(s, area * dt * stress.damping, arm, n)
+    # a way along n sinks the surface by 1 / upright of it
+    s = add_elastic_block(s, share / upright * dt * dt * stress.stiffness, arm, n, p)
+    s = add_block(s, share * dt * stress.damping, arm, n)
     side = wp.normalize(wp.cross(n, wp.vec3(1.0, 0.0, 0.0)))
-    s = add_block(s, area * stress.drag, arm, side)
-    s = add_block(s, area * stress.drag, arm, wp.cross(side, n))
+    s = add_block(s, share * stress.drag, arm, side)
+    s = add_block(s, share * stress.drag, arm, wp.cross(side, n))
     s.touched += 1
     return s
 

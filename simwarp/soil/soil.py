@@ -172,6 +172,19 @@ class ShearMemory(enum.Enum):
 SHEAR_MEMORIES: Final = tuple(memory.value for memory in ShearMemory)
 
 
+class PressureNormal(enum.Enum):
+    """The normal along which soil presses on a rigid shape."""
+
+    GROUND = "ground"
+    """Of the undeformed ground, as in Chrono: on level ground nothing pushes back, and what a wheel compacts is in its
+    torque alone."""
+    SURFACE = "surface"
+    """Of the shape, as in Bekker's and Wong's theory of rigid wheels: compaction resists the motion."""
+
+
+PRESSURE_NORMALS: Final = tuple(normal.value for normal in PressureNormal)
+
+
 class Soil(ForceElement):
     """Deformable ground: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
 
@@ -187,6 +200,7 @@ class Soil(ForceElement):
         spacing: of the nodes [m].
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.
         shear_memory: what nodes remember of shear.
+        pressure_normal: along which nodes press on rigid shapes; on meshes it is the ground's.
         weighted: nodes count by the share of their cell that lies inside a wheel's width, or below a box.
         bulldozing: how soil that is pressed down rises beside shapes; None: it does not.
         soil_map: (rows along y, columns along x) indices of soils, or (W, rows, columns); None: the first everywhere.
@@ -216,6 +230,7 @@ class Soil(ForceElement):
         soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
         ground: Annotated[TerrainTables, GROUND] | None = None, spacing: float = USUAL_SPACING, pages: int = 2048,
         shear_memory: Annotated[ShearMemory | str, word_of(*SHEAR_MEMORIES)] = ShearMemory.DIRECTION,
+        pressure_normal: Annotated[PressureNormal | str, word_of(*PRESSURE_NORMALS)] = PressureNormal.GROUND,
         weighted: Flag = True, per_world: Flag = False,
         bulldozing: Annotated[Bulldozing, instance_of(Bulldozing, "Bulldozing() is usual")] | None = None,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
@@ -237,6 +252,7 @@ class Soil(ForceElement):
         tables.spacing = self.spacing
         tables.weighted = int(weighted)
         tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)
+        tables.along_surface = int(PressureNormal(pressure_normal) is PressureNormal.SURFACE)
         tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
         tables.rest_speed = REST_SPEED
         tables.parameter = self.parameter

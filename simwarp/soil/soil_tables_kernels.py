@@ -27,6 +27,7 @@ class SoilTables:
     spacing: float  # of the nodes [m]
     weighted: int  # 1: a node counts by the share of its cell that lies inside a wheel's width or below a box
     scalar_shear: int  # 1: shear without a direction of its own (Chrono's law)
+    along_surface: int  # 1: pressure acts along the normal of a shape's surface, 0: of the undeformed ground
     length: float  # over which the direction of shear relaxes [m]
     rest_time: float  # displacement that holds a node at rest, per speed [s]
     rest_speed: float  # above which a node slides [m/s]

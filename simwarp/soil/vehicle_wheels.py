@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from simwarp.core.types import ModelError, Pose, Vec3, formatted, pose
+from simwarp.core.types import ModelError, formatted, pose
 from simwarp.soil.soil import USUAL_SPACING, Soil
 from simwarp.soil.soil_parameters import SoilSpec
 from simwarp.soil.soil_shapes import SoilBox, SoilShape, SoilWheel
 from simwarp.soil.soil_sheets import SoilMesh
-from simwarp.vehicle.spec.track_parts import ShoePad
+from simwarp.vehicle.spec.track_parts import pad_around
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
@@ -53,21 +51,14 @@ def pads_of(vehicle: TrackedVehicle) -> list[SoilBox]:
     """
     parts, boxes = vehicle.parts, []
     for side, track in zip(parts.chains, (parts.spec.left, parts.spec.right), strict=bool(parts.chains)):
-        shapes = [_spanned([track.shoe.ground_pad])]
+        pads = [track.shoe.ground_pad]
         if track.shoe.side_pads:
-            shapes.append(_spanned(track.shoe.side_pads))
+            pads.append(pad_around(track.shoe.side_pads))
+        shapes = [((0.5 * x, 0.5 * y, 0.5 * z), pose(pad.center)) for pad in pads for x, y, z in [pad.size]]
         boxes += [SoilBox(body=body, half=half, pose=place) for body in side.shoes for half, place in shapes]
     if not boxes:
         raise ModelError(f"soil: vehicle '{parts.spec.name}' has no shoes; the ground of belts is their own")
     return boxes
-
-
-def _spanned(pads: Sequence[ShoePad]) -> tuple[Vec3, Pose]:
-    """Half lengths and pose, on its shoe, of the box around some pads."""
-    centers, halves = np.array([pad.center for pad in pads]), 0.5 * np.array([pad.size for pad in pads])
-    low, high = (centers - halves).min(axis=0), (centers + halves).max(axis=0)
-    x, y, z = (0.5 * (high - low)).tolist()
-    return (x, y, z), pose((0.5 * (low + high)).tolist())
 
 
 def soil_under_tracks(

@@ -34,7 +34,8 @@ from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_b
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
-from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
+from simwarp.vehicle.stances import AxleStance, LineStance, Stance, stance
+from simwarp.vehicle.suspensions.kinematics import TravelTable, spring_lengths, travel_table
 from simwarp.vehicle.tires.parameter_vector_kernels import Common as CommonTire, Tmeasy as TmeasyTire
 from simwarp.vehicle.tires.tires import Tires, ground, ground_of
 from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
@@ -50,6 +51,7 @@ from simwarp.vehicle.tracks.tracked_files import (
     tracked_vehicle_names,
 )
 from simwarp.vehicle.tracks.tracked_vehicle import TRACK_SOLVER, TrackedVehicle
+from simwarp.vehicle.trimming import trim
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from simwarp.vehicle.vehicle_convoy import Convoy, set_up_convoy
 
@@ -60,6 +62,7 @@ __all__ = [
     "PAYLOAD",
     "TRACK_SOLVER",
     "VEHICLE_SOLVER",
+    "AxleStance",
     "BeltLaw",
     "BeltParameter",
     "BeltTrack",
@@ -71,6 +74,7 @@ __all__ = [
     "Convoy",
     "Drive",
     "InteractiveDriver",
+    "LineStance",
     "LookAhead",
     "Maneuver",
     "Path",
@@ -84,6 +88,7 @@ __all__ = [
     "ShoeTrackParts",
     "SpecError",
     "SprocketContact",
+    "Stance",
     "Stanley",
     "SteeredVehicle",
     "Tire",
@@ -125,8 +130,11 @@ __all__ = [
     "set_payload",
     "set_up",
     "set_up_convoy",
+    "spring_lengths",
+    "stance",
     "tracked_vehicle_names",
     "travel_table",
+    "trim",
     "twist_gains_for",
     "unicycle_for",
     "vehicle_names",

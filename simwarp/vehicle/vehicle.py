@@ -26,7 +26,10 @@ from simwarp.vehicle.inputs_kernels import (
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
+from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID, SoilTires
+from simwarp.vehicle.tires.tire_obstacles import ObstacleNames, TireObstacles
+from simwarp.vehicle.tires.tire_obstacles_kernels import find_envelopes
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
 from simwarp.vehicle.tires.tires_kernels import apply_tires
 
@@ -50,6 +53,8 @@ class Vehicles(ForceElement):
         parts: from `add_vehicle`, of V vehicles of one description.
         model: made with `per_world=PER_WORLD` at least.
         ground: surface under the tires (`tires.ground`); the plane z = 0 when None.
+        obstacles: shapes on WORLD that tires which are force laws meet beside the ground, by name or index, or "all";
+            none when None.
         point: whose motion `position` to `acceleration_b` tell, in the vehicles' frames of reference [m].
         randomised: True if every world has rows of its own in `tires.parameter` and an entry of its own in
             `tires.ground_friction`; otherwise all share one.
@@ -71,7 +76,7 @@ class Vehicles(ForceElement):
 
     def __init__(
         self, parts: Sequence[VehicleParts], model: Model, *, ground: TerrainTables | None = None,
-        point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
+        obstacles: ObstacleNames | None = None, point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
     ) -> None:  # fmt: skip
         check_per_world(model)
         self.parts = tuple(parts)
@@ -99,7 +104,8 @@ class Vehicles(ForceElement):
         self.engine_speed: wp.array = self._powertrain_state.engine_speed
         self.engine_torque: wp.array = self._powertrain_state.engine_torque
         self.drive_torque: wp.array = self._powertrain_state.drive_torque
-        self.tires = _tires(self.parts, model, ground, randomised)
+        met = None if obstacles is None else TireObstacles(model, obstacles)
+        self.tires = _tires(self.parts, model, ground, met, randomised)
         self._each = tuple(_member(self, number) for number in range(len(self.parts)))
 
     def _readable_title(self) -> str:
@@ -160,15 +166,19 @@ class Vehicles(ForceElement):
         if not isinstance(self.tires, Tires):
             self._warn_of_missing_ground(simulation)
             return [inputs, *self.tires.record(simulation)]
+        wheels = self.tires.shape[1]
         tires = simulation.shares.record(
-            apply_tires, self.tires.shape[1],
-            inputs=[
-                dt, self.tires.tables, self.tires.parameter, self.tires.ground_friction, self.tires.terrain,
-                model.assets, state, self.tires.state, self.tires.reports,
-            ],
+            apply_tires, wheels, inputs=self.tires.inputs(dt, state, model.assets),
             outputs=[control.element_force, control.element_torque],
         )  # fmt: skip
-        return [inputs, tires]
+        if self.tires.obstacles is None:
+            return [inputs, tires]
+        around = self.tires.envelope_inputs(state)
+        return [
+            inputs,
+            simulation.shares.record(find_envelopes, wheels, inputs=around[:-1], outputs=around[-1:]),
+            tires,
+        ]
 
     def _warn_of_missing_ground(self, simulation: StepContext) -> None:
         assert not isinstance(self.tires, Tires)  # these have a plane at least
@@ -209,6 +219,8 @@ class Vehicle(ForceElement):
         parts: from `add_vehicle`.
         model: made with `per_world=PER_WORLD` at least.
         ground: surface under the tires (`tires.ground`); the plane z = 0 when None.
+        obstacles: shapes on WORLD that tires which are force laws meet beside the ground, by name or index, or "all";
+            none when None.
         point: whose motion `position` to `acceleration_b` tell, in the vehicle's frame of reference [m].
         randomised: True if every world has rows of its own in `tires.parameter` and an entry of its own in
             `tires.ground_friction`; otherwise all share one.
@@ -235,9 +247,10 @@ class Vehicle(ForceElement):
 
     def __init__(
         self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None,
-        point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
+        obstacles: ObstacleNames | None = None, point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
     ) -> None:  # fmt: skip
-        self._show(Vehicles([parts], model, ground=ground, point=point, randomised=randomised), 0)
+        alone = Vehicles([parts], model, ground=ground, obstacles=obstacles, point=point, randomised=randomised)
+        self._show(alone, 0)
 
     def _show(self, vehicles: Vehicles, number: int) -> None:
         """Takes the arrays of one of some vehicles."""
@@ -432,10 +445,17 @@ def motion_arrays(shape: tuple[int, int], model: Model) -> Any:
 
 
 def _tires(
-    parts: Sequence[VehicleParts], model: Model, ground: TerrainTables | None, randomised: bool
-) -> Tires | ContactTires | SoilTires:
+    parts: Sequence[VehicleParts], model: Model, ground: TerrainTables | None, obstacles: TireObstacles | None,
+    randomised: bool,
+) -> Tires | ContactTires | SoilTires:  # fmt: skip
     """Force elements, shapes in contact, or wheels on soil; a vehicle has one kind of them."""
     sides = [side for each in parts for side in each.sides]
+    template = parts[0].spec.axles[0].tire.template
+    if obstacles is not None and template not in MODELS:
+        raise SpecError(
+            f"obstacles: must be left out with '{template}' tires, which are shapes themselves and meet every shape"
+            " that may touch them"
+        )
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
     if all(on_soil):
         return SoilTires(len(sides), model, terrain=ground)
@@ -451,7 +471,9 @@ def _tires(
     if not rigid:
         mounts = [mount for each in parts for mount in _mounts(each)]
         worlds, bodies = model.world_count, model.body_count
-        return Tires(mounts, worlds, bodies, model.device, terrain=ground, randomised=randomised)
+        return Tires(
+            mounts, worlds, bodies, model.device, terrain=ground, obstacles=obstacles, randomised=randomised
+        )  # fmt: skip
     if len(rigid) < len(sides):
         raise SpecError("axles: tires must be rigid on all wheels or on none, got both; choose one kind")
     return ContactTires([[side.shape] for side in rigid], [[side.spindle] for side in rigid], model)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from simwarp.core.types import WORLD, VelocityMotor, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
-from simwarp.soil import ShearMemory, Soil, SoilSpec, SoilWheel
+from simwarp.soil import PressureNormal, ShearMemory, Soil, SoilSpec, SoilWheel
 from simwarp.soil.soil_columns_kernels import SIDE
 from simwarp.soil.soil_tables_kernels import PAGE_NODES, SINKAGE, YIELD
 
@@ -56,11 +56,13 @@ class WheelRig:
         spacing: of the soil's nodes [m].
         device: of the run.
         memory: of shear.
+        normal: of the pressure.
     """
 
     def __init__(
-        self, wheels: Sequence[DrivenWheel], spacing: float, device: str, memory: ShearMemory = ShearMemory.SCALAR
-    ) -> None:
+        self, wheels: Sequence[DrivenWheel], spacing: float, device: str, memory: ShearMemory = ShearMemory.SCALAR,
+        normal: PressureNormal = PressureNormal.GROUND,
+    ) -> None:  # fmt: skip
         self.wheels = list(wheels)
         self.load = np.array([wheel.load for wheel in wheels])
         builder = ModelBuilder()
@@ -77,7 +79,7 @@ class WheelRig:
         model = builder.finalize(len(self.wheels), device)
         self.soil = Soil(
             model, [SoilWheel(body=self.body, radius=RADIUS, width=WIDTH)], self.wheels[0].soil, spacing=spacing,
-            shear_memory=memory, per_world=True,
+            shear_memory=memory, pressure_normal=normal, per_world=True,
         )  # fmt: skip
         self.soil.parameter.assign(np.array([[wheel.soil.values()] for wheel in wheels]))
         self.simulation = Simulation(model, DT, elements=[self.soil])
@@ -118,10 +120,11 @@ class WheelRig:
 
 
 def driven_wheels(
-    wheels: Sequence[DrivenWheel], spacing: float, device: str, memory: ShearMemory = ShearMemory.SCALAR
-) -> Driven:
+    wheels: Sequence[DrivenWheel], spacing: float, device: str, memory: ShearMemory = ShearMemory.SCALAR,
+    normal: PressureNormal = PressureNormal.GROUND,
+) -> Driven:  # fmt: skip
     """Wheels at slips on fresh soil, at 0.5 m/s, each in a world of its own."""
-    rig = WheelRig(wheels, spacing, device, memory)
+    rig = WheelRig(wheels, spacing, device, memory, normal)
     rig.settle()
     rig.turn(SPEED)
     rig.simulation.step(3000)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
+import torch
 import warp as wp
 
 import simwarp as sw
@@ -34,6 +35,11 @@ ROOM = 7.0
 """Distance of low rocks from the circle of starts [m]: the vehicle stands on none."""
 SHOE_STEP = 0.001
 """Longest physics step of the model shoe by shoe [s]."""
+LOSSES: Final = {
+    "sprocket_loss": 0.0, "dry_loss": 0.005, "rolling_loss": 0.0, "linear_loss": 0.0, "square_loss": 1.4e-3,
+}  # fmt: skip
+"""Of belts: those of recorded runs, where friction hardly acts on the slow sliding in sprockets. Dry teeth take half of
+the torque."""
 SETTLING_OF_CHAINS = 1.5
 """Time in which chains tighten and the vehicle comes to rest [s]."""
 
@@ -52,6 +58,8 @@ class TrackedOffRoadConfig(OffRoadConfig):
     """Drive the model shoe by shoe instead of the belts that policies are trained on."""
     friction: Positive | tuple[Positive, Positive] = 0.5
     """Of the ground: open country has 0.5 to 0.7. The more, the less a brake turns the vehicle."""
+    tension: Positive | tuple[Positive, Positive] = 1.0
+    """Factor of the tensioners' force as built: one number, or two between which each world's episodes are drawn."""
     obstacles: Annotated[int, Ge(0), Le(500)] = 8
     """Rocks, bushes and trees that must be avoided."""
     obstacle_scale: Annotated[float, Gt(0.0), Le(4.0)] = 1.5
@@ -82,6 +90,37 @@ class TrackedOffRoadConfig(OffRoadConfig):
         require(self.soil is not SoilKind.RANDOM, self, "soil", "none or one preset, on which belts settle")
         require(not self.full or self.dt <= SHOE_STEP, self, "dt", f"at most {SHOE_STEP} with full (decimation 200)")
         require(not self.full or self.soil is SoilKind.NONE, self, "soil", "none with full: chains meet hard ground")
+        least, largest = self.tensions
+        require(least <= largest, self, "tension", "one number, or two in order, least and largest")
+
+    @property
+    def tensions(self) -> tuple[float, float]:
+        """Return the bounds of `tension`, equal where it is one number."""
+        return self.tension if isinstance(self.tension, tuple) else (self.tension, self.tension)
+
+
+class Tensioners:
+    """Forces of a tracked vehicle's tensioners in every world, of belts or of chains.
+
+    Args:
+        vehicle: whose model gives each world the `joint_preload` of chains.
+    """
+
+    def __init__(self, vehicle: sw.vehicle.TrackedVehicle) -> None:
+        belts, model = vehicle.belts, vehicle.model
+        if belts is not None:
+            self._forces = sw.to_torch(belts.parameter)[..., int(sw.vehicle.BeltParameter.TENSIONER_FORCE)]
+            self._places: list[int] = list(range(self._forces.shape[1]))
+        else:
+            self._forces = sw.to_torch(model.joint_preload)
+            self._places = [model.joint_dof_start[side.tensioner] for side in vehicle.parts.chains]
+        self._built = self._forces.clone()
+
+    def scale(self, world_mask: torch.Tensor, factor: torch.Tensor) -> None:
+        """Set the forces of the worlds of a mask (W,) to a factor (W, 1) of those that were built."""
+        for place in self._places:
+            forces = self._forces[:, place]
+            forces.copy_(torch.where(world_mask, factor[:, 0] * self._built[:, place], forces))
 
 
 @register("tracked-off-road")
@@ -115,7 +154,8 @@ class TrackedOffRoadTask(OffRoadTask):
 
     def make_spec(self) -> Any:
         """Return the description of the vehicle on belts, or shoe by shoe."""
-        return sw.vehicle.load_tracked_vehicle(self.full_name if self.config.full else self.vehicle_name)
+        spec = sw.vehicle.load_tracked_vehicle(self.full_name if self.config.full else self.vehicle_name)
+        return spec if self.config.full else sw.vehicle.with_belts(spec, **LOSSES)
 
     def add_vehicle(self, builder: sw.ModelBuilder) -> None:
         """Add the vehicle on its tracks, and store its ``spec`` and ``parts``."""
@@ -150,6 +190,24 @@ class TrackedOffRoadTask(OffRoadTask):
     def make_soil(self, ground: Any) -> None:
         """Return nothing: belts have the soil."""
         return
+
+    @property
+    def own_parameters(self) -> frozenset[str]:
+        """Return what is written world by world: of tensioners of chains their force, too."""
+        drawn = ("joint_preload",) if self.config.full and self.config.tensions != (1.0, 1.0) else ()
+        return super().own_parameters.union(drawn)
+
+    def setup(self) -> None:
+        """Find the tensioners' forces beside what a vehicle on wheels has."""
+        self._tensioners = None if self.config.tensions == (1.0, 1.0) else Tensioners(self.vehicle)
+        super().setup()
+
+    def draw_world(self, world_mask: torch.Tensor) -> None:
+        """Draw the tracks' tension beside start, goal, ground and obstacles."""
+        super().draw_world(world_mask)
+        if self._tensioners is not None:
+            factor = self.random.uniform("tension of tracks", *self.config.tensions)
+            self._tensioners.scale(world_mask, factor)
 
     def settling(self) -> float:
         """Return the time in which the vehicle comes to rest before the first episode [s]."""

@@ -75,6 +75,11 @@ BASES = (
     Base("doctor"),
     Base("drive", ("sedan",), (("--maneuver", "good/short.csv"), ("--dt", "0.01")), runs=False),
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
+    Base("trim", ("sedan",), (("--ride-height", "design"), ("--toe", "0.1")), runs=False),
+    Base("rig", ("steering", "sedan"), (("--points", "5"), ("--device", "cpu"))),
+    Base("rig", ("tire", "sedan"), (("--points", "5"), ("--loads", "4000")), runs=False),
+    Base("rig", ("suspension", "sedan"), (("--points", "5"),), runs=False),
+    Base("rig", ("full-car", "sedan"), (("--points", "5"),), runs=False),
     Base("view", ("four-bar",), (("--worlds", "1"), ("--seconds", "0.1")), runs=False),
     Base("sensor-demo", runs=False),
     Base("sweep", ("fast",), (("--seeds", "0-1"), ("--iterations", "1")), runs=False),
@@ -100,6 +105,7 @@ ENDINGS = {
     ("record", "output"): ".npz",
     ("clone", "output"): ".pt",
     ("export", "output"): ".ts",
+    ("trim", "output"): ".json",
 }
 """Options that name a file to write, and its ending."""
 

@@ -293,3 +293,13 @@ def test_a_manoeuvre_in_a_page_has_rows(drive):
     code, _, err = drive("gator", "--dt", "0.003", "--view", "--no-open")
     assert (code, err.count("\n")) == (2, 1)
     assert "--view shows a row every 10 ms, got --dt 0.003; take 0.001" in err
+
+
+def test_channels_are_listed_and_an_unknown_one_is_refused(drive):
+    code, out, _ = drive("gator", "--channels", "list", "--json", "-")
+    names = [row["name"] for row in json.loads(out)["channels"]]
+    assert code == 0
+    assert {"sideslip_rad", "Fx_RR_N", "travel_FL_m"} <= set(names)
+    code, _, err = drive("gator", "--channels", "Fx_QQ")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "got 'Fx_QQ'; did you mean" in err

@@ -97,6 +97,7 @@ def test_it_is_listed_viewed_and_told_of_in_help(drive):
         (["m113", "--tire", "tmeasy"], "--tire: 'M113' has tracks, which drive on rigid ground; leave it out"),
         (["m113", "--soil", "soft"], "--soil: 'M113' has tracks"),
         (["m113", "--spacing", "0.1"], "--spacing: 'M113' has tracks"),
+        (["m113", "--soil-normal", "surface"], "--soil-normal: 'M113' has tracks"),
         (["m113", "--driveline", "4wd"], "unknown driveline '4wd'; known: simple"),
         (["m113", "--powertrain", "x"], "unknown powertrain 'x'"),
         (["m113", "--speed", "3"], "speed: no option of the maneuver accelerate; it has duration"),

@@ -75,6 +75,41 @@ def test_the_mirror_image_drives_the_mirrored_run(name, speed):
     assert abs(run.column("yaw_rad")[-1, 0]) > 0.5
 
 
+@pytest.mark.slow
+def test_a_property_file_of_one_side_mirrors_with_the_vehicle():
+    """Tires measured on the left are mirrored on the right: the vehicle has a mirror image, and none with `either`."""
+    spec = lopsided(with_options(shipped("sedan"), tire="pacejka2002"))
+    run = step_steer(spec, 0.3, 12.0)
+    found = apart(run, step_steer(mirrored(spec), -0.3, 12.0))
+    assert max(found.values()) < TOLERANCE, found
+    alike = with_tire_parameters(spec, measured_side="either")
+    image = with_tire_parameters(mirrored(spec), measured_side="either")
+    assert max(apart(step_steer(alike, 0.3, 12.0), step_steer(image, -0.3, 12.0)).values()) > 100.0 * TOLERANCE
+
+
+def coasting_drift(spec: Any) -> float:
+    """How far a vehicle that rolls straight ahead at 20 m/s is beside its line after 189 m [m]."""
+    builder = ModelBuilder()
+    parts = add_vehicle(builder, spec, speed=20.0)
+    model = builder.finalize(1, "cpu", per_world=per_world())
+    car = Vehicle(parts, model)
+    sim = sw.Simulation(model, 1.0e-3, elements=[car], solver=VEHICLE_SOLVER)
+    start = car.position.numpy()[0].copy()
+    while car.position.numpy()[0, 0] - start[0] < 189.0:
+        sim.step(100)
+        assert sim.time.numpy()[0] < 20.0
+    return float(car.position.numpy()[0, 1] - start[1])
+
+
+@pytest.mark.slow
+def test_a_sedan_on_tires_of_one_side_rolls_straight():
+    """What is left comes from the driveline, whose shaft turns one way: 0.05 m with symmetric tires, too."""
+    spec = with_options(shipped("sedan"), tire="pacejka2002")
+    assert abs(coasting_drift(spec)) < 0.05
+    # the conicity and plysteer of the same curves on both sides
+    assert coasting_drift(with_tire_parameters(spec, measured_side="either")) > 1.0
+
+
 def test_a_reaction_that_keeps_its_sign_breaks_the_symmetry():
     """Full throttle with the HMMWV's reaction: its sign belongs to the mirror."""
     spec = shipped("hmmwv")
@@ -103,17 +138,24 @@ def test_a_pinned_axle_takes_its_pin_along():
 def test_what_has_no_mirror_image_is_named():
     with pytest.raises(SpecError, match=r"axles\[0\].suspension.draglink_chassis: must be absent"):
         mirrored(samples()["solid-axle"])
-    odd = with_options(shipped("hmmwv"), tire="pacejka2002")
+    marked = with_options(shipped("hmmwv"), tire="pacejka2002")  # by its property file
+    odd = with_tire_parameters(marked, measured_side="either")
     with pytest.raises(SpecError, match=r"axles\[0\].tire.parameters.measured_side: must be left or right"):
         mirrored(odd)
-    marked = dataclasses.replace(
-        odd,
-        axles=tuple(
-            dataclasses.replace(
-                axle,
-                tire=dataclasses.replace(axle.tire, parameters={**axle.tire.parameters, "measured_side": "left"}),
-            )
-            for axle in odd.axles
-        ),
-    )
     assert mirrored(marked).axles[0].tire == marked.axles[0].tire
+    tir = {**marked.axles[0].tire.parameters["tir"], "USE_MODE": -4.0}  # the same image on both sides
+    with pytest.raises(SpecError, match=r"measured_side: must be left or right to mirror the vehicle, got None"):
+        mirrored(with_tire_parameters(marked, tir=tir))
+    spaced = with_tire_parameters(marked, tir={**tir, "USE_MODE": 4.0, "TYRESIDE": "Left "})
+    assert mirrored(spaced).axles[0].tire == spaced.axles[0].tire
+    again = with_tire_parameters(odd, measured_side="left")
+    assert mirrored(again).axles[0].tire == again.axles[0].tire
+
+
+def with_tire_parameters(spec, **changes):
+    """A vehicle with parameters of its tires changed."""
+    axles = [
+        dataclasses.replace(axle, tire=dataclasses.replace(axle.tire, parameters={**axle.tire.parameters, **changes}))
+        for axle in spec.axles
+    ]
+    return dataclasses.replace(spec, axles=tuple(axles))

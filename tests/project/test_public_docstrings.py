@@ -18,7 +18,8 @@ from rsl_rl.env import VecEnv
 import simwarp as sw
 
 PACKAGES = (
-    "simwarp", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers", "simwarp.exporters",
+    "simwarp", "simwarp.vehicle", "simwarp.vehicle.rigs", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
+    "simwarp.exporters",
     "simwarp.actuators", "simwarp.analysis", "simwarp.flex", "simwarp.motions", "simwarp.viewer",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
 )  # fmt: skip

@@ -22,6 +22,7 @@ PACKAGES = (
     "simwarp.scenery",
     "simwarp.scenes", "simwarp.sensors", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion",
     "simwarp.tasks.locomotion.velocity", "simwarp.tasks.locomotion.velocity.mdp", "simwarp.train", "simwarp.vehicle",
+    "simwarp.vehicle.rigs",
     "simwarp.viewer",
 )  # fmt: skip
 YAML_FILES = sorted([*(ROOT / ".github").rglob("*.yml"), ROOT / ".pre-commit-config.yaml"])

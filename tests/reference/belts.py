@@ -155,24 +155,29 @@ def point_places(shape, angles, place, points):
     return np.array(found)
 
 
-def press_bekker(reach, backing, area, deepest, stiffness, exponent, elastic):
-    """Force [N] and deepest sinkage [m] of a soil behind a spring, by halving."""
-    limit = stiffness * deepest**exponent
-    left = deepest - limit / elastic
+def press_bekker(reach, backing, layers, deepest, stiffness, exponent, elastic):
+    """Force [N], deepest sinkage [m] and pressed area [m²] of a soil behind a spring, by halving.
 
-    def pressure(z):
-        if z <= deepest:
-            return max(elastic * (z - left), 0.0)
-        return min(stiffness * z**exponent, limit + elastic * (z - deepest))
+    Args:
+        layers: (area, height) of pads at heights above the lowest ones [m², m].
+    """
 
-    if reach <= max(left, 0.0):
-        return 0.0, deepest
-    low, high = max(left, 0.0), reach
+    def pressure(z, old):
+        limit = stiffness * old**exponent
+        if z <= old:
+            return max(elastic * (z - old) + limit, 0.0) if z > 0.0 else 0.0
+        return min(stiffness * z**exponent, limit + elastic * (z - old))
+
+    def parts(z):
+        return np.array([area * pressure(z - height, max(deepest - height, 0.0)) for area, height in layers])
+
+    low, high = 0.0, max(reach, 0.0)
     for _ in range(80):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if area * pressure(middle) < backing * (reach - middle) else (low, middle)
-    z = 0.5 * (low + high)
-    return area * pressure(z), max(z, deepest)
+        low, high = (middle, high) if parts(middle).sum() < backing * (reach - middle) else (low, middle)
+    found = parts(0.5 * (low + high))
+    touched = sum(area for (area, _), force in zip(layers, found, strict=True) if force > 0.0)
+    return found.sum(), max(0.5 * (low + high), deepest), touched
 
 
 @dataclasses.dataclass
@@ -228,10 +233,11 @@ class BeltForces:
         ])  # fmt: skip
         self.motion = np.zeros((len(angles) + 2, 2))
         self.motion[1:-1] = self.levers * self.rates[:, None]
-        self.pulls, self.arms = np.zeros(len(self.points)), np.zeros(len(angles))
+        self.pulls, self.areas, self.arms = (np.zeros(n) for n in (len(self.points), len(self.points), len(angles)))
 
     def run(self):
         count, law = len(self.points), self.law
+        self.loads = np.zeros(len(self.angles))
         self.onwards = 1 if self.shape.forward * self.speed >= 0.0 else -1
         self.force, self.torque = np.zeros(3), np.zeros(3)
         for i in range(count)[:: self.onwards]:
@@ -240,9 +246,12 @@ class BeltForces:
             self.torque = self.torque + np.cross(self.places[i], there)
         self.pull_wheels()
         way = np.clip(self.loss_way + self.dt * self.speed, -law["loss_way"], law["loss_way"])
-        loss = law["loss_dry"] * way / law["loss_way"] + law["loss_linear"] * self.speed
-        loss += law["loss_square"] * abs(self.speed) * self.speed
-        self.shaft = law["pitch_radius"] * (-self.tension * loss - self.shape.forward * self.pulls.sum())
+        pulled = self.pulls.sum()
+        dry = law["loss_dry"] * self.tension + law["loss_rolling"] * self.loads.sum()
+        dry += law["loss_sprocket"] * max(self.tension - 0.5 * pulled, 0.0)
+        viscous = law["loss_linear"] * self.speed + law["loss_square"] * abs(self.speed) * self.speed
+        loss = dry * way / law["loss_way"] + self.tension * viscous
+        self.shaft = law["pitch_radius"] * (-loss - self.shape.forward * pulled)
         return self
 
     def near(self, i):
@@ -282,8 +291,7 @@ class BeltForces:
             k = ground * backing / (ground + backing)
             elastic, damping = k * reach, law["ground_damping"] * k
         else:
-            elastic = self.press_soil(i, reach, backing)
-            area = law["width"] * length
+            elastic, area = self.press_soil(i, reach, backing)
             damping = area * self.soil.damping * backing / (backing + area * self.soil.elastic)
         if elastic <= 0.0:
             return 0.0
@@ -297,12 +305,13 @@ class BeltForces:
         source, way = (i - 1, before) if moved >= 0.0 else (i + 1, after)
         share = abs(moved) / way
         rut = self.sinkage[source] if 0 <= source < len(self.points) else 0.0
-        soil, width = self.soil, self.law["width"]
-        force, self.sinkage[i] = press_bekker(
-            reach, backing, width * length, (self.sinkage[i] + share * rut) / (1.0 + share),
-            soil.k_phi + soil.k_c / width, soil.exponent, soil.elastic,
+        soil, law = self.soil, self.law
+        layers = [(law["width"] * length, 0.0), (law["side_width"] * length, law["side_height"])]
+        force, self.sinkage[i], self.areas[i] = press_bekker(
+            reach, backing, layers, (self.sinkage[i] + share * rut) / (1.0 + share),
+            soil.k_phi + soil.k_c / law["patch"], soil.exponent, soil.elastic,
         )  # fmt: skip
-        return force
+        return force, self.areas[i]
 
     def slide(self, i, axis, across):
         """Way that a point has slid [m], kept within what counts."""
@@ -326,7 +335,7 @@ class BeltForces:
             limit = min(ROAD, law["friction"]) * load
             pull = -limit / law["shear_length"] * (shear + law["shear_damping"] * slip)
         else:
-            limit = soil.cohesion * law["width"] * self.near(i)[2] + load * math.tan(soil.friction_angle)
+            limit = soil.cohesion * self.areas[i] + load * math.tan(soil.friction_angle)
             rest = math.exp(-np.linalg.norm(shear) / soil.shear_length)
             pull = -limit / soil.shear_length * rest * law["shear_damping"] * slip
             pull = pull - limit * (1.0 - rest) * shear / np.linalg.norm(shear)
@@ -341,6 +350,9 @@ class BeltForces:
         if kind == WHEEL:
             both = self.headings[[at - 1, at]]
             heading = math.atan2(np.sin(both).sum(), np.cos(both).sum())
+        before, after, _ = self.near(i)
+        risen = self.lift[min(i + 1, len(self.lift) - 1)] - self.lift[max(i - 1, 0)]
+        heading -= math.atan(risen / (before + after))
         return self.axes @ np.array([self.shape.forward * math.sin(heading), 0.0, -math.cos(heading)])
 
     def point(self, i):
@@ -364,6 +376,7 @@ class BeltForces:
             first, second = (1.0, 0.0) if kind == WHEEL else (1.0 - share, share)
             for circle, part in ((at, first), (at + 1, second)):
                 if 1 <= circle <= len(self.arms):
+                    self.loads[circle - 1] += part * load
                     self.arms[circle - 1] += part * load * in_plane @ self.levers[circle - 1]
         return load * push + pull[0] * axis + pull[1] * across
 

@@ -286,6 +286,8 @@ class GridSoil:
         hull: for b, the rectangle of touched nodes in the axes of the body ("nodes") or of their cells, no wider
             than the body ("cells").
         damp_ahead: see `linearised`.
+        along_surface: pressure acts along the normal of the body's surface, into the body, in the place of the
+            ground's, on the area of the surface above a cell; shear acts across it.
     """
 
     def __init__(
@@ -298,12 +300,13 @@ class GridSoil:
         share: bool = True,
         hull: Literal["cells", "nodes"] = "cells",
         damp_ahead: bool = True,
+        along_surface: bool = False,
     ) -> None:
         self.parameters = parameters
         self.spacing = np.broadcast_to(np.asarray(spacing, dtype=float), (2,)).copy()
         self.ground = slope() if ground is None else ground
         self.memory, self.clamp, self.share, self.hull = memory, clamp, share, hull
-        self.damp_ahead = damp_ahead
+        self.damp_ahead, self.along_surface = damp_ahead, along_surface
         self.nodes: dict[Key, Array] = {}
         """z_p, sigma_y, J, d_x, d_y."""
         self.base: dict[Key, Array] = {}
@@ -347,6 +350,27 @@ class GridSoil:
         xy = np.array(keys, dtype=float).reshape(-1, 2) * self.spacing - body.position[:2]
         found = body.shape.columns(xy, body.rotation, self.spacing if self.share else None)
         return Columns(found.height + body.position[2], found.share)
+
+    def surface_axes(self, body: Body, touch: Touch, ground: Array) -> Array:
+        """(k, 3, 3) rows: normal of the surface at its lowest points, by differences, and the axes across it. It leans
+        by at most acos 1/4 from the ground's.
+        """
+        xy, step = touch.arm[:, :2], 1e-6
+
+        def slope_along(shift: tuple[float, float]) -> Array:
+            ends = (body.shape.smooth(xy + sign * np.array(shift), body.rotation) for sign in (1.0, -1.0))
+            ahead, behind = ends
+            return np.asarray((ahead - behind) / (2.0 * step))
+
+        n = np.column_stack([-slope_along((step, 0.0)), -slope_along((0.0, step)), np.ones(len(xy))])
+        n /= np.linalg.norm(n, axis=1)[:, None]
+        upright = np.einsum("ki,ki->k", n, ground)
+        along = n - upright[:, None] * ground
+        along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+        n = np.where((upright < 0.25)[:, None], 0.25 * ground + np.sqrt(1.0 - 0.25**2) * along, n)
+        side = np.cross(n, [1.0, 0.0, 0.0])
+        side /= np.linalg.norm(side, axis=1)[:, None]
+        return np.stack([n, np.cross(side, n), side], axis=1)
 
     def touch(self, body: Body, dt: float) -> Touch:
         """Nodes that the present pose covers and that the present or the predicted pose sinks into.
@@ -411,37 +435,52 @@ class GridSoil:
         if not touch.keys:
             return Reaction(np.zeros(3), np.zeros(3), np.zeros((6, 6)), 0.0)
         axes = np.array([self.frame(key)[1:] for key in touch.keys]).reshape(-1, 3, 3)
+        node, upright = self.gather(touch.keys), np.ones(len(touch.keys))
+        if self.along_surface:
+            ground = axes[:, 0]
+            axes = self.surface_axes(body, touch, ground)
+            upright = np.einsum("ki,ki->k", ground, axes[:, 0])
+            # a node keeps x and y of its direction; it is laid across the normal of the step
+            node.direction = laid_across(node.direction, axes)
         velocity = np.einsum("kai,ki->ka", axes, body.velocity + np.cross(body.spin, touch.arm))
-        node = self.gather(touch.keys)
         inverse_b = self.inverse_b(body, touch)
         motion = velocity[:, 0], velocity[:, 1:], dt, self.parameters, inverse_b, self.memory, self.clamp
         matrix = np.zeros((6, 6))
         stress: Stress | Linearised
         if implicit:
             stress = linearised(node, touch.sinkage, touch.predicted, *motion, damp_ahead=self.damp_ahead)
-            matrix = self.assemble(body, touch, axes, stress, dt)
+            matrix = self.assemble(body, touch, axes, stress, dt, upright)
         else:
             stress = advance(node, touch.sinkage, *motion)
+        if self.along_surface:
+            node.direction = np.einsum("ka,kai->ki", node.direction, axes[:, 1:, :2])
         self.store(touch.keys, node)
-        local = np.column_stack([stress.normal, stress.tangential]) * touch.area[:, None]
+        local = np.column_stack([stress.normal, stress.tangential]) * (touch.area / upright)[:, None]
         forces = np.einsum("kai,ka->ki", axes, local)
         # an implicit force acts all through the step, while the body moves on over the nodes: from its middle
         arm = touch.arm - 0.5 * dt * body.velocity if implicit else touch.arm
         moment = np.cross(arm, forces).sum(axis=0)
         return Reaction(forces.sum(axis=0), moment, matrix, float(touch.sinkage.max()))
 
-    def assemble(self, body: Body, touch: Touch, axes: Array, law: Linearised, dt: float) -> Array:
+    def assemble(self, body: Body, touch: Touch, axes: Array, law: Linearised, dt: float, upright: Array) -> Array:
         """D: sum over nodes of area times coefficient times outer products of rows of the points' Jacobians."""
         rows = np.concatenate([axes, np.cross(touch.arm[:, None, :], axes)], axis=2)
         sinking = rows[:, 0].copy()
         sinking[:, 3:] = sinking[:, 3:] @ body.shape.turns(body.rotation)
         terms = (
-            (dt * dt * law.stiffness, sinking),
+            (dt * dt * law.stiffness / upright, sinking),
             (dt * law.damping, rows[:, 0]),
             (law.shear, rows[:, 1]),
             (law.shear, rows[:, 2]),
         )
-        return np.asarray(sum(np.einsum("k,ki,kj->ij", touch.area * c, row, row) for c, row in terms))
+        return np.asarray(sum(np.einsum("k,ki,kj->ij", touch.area / upright * c, row, row) for c, row in terms))
+
+
+def laid_across(flat: Array, axes: Array) -> Array:
+    """(k, 2) along the last two axes: vectors across the first axis, of which x and y are given."""
+    n = axes[:, 0]
+    up = -(n[:, 0] * flat[:, 0] + n[:, 1] * flat[:, 1]) / n[:, 2]
+    return np.einsum("kai,ki->ka", axes[:, 1:], np.column_stack([flat, up]))
 
 
 # ---- a wheel or plate in its plane -----------------------------------------------------------------------------------

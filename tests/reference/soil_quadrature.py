@@ -148,3 +148,30 @@ def rolling(
     pull = wheel.width * contact.integral(tau)
     torque = wheel.width * contact.integral(tau * contact.d + contact.sigma * contact.x)
     return Rolling(z0, contact.plastic, pull / load, torque / (load * wheel.radius))
+
+
+def rolling_along_surface(wheel: Wheel, soil: SoilParameters, load: float, slip: float) -> Rolling:
+    """Steady rolling at a slip with pressure along the rim's normal and shear along the rim (Wong and Reece 1967);
+    scalar memory, no damping. An element of the rim of length dx / cos a, with sin a = x / r, carries both.
+    """
+    r, ratio = wheel.radius, 1.0 / (wheel.radius * (1.0 - slip))
+
+    def stresses(z0: float) -> tuple[Contact, Array]:
+        contact = rolling_contact(wheel, soil, z0)
+        cosine = contact.d / r
+        # the rim slides along itself by v cos a - omega r, over the time dx / v
+        slide = cosine - ratio * r
+        steps = -np.diff(contact.x) * 0.5 * (np.abs(slide[1:]) + np.abs(slide[:-1]))
+        shear = np.concatenate([[0.0], np.cumsum(steps)])
+        limit = (soil.cohesion + contact.sigma * soil.friction) * -np.expm1(-shear / soil.shear_modulus)
+        return contact, -limit * np.sign(slide)
+
+    def excess(z0: float) -> float:
+        contact, tau = stresses(z0)
+        return wheel.width * contact.integral(contact.sigma + tau * contact.x / contact.d) - load
+
+    z0 = bisect(excess, 1e-6, 0.9 * r)
+    contact, tau = stresses(z0)
+    pull = wheel.width * contact.integral(tau - contact.sigma * contact.x / contact.d)
+    torque = wheel.width * contact.integral(tau * r * r / contact.d)
+    return Rolling(z0, contact.plastic, pull / load, torque / (load * r))

@@ -42,6 +42,9 @@ class Shape(Protocol):
     def turns(self, rotation: Array) -> Array:
         """(3, 3) takes off a spin what leaves its surface where it is."""
 
+    def smooth(self, xy: Array, rotation: Array) -> Array:
+        """Lowest points over columns, of a surface that goes on beyond the body's sides where it has any."""
+
 
 def strip_share(direction: Array, low: Any, high: Any, spacing: Array) -> Any:
     """Share of a rectangular cell about 0 where low <= p . direction <= high: exact.
@@ -94,6 +97,10 @@ class Wheel:
         root = (along * axis[2]) ** 2 - a * c
         z = (along * axis[2] - np.sqrt(np.where(root >= 0.0, root, np.nan))) / a
         return z, along + z * axis[2]
+
+    def smooth(self, xy: Array, rotation: Array) -> Array:
+        """The endless plain cylinder; crowns are left out."""
+        return self.mantle(xy, rotation[:, 1])[0]
 
     def barrel(self, place: Array, axis: Array) -> float:
         """Lowest hit of one column with the crowned mantle within the width: roots of a quartic; inf if none."""
@@ -164,6 +171,9 @@ class Plate:
     def turns(self, rotation: Array) -> Array:
         return np.eye(3)
 
+    def smooth(self, xy: Array, rotation: Array) -> Array:
+        return np.asarray(-(xy @ rotation[:2, 2]) / rotation[2, 2])
+
     def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
         normal = rotation[:, 2]
         height = -(xy @ normal[:2]) / normal[2]
@@ -211,6 +221,17 @@ class Box:
         others = [j for j in range(3) if j != k]
         inside = (np.abs(points[:, others]) <= np.asarray(self.half)[others]).all(axis=1)
         return np.where(inside, z, np.inf)
+
+    def smooth(self, xy: Array, rotation: Array) -> Array:
+        """The planes of the faces that columns meet first; of the lowest face beside the box and below steep faces."""
+        faces = [(k, side) for k in range(3) for side in (-1.0, 1.0) if -side * rotation[2, k] > 0.2]
+        heights = np.array([self.face(xy, rotation, k, side) for k, side in faces])
+        low = self.lowest(rotation)
+        found = []
+        for place, column in zip(xy, heights.T, strict=True):
+            k, side = faces[int(np.argmin(column))] if np.isfinite(column.min()) else (low, -np.sign(rotation[2, low]))
+            found.append((side * self.half[k] - place @ rotation[:2, k]) / rotation[2, k])
+        return np.array(found)
 
     def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
         """With a spacing, a cell that lies partly below the lowest face counts for that part, at the face's point
@@ -267,6 +288,9 @@ class Capsule:
         if self.half_length == 0.0:
             return np.zeros((3, 3))
         return np.eye(3) - np.outer(rotation[:, 2], rotation[:, 2])
+
+    def smooth(self, xy: Array, rotation: Array) -> Array:
+        return self.columns(xy, rotation, None).height
 
     def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
         """The lowest of the balls along the segment: so many that what is left out is far below a micrometre."""

@@ -23,6 +23,7 @@ from simwarp.vehicle.tires.parameter_vector_kernels import (
     Tmeasy,
     Tmsimple,
 )
+from tests.reference.tire_relaxation import fine_ode, lagged, lengths_of, pac02_lengths, pac89_limit
 
 UP = np.array([0.0, 0.0, 1.0])
 Ground = Callable[[float, float], tuple[float, np.ndarray]]
@@ -157,19 +158,6 @@ def sine_step(x, a, b):
     return s - sin(2 * np.pi * s) / (2 * np.pi)
 
 
-def fine_ode(rate, v, z, dt):
-    """dz/dt = v - rate z by many Runge-Kutta steps of fourth order."""
-    n = max(20, int(20 * rate * dt))
-    h = dt / n
-    for _ in range(n):
-        k1 = v - rate * z
-        k2 = v - rate * (z + 0.5 * h * k1)
-        k3 = v - rate * (z + 0.5 * h * k2)
-        k4 = v - rate * (z + h * k3)
-        z = z + h * (k1 + 2 * k2 + 2 * k3 + k4) / 6
-    return z
-
-
 def standstill(c: Contact, load, row, z, dt):
     """Dahl's bristles, within the circle of friction; advances z."""
     coulomb = c.friction / row[Common.REFERENCE_FRICTION] * load
@@ -229,8 +217,9 @@ def trail_of(s, n_0, s_0, s_e):
     return -n_0 * (1 - w) * (s - s_0) / s_0 * ((s_e - s) / (s_e - s_0)) ** 2
 
 
-def slips(c):
-    s = -c.slide / (c.effective * abs(c.spin) + 0.01)
+def slips(c, row, z, dt, limit):
+    v = c.effective * abs(c.spin) + 0.01
+    s = lagged(-c.slide / v, v, lengths_of(row), limit, z, dt)
     size = float(np.linalg.norm(s))
     return s, size, s / size if size > 0 else np.zeros(2)
 
@@ -239,7 +228,8 @@ def tmeasy(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     q = load / row[Tmeasy.NOMINAL_LOAD]
     m = c.friction / row[Common.REFERENCE_FRICTION]
-    s, size, e = slips(c)
+    pairs = ((Tmeasy.MAX_X, Tmeasy.SLOPE_X), (Tmeasy.MAX_Y, Tmeasy.SLOPE_Y))
+    s, size, e = slips(c, row, z, dt, [3 * m * through(row, a, q) / through(row, b, q) for a, b in pairs])
 
     def both(x, y, law):
         return hypot(law(row, x, q) * e[0], law(row, y, q) * e[1])
@@ -271,7 +261,8 @@ def overturning(c, row):
 def tmsimple(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     q = load / row[Tmsimple.NOMINAL_LOAD]
-    _, size, e = slips(c)
+    pairs = ((Tmsimple.MAX_X, Tmsimple.SLOPE_X), (Tmsimple.MAX_Y, Tmsimple.SLOPE_Y))
+    _, size, e = slips(c, row, z, dt, [3 * through(row, a, q) / through(row, b, q) for a, b in pairs])
 
     def both(x, y):
         return hypot(through(row, x, q) * e[0], through(row, y, q) * e[1])
@@ -302,7 +293,9 @@ def ratio_and_tangent(c):
 
 def fiala(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
-    k, t = ratio_and_tangent(c)
+    q = 3 * row[Fiala.FRICTION_STATIC] * load * c.friction / row[Common.REFERENCE_FRICTION]
+    limit = [q / row[Fiala.SLIP_STIFFNESS], q / row[Fiala.CORNERING_STIFFNESS]]
+    k, t = lagged(ratio_and_tangent(c), max(abs(c.v[0]), 0.1), lengths_of(row), limit, z, dt)
     slip = min(1.0, hypot(k, t))
     u = row[Fiala.FRICTION_STATIC] * (1 - slip) + row[Fiala.FRICTION_SLIDING] * slip
     q = u * load * c.friction / row[Common.REFERENCE_FRICTION]
@@ -346,8 +339,10 @@ def pac89(c: Contact, row, z, dt, mirror):
     load = min(c.load, row[Common.LOAD_LIMIT])
     k, t = ratio_and_tangent(c)
     m = c.friction / row[Common.REFERENCE_FRICTION]
+    limit = pac89_limit(row, load / 1000, np.degrees(clamped_camber(c, row)), m)
+    k, a = lagged((np.clip(k, -1, 1), arctan(t)), max(abs(c.v[0]), 0.1), lengths_of(row), limit, z, dt)
     f_x, f_y, m_z = pac89_pure(
-        100 * np.clip(k, -1, 1), mirror * np.degrees(arctan(t)), mirror * np.degrees(clamped_camber(c, row)),
+        100 * k, mirror * np.degrees(a), mirror * np.degrees(clamped_camber(c, row)),
         load / 1000, m, row,
     )  # fmt: skip
     share = sine_step(abs(c.v[0]), row[Common.BLEND_BEGIN], row[Common.BLEND_END])
@@ -395,9 +390,9 @@ def pac02_pure(p: Any, k, a, g, fz, m):
     gy = g * p.LGAY
     y["h"] = (p.PHY1 + p.PHY2 * d) * p.LHY + p.PHY3 * gy * p.LKYG
     y["v"] = fz * ((p.PVY1 + p.PVY2 * d) * p.LVY + (p.PVY3 + p.PVY4 * d) * gy * p.LKYG) * p.LMUY
-    y["mu"] = abs(m * (p.PDY1 + p.PDY2 * d) * (1 + p.PDY3 * gy**2) * p.LMUY * p.AT_PRESSURE_MUY)
+    y["mu"] = abs(m * (p.PDY1 + p.PDY2 * d) * (1 + p.MUY_CAMBER * p.PDY3 * gy**2) * p.LMUY * p.AT_PRESSURE_MUY)
     y["k"] = p.PKY1 * p.FNOMIN * sin(2 * arctan(fz / (p.PKY2 * fz0 * p.AT_PRESSURE_PKY2)))
-    y["k"] *= (1 - p.PKY3 * abs(gy)) * p.LFZO * p.LMUY * p.LKY * p.AT_PRESSURE_KY
+    y["k"] *= (1 - p.PKY3 * abs(gy)) * p.LFZO * p.LKY * p.AT_PRESSURE_KY
     y["c"] = p.PCY1 * p.LCY
     y["b"] = y["k"] / (y["c"] * y["mu"] * fz + 0.1)
     e = (p.PEY1 + p.PEY2 * d) * (1 - (p.PEY3 + p.PEY4 * gy) * sign(a + y["h"])) * p.LEY
@@ -463,13 +458,16 @@ def pac02_slip(p: Any, k, a, g, fz, m, radius):
 def pac02(c: Contact, row, z, dt, mirror):
     p: Any = Coefficients(row)
     fz = min(c.load, row[Common.LOAD_LIMIT])
+    least = max(fz, p.FZMIN)
     m = c.friction / row[Common.REFERENCE_FRICTION]
     v = abs(c.v[0]) + 0.1
-    k = np.clip(-c.slide[0] / v, -1, 1)
-    a = np.clip(-mirror * arctan(c.v[1] / v), -np.pi / 2 + 0.01, np.pi / 2 - 0.01)
-    g = mirror * clamped_camber(c, row)
+    g = np.clip(mirror * clamped_camber(c, row), p.CAMMIN, p.CAMMAX)
+    slip = np.clip([-c.slide[0] / v, -mirror * arctan(c.v[1] / v)], [p.KPUMIN, p.ALPMIN], [p.KPUMAX, p.ALPMAX])
+    x, y, _, _ = pac02_pure(p, slip[0], slip[1], g, least, m)
+    limit = [3 * least * x["mu"] / abs(x["k"]), 3 * least * y["mu"] / abs(y["k"])]
+    k, a = lagged(slip, v, pac02_lengths(p, row, least, g), limit, z, dt)
     r = row[Common.RADIUS]
-    s_x, s_y, m_z = pac02_slip(p, k, a, g, fz, m, r)
+    s_x, s_y, m_z = np.array(pac02_slip(p, k, a, g, least, m, r)) * fz / least
     share = sine_step(abs(c.v[0]), row[Common.BLEND_BEGIN], row[Common.BLEND_END])
     held = standstill(c, fz, row, z, dt)
     f_x = (1 - share) * held[0] + share * s_x
@@ -479,7 +477,7 @@ def pac02(c: Contact, row, z, dt, mirror):
     q = fz / (p.FNOMIN * p.LFZO)
     m_x = p.QSX1 * p.LVMX + p.QSX3 * side - p.QSX2 * p.AT_PRESSURE_MX * g + p.QSX10 * arctan(p.QSX11 * q) * g
     m_x += p.QSX4 * cos(p.QSX5 * arctan(q**2)) * sin(p.QSX7 * g + p.QSX8 * arctan(p.QSX9 * side))
-    u = abs(c.v[0]) / sqrt(9.81 * r)
+    u = abs(c.v[0]) / p.REFERENCE_SPEED
     w = fz / p.FNOMIN
     m_y = p.QSY1 + p.QSY2 * f_x / p.FNOMIN + p.QSY3 * u + p.QSY4 * u**4 + (p.QSY5 + p.QSY6 * w) * g**2
     m_y *= w**p.QSY7 * p.AT_PRESSURE_MY * p.LMY * fz * r * resistance(c)

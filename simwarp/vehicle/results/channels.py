@@ -7,7 +7,7 @@ import dataclasses
 import io
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -21,6 +21,7 @@ from simwarp.core.object_repr import Readable, ReadableFields, plural
 from simwarp.core.types import formatted
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
+from simwarp.vehicle.results.named_channels import NamedReadings
 from simwarp.vehicle.results.track_readings import TrackReadings
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
@@ -95,12 +96,16 @@ class Recorder(Readable):
         vehicle: whose run it is.
         worlds: indices of the worlds; the first alone by default.
         start: time of the simulation that counts as zero [s].
-        further: (W,) arrays by the names of columns that come last.
+        further: (W,) arrays by the names of columns that come after the usual ones.
+        channels: names of further channels or patterns of them, such as `Fx_*` (docs/vehicles.md); they come last.
+
+    Raises:
+        SpecError: there is no such channel, or it needs a Simulation with `joint_reactions=True`.
     """
 
     def __init__(
         self, simulation: Simulation, vehicle: AnyVehicle, worlds: slice = slice(0, 1), start: float = 0.0,
-        further: Mapping[str, wp.array] = MappingProxyType({}),
+        further: Mapping[str, wp.array] = MappingProxyType({}), channels: Iterable[str] = (),
     ) -> None:  # fmt: skip
         self.simulation, self.vehicle, self.worlds, self.start = simulation, vehicle, worlds, start
         self._further = dict(further)
@@ -109,7 +114,9 @@ class Recorder(Readable):
             if isinstance(vehicle, TrackedVehicle)
             else WheelReadings(simulation, vehicle)
         )
-        self.names = (*self._readings.names, *further)
+        usual = (*self._readings.names, *further)
+        self._named = NamedReadings(simulation, vehicle, channels, usual)
+        self.names = (*usual, *(channel.name for channel in self._named.channels))
         """Of the columns."""
         self.rows: list[Array] = []
 
@@ -121,6 +128,7 @@ class Recorder(Readable):
         motion = ChassisMotion.of(self.simulation, self.vehicle, self.worlds)
         found = {"t_s": self._manoeuvre_time(motion.time)} | motion.columns()
         found |= self._readings.read(motion, self.worlds)
+        found |= self._named.read(motion, self.worlds)
         found |= {name: array.numpy()[self.worlds] for name, array in self._further.items()}
         self.rows.append(np.stack([found[name] for name in self.names], axis=-1))
 

@@ -78,6 +78,7 @@ class SetUpOptions(TypedDict, total=False):
     elements: Callable[[Any], Sequence[ForceElement]]
     on_soil: bool
     solver: SolverOptions | None
+    joint_reactions: bool
 
 
 @overload
@@ -104,6 +105,7 @@ def set_up(
     elements: Callable[[Any], Sequence[ForceElement]] = lambda vehicle: (),
     on_soil: bool = False,
     solver: SolverOptions | None = None,
+    joint_reactions: bool = False,
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -118,6 +120,7 @@ def set_up(
         elements: returns further force elements for the `Vehicle` or `TrackedVehicle`, such as the soil below it.
         on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
+        joint_reactions: record those of all joints; chains of tracks always do.
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -165,7 +168,7 @@ def set_up(
     usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
     simulation = Simulation(
         model, dt, elements=acting, solver=usual if solver is None else solver,
-        joint_reactions=chains,
+        joint_reactions=chains or joint_reactions,
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
 
@@ -215,12 +218,15 @@ class Drive(Readable):
     Args:
         setup: of `set_up`.
         worlds: indices of those that are recorded; the first alone by default.
+        channels: further ones by name, as of `Recorder`.
     """
 
-    def __init__(self, setup: Setup[AnyVehicle], worlds: slice = slice(0, 1)) -> None:
+    def __init__(
+        self, setup: Setup[AnyVehicle], worlds: slice = slice(0, 1), channels: Iterable[str] = ()
+    ) -> None:  # fmt: skip
         self.setup = setup
         further = setup.driver.measured if isinstance(setup.driver, Drawbar) else {}
-        self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further)
+        self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further, channels)
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 

@@ -15,12 +15,14 @@ MOST_POINTS: Final = 16
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BeltLaw(Spec):
-    """What a track by belt takes beside its wheels and shoes. Defaults are the M113's, as far as they are known."""
+    """What a track by belt needs beside its wheels and shoes. Defaults are the M113's, as far as they are known."""
 
     friction: NotNegative | None = None
     """On hard ground, at most that of the ground; None: the shoes'."""
     width: Positive | None = None
-    """That meets the ground [m]; None: that of a shoe's pad."""
+    """Of a closed band that presses soil [m]; None: the shoes' pads do, with gaps between them, and their side pads
+    once they touch it.
+    """
     span_points: Annotated[int, Ge(0), Le(MOST_POINTS)] = 4
     """Points of contact between two neighbouring road wheels; each wheel has one besides."""
     ramp_points: Annotated[int, Ge(1), Le(MOST_POINTS)] = 4
@@ -35,14 +37,22 @@ class BeltLaw(Spec):
     """Of friction below its limit, damping over stiffness [s]."""
     wheel_sink: NotNegative = 3.8e-7
     """Of a wheel in a shoe, per force [m/N]."""
-    dry_loss: NotNegative = 0.005
+    smooth_sprocket: bool = False
+    """The sprocket is a drum (`SprocketContact.DRUM`): the belt runs at its radius, and nothing slides in gaps."""
+    sprocket_loss: NotNegative | None = None
+    """Resistance of rollers that slide through the sprocket's gaps, per mean tension of the two runs there; None: of
+    its friction and profile (`belt_losses`), 0 of a smooth one.
+    """
+    dry_loss: NotNegative = 0.0023
     """Resistance of the belt to its motion, per tension."""
-    linear_loss: NotNegative = 0.0
-    """The same, per speed [s/m]."""
-    square_loss: NotNegative = 1.4e-3
-    """The same, per square of the speed [s²/m²]."""
+    rolling_loss: NotNegative = 0.017
+    """The same, per load of the road wheels."""
+    linear_loss: NotNegative = 0.0073
+    """The same, per tension and speed [s/m]."""
+    square_loss: NotNegative = 0.0
+    """The same, per tension and square of the speed [s²/m²]."""
     loss_length: Positive = 0.002
-    """Way over which the dry resistance comes up [m]."""
+    """Way over which the dry resistances come up [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

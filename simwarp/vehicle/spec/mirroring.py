@@ -23,9 +23,12 @@ from simwarp.vehicle.spec.vehicle_spec import (
     Steering,
     SteeringMount,
     Suspension,
+    Tire,
     Vec3,
     VehicleSpec,
 )
+from simwarp.vehicle.tires.parameter_vector import tire_vector
+from simwarp.vehicle.tires.tire_file_rules import side_of
 
 ASYMMETRIC_TIRES = ("pacejka89", "pacejka2002")
 """Templates whose parameters differ between left and right."""
@@ -36,7 +39,7 @@ def mirrored(spec: VehicleSpec) -> VehicleSpec:
 
     Raises:
         SpecError: a solid axle's drag link holds the left knuckle and nothing describes one on the right; or a tire
-            that tells left from right is mounted alike on both sides.
+            that differs between left and right is mounted alike on both sides.
     """
     chassis = dataclasses.replace(
         spec.chassis,
@@ -99,17 +102,23 @@ def _steering(steering: Steering) -> Steering:
 
 
 def _axle(index: int, axle: Axle) -> Axle:
-    unmarked = axle.tire.parameters.get("measured_side") is None
-    if axle.tire.template in ASYMMETRIC_TIRES and unmarked:
+    if axle.tire.template in ASYMMETRIC_TIRES and not _sides_mirror(axle.tire, f"axles[{index}].tire"):
+        side = axle.tire.parameters.get("measured_side")
         raise SpecError(
-            f"axles[{index}].tire.parameters.measured_side: must be left or right to mirror the vehicle, got None: "
-            f"{axle.tire.template} tells left from right, and both sides have the same"
+            f"axles[{index}].tire.parameters.measured_side: must be left or right to mirror the vehicle, got {side}: "
+            f"{axle.tire.template} differs between left and right, and both sides have the same"
         )
     bar = axle.antiroll_bar
     return dataclasses.replace(
         axle, location=flipped(axle.location), suspension=_suspension(index, axle.suspension),
         antiroll_bar=None if bar is None else dataclasses.replace(bar, location=flipped(bar.location)),
     )  # fmt: skip
+
+
+def _sides_mirror(tire: Tire, place: str) -> bool:
+    """True if the tire of the right side is the mirror image of that of the left one."""
+    parameters: Any = tire.parameters
+    return tire_vector(tire, place).measured_side is not None or side_of(parameters.get("tir", {})) == "symmetric"
 
 
 def _suspension(index: int, suspension: Suspension) -> Suspension:

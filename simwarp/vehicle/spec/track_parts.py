@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Annotated, Final, Literal, TypeAlias
 
 from simwarp.core.constraints import Ge, Inertia, MinLen, NotNegative, Point, Positive, Tagged
@@ -50,6 +51,28 @@ class ShoePad(Spec):
     center: Point
     size: tuple[Positive, Positive, Positive]
     """Whole lengths along x, y, z [m]."""
+
+    @property
+    def bottom(self) -> float:
+        """Z of its lower side [m]."""
+        return self.center[2] - 0.5 * self.size[2]
+
+    @property
+    def top(self) -> float:
+        """Z of its upper side [m]."""
+        return self.center[2] + 0.5 * self.size[2]
+
+
+def pad_around(pads: Sequence[ShoePad]) -> ShoePad:
+    """The box around some pads of a shoe."""
+    corners = [
+        tuple(place + sign * 0.5 * length for place, length in zip(pad.center, pad.size, strict=True))
+        for pad in pads for sign in (-1.0, 1.0)
+    ]  # fmt: skip
+    low, high = ([bound(values) for values in zip(*corners, strict=True)] for bound in (min, max))
+    x, y, z = (0.5 * (a + b) for a, b in zip(low, high, strict=True))
+    length, width, height = (b - a for a, b in zip(low, high, strict=True))
+    return ShoePad(center=(x, y, z), size=(length, width, height))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -168,10 +191,10 @@ def check_pads(pitch: float, ground_pad: ShoePad, wheel_pad: ShoePad) -> None:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SinglePinSprocket(Spec):
-    """Two gear discs whose gaps are circular arcs, for shoes with one pin. y is the axis of rotation."""
+class GearDiscs(Spec):
+    """What sprockets for shoes with one pin and with two have alike."""
 
-    template: Literal["sprocket-single-pin"] = "sprocket-single-pin"
+    template: str
     mass: Positive
     inertia: Inertia
     axle_inertia: NotNegative = 0.0
@@ -185,15 +208,24 @@ class SinglePinSprocket(Spec):
     """Of the circle of pins on which the chain is laid [m]."""
     tip_radius: Positive
     arc_radius: Positive
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SinglePinSprocket(GearDiscs):
+    """Two gear discs whose gaps are circular arcs, for shoes with one pin. y is the axis of rotation."""
+
+    template: Literal["sprocket-single-pin"] = "sprocket-single-pin"
     arc_center_radius: Positive
     """Of the circle on which the centres of the arcs lie [m]."""
     friction: NotNegative
 
     def check(self) -> None:
         """A profile with gaps between its tips."""
-        bottom = self.arc_center_radius - self.arc_radius
-        if not 0.0 < bottom < self.tip_radius:
-            rule = f"above the bottom of the gaps, {bottom:.4g} m (arc_center_radius - arc_radius), and that above 0"
+        if not 0.0 < self.roller_seat < self.tip_radius:
+            rule = (
+                f"above the bottom of the gaps, {self.roller_seat:.4g} m (arc_center_radius - arc_radius), "
+                "and that above 0"
+            )
             raise refuse("tip_radius", rule, self.tip_radius)
 
     @property
@@ -208,19 +240,10 @@ class SinglePinSprocket(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DoublePinSprocket(Spec):
+class DoublePinSprocket(GearDiscs):
     """Two gear discs for shoes with two pins: each gap has two arcs, beside its middle. y is the axis of rotation."""
 
     template: Literal["sprocket-double-pin"] = "sprocket-double-pin"
-    mass: Positive
-    inertia: Inertia
-    axle_inertia: NotNegative = 0.0
-    teeth: Annotated[int, Ge(FEWEST_TEETH)]
-    separation: Positive
-    backlash: NotNegative
-    assembly_radius: Positive
-    tip_radius: Positive
-    arc_radius: Positive
     arc_center_height: Positive
     """Of the arcs' centres from the axis, along the line through the gap [m]."""
     arc_center_offset: Positive

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import JointType
+from simwarp.core.types import WORLD, JointType, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.vehicle_spec import AntirollBar, RigidPart, SpecError, Vec3
@@ -24,7 +24,7 @@ def _lever(builder: ModelBuilder, chassis: int, body: int, foot: Array, link: Ar
     """
     for joint in builder.joints:
         if joint.parent == chassis and joint.child == body and joint.type in (JointType.REVOLUTE, JointType.BUSHING):
-            held = builder.bodies[chassis].pose
+            held = pose() if chassis == WORLD else builder.bodies[chassis].pose
             turn = quat_multiply(held.rotation, joint.frame0.rotation)
             axis = rotate(turn, np.array([0.0, 0.0, 1.0]))
             arm = foot - held.position - rotate(held.rotation, joint.frame0.position)
@@ -38,7 +38,7 @@ def add_antiroll_bar(frame: Frame, spec: AntirollBar, chassis: int, left: int, r
 
     Args:
         frame: of the bar, its origin in the middle.
-        chassis: body that the left arm turns in.
+        chassis: body that the left arm turns in, or WORLD for an axle on a bench.
         left: body that the left drop link holds.
         right: the same of the right one.
 

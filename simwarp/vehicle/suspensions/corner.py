@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -172,6 +173,15 @@ def spring_table(line: ForceLine, rest: float) -> Table | None:
     if line.max_length is not None:
         y = y + np.where(x > line.max_length - rest, extended(x - line.max_length + rest, bump_x, bump_y), 0.0)
     return x.tolist(), y.tolist()
+
+
+def spring_force(line: ForceLine, length: Array) -> Array:
+    """(...,) force with which a spring and its bump stops push their ends apart at rest [N], at lengths (...,) [m]."""
+    rest = math.dist(line.chassis_point, line.arm_point) if line.rest_length is None else line.rest_length
+    found = spring_table(line, rest)
+    if found is None:
+        return np.asarray(line.preload - line.stiffness * (length - rest))
+    return np.asarray(line.preload - extended(length - rest, *(np.array(values) for values in found)))
 
 
 def extended(x: Array, knots: Array, values: Array) -> Array:

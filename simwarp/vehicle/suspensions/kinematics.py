@@ -19,10 +19,14 @@ from simwarp.core.types import WORLD, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_spec import Axle, PinnedAxle, RigidSuspension, SpecError, VehicleSpec
-from simwarp.vehicle.suspensions import Side, add_axle
+from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
+from simwarp.vehicle.suspensions.wheel_axes import camber_angles, steer_angles, toe_angles
 
+FRAME: Final = "axle"
+"""Name of the axle's frame on the bench."""
 STAGE: Final = 0.01
 """The travel is approached in steps of at most this [m], so that Newton's method stays on its branch."""
 FEWEST_STAGES: Final = 8
@@ -45,18 +49,36 @@ class TravelTable:
     """(n, 2) positive where the wheel's top leans outwards [rad]."""
     center: Array
     """(n, 2, 3) of the wheels, in the vehicle's frame of reference [m]."""
+    axis: Array
+    """(n, 2, 3) of the wheels, likewise, unit vectors to the left."""
     reached: npt.NDArray[np.bool_]
     """(n,) whether the linkage closes there."""
 
 
 @dataclasses.dataclass(frozen=True)
-class _Bench:
+class Bench:
     """Indices of what holds an axle on its bench."""
 
     sides: tuple[Side, Side]
     planes: tuple[int, ...]
     """Joints that hold the height of the left and the right wheel."""
     steering: SteeringParts | None
+    bar: int | None
+    """Joint that twists the anti-roll bar."""
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldAxle:
+    """An axle on its bench, its linkage closed at n states."""
+
+    simulation: Simulation
+    bench: Bench
+    steering: Array
+    """(n,) -1 to 1."""
+    rest: Array
+    """(n, 2, 3) centres of the wheels as built [m]."""
+    reached: npt.NDArray[np.bool_]
+    """(n,) whether the linkage closes there."""
 
 
 def travel_table(
@@ -79,10 +101,44 @@ def travel_table(
     Raises:
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
+    other = travels if right is None else right
+    return wheel_angles(hold_axle(spec, axle, travels, other, steering, device=device))
+
+
+def spring_lengths(spec: VehicleSpec, axle: int, travels: npt.ArrayLike, *, device: str = "cpu") -> Array:
+    """Lengths of an axle's springs and dampers over travel, both wheels alike.
+
+    Args:
+        spec: the vehicle.
+        axle: index, from the front.
+        travels: (n,) of the wheels' centres upwards [m].
+        device: device of the batch.
+
+    Returns:
+        (n, k) of the lines of the left side, in the order of the description [m]; NaN where the linkage does not reach.
+
+    Raises:
+        SpecError: no such axle, or a travel other than 0 of rigid wheels.
+    """
+    held = hold_axle(spec, axle, travels, travels, device=device)
+    part = spec.axles[axle]
+    found = line_lengths(held.simulation, part.suspension, FRAME, WORLD, pose(part.location))
+    found[~held.reached] = np.nan
+    return found
+
+
+def hold_axle(
+    spec: VehicleSpec, axle: int, left: npt.ArrayLike, right: npt.ArrayLike, steering: npt.ArrayLike = 0.0, *,
+    device: str = "cpu",
+) -> HeldAxle:  # fmt: skip
+    """Closes the linkage of an axle at n states, as `travel_table` does, for whoever measures more of it.
+
+    Raises:
+        SpecError: no such axle, or a travel other than 0 of rigid wheels.
+    """
     if not 0 <= axle < len(spec.axles):
         raise SpecError(f"axle: must be in 0..{len(spec.axles) - 1}, got {axle!r}")
-    other = travels if right is None else right
-    lefts, rights, inputs = (np.ravel(v) for v in np.broadcast_arrays(*map(_floats, (travels, other, steering))))
+    lefts, rights, inputs = (np.ravel(v) for v in np.broadcast_arrays(*map(_floats, (left, right, steering))))
     part = spec.axles[axle]
     if isinstance(part.suspension, RigidSuspension) and (np.any(lefts) or np.any(rights)):
         raise SpecError(f"travels: must be 0 for the template '{part.suspension.template}', which has no springs")
@@ -106,21 +162,25 @@ def travel_table(
             q[:, model.joint_dof_start[bench.steering.joint]] = share * inputs * bench.steering.travel
         simulation.set_joint_state(None, q, None)
         reached &= (simulation.state.world_status.numpy() & WorldStatus.NOT_ASSEMBLED) == 0
-    return _measure(simulation, bench, rest, inputs, reached)
+    return HeldAxle(simulation, bench, inputs, rest, reached)
 
 
 def _floats(values: npt.ArrayLike) -> Array:
     return np.asarray(values, dtype=np.float64)
 
 
-def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
-    """The axle and what steers it on the world; planes hold the centres of the wheels that can move."""
+def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> Bench:
+    """The axle, what steers it and its anti-roll bar on the world; planes hold the centres of wheels that can move."""
     link, steering = WORLD, None
     if axle.steering is not None:
         mount = spec.steerings[axle.steering]
         steering = add_steering(Frame(builder, "steering", pose(mount.location, mount.rotation)), mount.steering, WORLD)
         link = steering.link
-    sides = add_axle(Frame(builder, "axle", pose(axle.location)), 0, axle, WORLD, link)
+    sides = add_axle(Frame(builder, FRAME, pose(axle.location)), 0, axle, WORLD, link)
+    bar = None
+    if axle.antiroll_bar is not None:
+        middle = Frame(builder, "antiroll_bar", pose(axle.antiroll_bar.location))
+        bar = add_antiroll_bar(middle, axle.antiroll_bar, WORLD, sides[0].bar, sides[1].bar)
     movable: tuple[Side, ...] = sides
     if isinstance(axle.suspension, RigidSuspension):
         movable = ()
@@ -133,21 +193,19 @@ def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
         )
         for side in movable
     )  # fmt: skip
-    return _Bench(sides, planes, steering)
+    return Bench(sides, planes, steering, bar)
 
 
-def _measure(
-    simulation: Simulation, bench: _Bench, rest: Array, steering: Array, reached: npt.NDArray[np.bool_]
-) -> TravelTable:
-    """Angles of the wheels' axes, which are y of the spindles."""
-    spindles = [side.spindle for side in bench.sides]
-    signs = np.array([side.side for side in bench.sides])
-    center = np.array(simulation.state.body_x.numpy()[:, spindles], dtype=np.float64)
-    rotations = np.array(simulation.state.body_rot.numpy()[:, spindles], dtype=np.float64)
+def wheel_angles(held: HeldAxle) -> TravelTable:
+    """Angles of the wheels' axes, which are y of the spindles, as the axle is now."""
+    state, sides = held.simulation.state, held.bench.sides
+    spindles = [side.spindle for side in sides]
+    signs = np.array([side.side for side in sides])
+    center = np.array(state.body_x.numpy()[:, spindles], dtype=np.float64)
+    rotations = np.array(state.body_rot.numpy()[:, spindles], dtype=np.float64)
     axes = np.array([[matrix_of(q)[:, 1] for q in row] for row in rotations])
-    axes[~reached] = center[~reached] = np.nan
-    steer = np.arctan2(-axes[..., 0], axes[..., 1])
+    axes[~held.reached] = center[~held.reached] = np.nan
     return TravelTable(
-        steering=steering, travel=(center - rest)[..., 2], steer=steer, toe=-signs * steer,
-        camber=-signs * np.arcsin(axes[..., 2]), center=center, reached=reached,
+        steering=held.steering, travel=(center - held.rest)[..., 2], steer=steer_angles(axes),
+        toe=toe_angles(axes, signs), camber=camber_angles(axes, signs), center=center, axis=axes, reached=held.reached,
     )  # fmt: skip

@@ -12,12 +12,24 @@ The equation is linear for the v of one step and is solved exactly over it, so t
 act over the whole step, however: a bristle under a mass m stays stable only for h² s0 < 4 m and h s1 < 2 m. Both are
 therefore held below m / h² and m / h, which changes nothing where steps are short enough (m: `PATCH_MASS_X`,
 `PATCH_MASS_Y`).
+
+Where a tire has relaxation lengths, the slips s' of its contact follow those of the wheel s (Pacejka, Tyre and Vehicle
+Dynamics, 2nd edition, equations 7.7 and 7.9 with u = sigma s'):
+
+    sigma ds'/dt = -v_s - V s' = (s - s') V
+
+V is the speed that s is a share of in the law, v_s the velocity of sliding. So sigma s' is the deflection of a spring
+which the rolling contact leaves behind: as F(s') has the sign of s', it stores and takes energy and never gives more
+back. The equation is linear for the s of one step and is solved exactly: at any step, forwards and backwards, s' stays
+between its start and s. A contact that slides as a whole holds no larger deflection than that of adhesion: where the
+slip falls, |s'| <= max(|s|, 3 F_max / C), with C the initial slope of F (3: of the brush model, Pacejka 3.17). At rest
+the bristle holds alone.
 """
 
 import warp as wp
 
 from simwarp.kernels.core.piecewise_linear import segment_of
-from simwarp.vehicle.tires.parameter_vector_kernels import BRISTLE_X, BRISTLE_Y, Common
+from simwarp.vehicle.tires.parameter_vector_kernels import BRISTLE_X, BRISTLE_Y, LAGGED_X, Common
 from simwarp.vehicle.tires.patch_kernels import Patch
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -25,6 +37,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 TWO_PI = wp.constant(6.2831853)
 RESISTANCE_BEGIN = wp.constant(0.125)  # [m/s]: rolling resistance grows from nothing to its full value between them
 RESISTANCE_END = wp.constant(0.5)
+LARGEST_LAGGED = wp.constant(2.0)  # slips beyond it slide as much, and would take long to fade
+ADHESION = wp.constant(3.0)  # slip at which all of a brush slides, over F_max / C
 
 
 @wp.func
@@ -114,6 +128,45 @@ def standstill_force(patch: Patch, load: float, p: wp.array[float], z: wp.array[
     if size > coulomb:
         force *= coulomb / size
     return force
+
+
+@wp.func
+def has_lagged_slips(z: wp.array[float]) -> bool:
+    """True if the state row has room for slips that follow."""
+    return z.shape[0] > LAGGED_X + 1
+
+
+@wp.func
+def relaxation_lengths(p: wp.array[float], z: wp.array[float]) -> wp.vec2:
+    """Along x and y [m]; 0: at once, so too where they were written after the state row was made without room."""
+    if not has_lagged_slips(z):
+        return wp.vec2()
+    return wp.vec2(p[Common.RELAXATION_X], p[Common.RELAXATION_Y])
+
+
+@wp.func
+def lagged(slip: wp.vec2, speed: float, lengths: wp.vec2, limit: wp.vec2, z: wp.array[float], dt: float) -> wp.vec2:
+    """The slips of the contact.
+
+    Args:
+        slip: of the wheel.
+        speed: that it is a share of [m/s].
+        lengths: of relaxation [m].
+        limit: slips at which all of the contact slides.
+        z: state, advanced.
+        dt: step [s].
+    """
+    result = wp.vec2()
+    for i in range(2):
+        s = slip[i] + (z[LAGGED_X + i] - slip[i]) * wp.exp(-dt * speed / lengths[i])
+        most = wp.max(wp.abs(slip[i]), limit[i])
+        result[i] = wp.clamp(s, -most, most)
+    # beyond, the contact slides the way that the wheel does
+    if wp.length(result) > LARGEST_LAGGED:
+        result = slip * (LARGEST_LAGGED / wp.max(wp.length(slip), LARGEST_LAGGED))
+    z[LAGGED_X] = result[0]
+    z[LAGGED_X + 1] = result[1]
+    return result
 
 
 @wp.func

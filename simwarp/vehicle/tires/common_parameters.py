@@ -41,4 +41,6 @@ def common_vector(tire: Tire, common: CommonParameters, size: int, *, camber: fl
     vector[Common.PATCH_MASS_X] = tire.inertia[1] / tire.radius**2
     vector[Common.PATCH_MASS_Y] = tire.mass
     vector[[Common.BLEND_BEGIN, Common.BLEND_END]] = common.blend
+    if common.relaxation_length is not None:
+        vector[[Common.RELAXATION_X, Common.RELAXATION_Y]] = common.relaxation_length
     return vector

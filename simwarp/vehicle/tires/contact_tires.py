@@ -43,7 +43,7 @@ class ContactTires(WheelReports):
         self._on_soil = False
 
     def show(self, soil: Any, first: int) -> None:
-        """From now on tell what a soil reports of its meshes from number `first` on, and no other contact."""
+        """From now on report what a soil finds of its meshes from number `first` on, and no other contact."""
         self._on_soil = True
         self.show_soil(soil, first)
 
@@ -73,7 +73,7 @@ class ContactTires(WheelReports):
         ]  # fmt: skip
 
     def record_after(self, simulation: StepContext) -> list[Any]:
-        """The launch after a sub-step: the loads; none on soil, which tells them."""
+        """The launch after a sub-step: the loads; none on soil, which reports them."""
         if self._on_soil:
             return []
         return [

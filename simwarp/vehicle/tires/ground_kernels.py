@@ -6,7 +6,13 @@ A plane, a height field or a mesh (the queries are those of contact, kernels/col
 import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, PLANE, Assets
-from simwarp.kernels.collision.surfaces import height_field_height, mesh_ray, rotate_wide
+from simwarp.kernels.collision.surfaces import (
+    SurfaceHit,
+    height_field_height,
+    height_field_ray,
+    mesh_ray,
+    rotate_wide,
+)
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import to_double, to_float
 
@@ -102,6 +108,45 @@ def ground_below(
         found.found = 1
     found.arm = offset + wp.vec3(0.0, 0.0, lift - hit.t)
     return found
+
+
+@wp.func
+def surface_ray(
+    kind: int, asset: int, scale: wp.vec3, start: wp.vec3d, direction: wp.vec3, reach: float, assets: Assets
+) -> SurfaceHit:  # fmt: skip
+    """First hit of a ray in the frame of a plane, height field or mesh; from above only, but for a mesh."""
+    hit = SurfaceHit()
+    hit.t = -1.0
+    if kind == PLANE:
+        if direction[2] < 0.0 and start[2] > wp.float64(0.0):
+            hit.t = float(-start[2] / wp.float64(direction[2]))
+            hit.normal = wp.vec3(0.0, 0.0, 1.0)
+    elif kind == HEIGHT_FIELD:
+        hit = height_field_ray(asset, scale, start, direction, reach, assets)
+        if wp.dot(hit.normal, direction) >= 0.0:
+            hit.t = -1.0
+    elif kind == MESH:
+        hit = mesh_ray(asset, scale, to_float(start), direction, reach, assets)
+        if wp.dot(hit.normal, direction) > 0.0:
+            hit.normal = -hit.normal
+    if hit.t > reach:
+        hit.t = -1.0
+    return hit
+
+
+@wp.func
+def ground_ray(
+    world: int, x: wp.vec3d, direction: wp.vec3, reach: float, terrain: TerrainTables, assets: Assets
+) -> SurfaceHit:
+    """First hit of a ray from x with the ground; world axes."""
+    rot = terrain.rot[world_row(world, terrain.rot.shape[0])]
+    back = wp.transpose(rot)
+    scale = terrain.scale[world_row(world, terrain.scale.shape[0])]
+    asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
+    start = rotate_wide(back, x - terrain.x[world_row(world, terrain.x.shape[0])])
+    hit = surface_ray(terrain.kind, asset, scale, start, back * direction, reach, assets)
+    hit.normal = rot * hit.normal
+    return hit
 
 
 @wp.func

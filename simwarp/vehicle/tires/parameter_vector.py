@@ -20,6 +20,7 @@ from simwarp.vehicle.tires.flexible_tires import TEMPLATE as FLEXIBLE, flexible_
 from simwarp.vehicle.tires.parameter_vector_kernels import (
     BRISTLE_STATES,
     FIALA_SIZE,
+    LAGGED_STATES,
     LUGRE_SIZE,
     PAC89_SIZE,
     TMEASY_SIZE,
@@ -27,6 +28,7 @@ from simwarp.vehicle.tires.parameter_vector_kernels import (
     Common,
     Fiala,
     Lugre,
+    Pac02,
     Pac89,
     TireContact,
     TireModel,
@@ -47,7 +49,7 @@ from simwarp.vehicle.tires.tire_parameters import (
     TmsimpleParameters,
     VerticalParameters,
 )
-from simwarp.vehicle.tires.tire_properties import fill_pacejka2002
+from simwarp.vehicle.tires.tire_properties import fill_pacejka2002, measured_side
 
 GRAVITY = 9.81
 
@@ -171,6 +173,7 @@ class ParameterVector:
     values: Vector
     state_size: int
     measured_side: str | None
+    """None: it is mirrored on no side."""
 
 
 def resistance(common: CommonParameters) -> float:
@@ -287,6 +290,12 @@ def fill_pacejka89(
 
 def fill_lugre(tire: Tire, common: CommonParameters, vertical: VerticalParameters, lugre: LugreParameters) -> Vector:
     """Vector of a LuGre tire."""
+    if common.relaxation_length is not None:
+        given = formatted(list(common.relaxation_length))
+        raise SpecError(
+            f"relaxation_length: must be absent, got {given}: LuGre's bristles give way over a length of their own;"
+            " give bristle_rate"
+        )
     vector = common_vector(tire, common, LUGRE_SIZE, camber=3.0, share=1.0)
     vector[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
     vector[Lugre.BRISTLE_STIFFNESS : Lugre.BRISTLE_STIFFNESS + 2] = lugre.bristle_rate
@@ -385,10 +394,19 @@ def _vector(tire: Tire) -> ParameterVector:
         ]
         values = model.fill(tire, *built)
     except SpecError as error:
-        key, _, rule = str(error).partition(": ")
         tir = tire.parameters.get("tir")
-        if key.startswith("tir.") and isinstance(tir, TirValues):
-            raise tir.error(key.removeprefix("tir."), rule) from None
+        located = tir.located(error) if isinstance(tir, TirValues) else error
+        if isinstance(located, PropertyFileError):
+            raise located from None
         raise SpecError(f"parameters.{error}") from None
-    states = 2 * int(values[Lugre.DISC_COUNT]) if model.law is TireModel.LUGRE else BRISTLE_STATES
-    return ParameterVector(model.law, CONTACTS[built[0].contact], values, states, built[0].measured_side)
+    return ParameterVector(
+        model.law, CONTACTS[built[0].contact], values, _state_size(model.law, values), measured_side(*built[:2])
+    )
+
+
+def _state_size(law: TireModel, values: Vector) -> int:
+    """Entries of a tire's state row."""
+    if law is TireModel.LUGRE:
+        return 2 * int(values[Lugre.DISC_COUNT])
+    transient = law is TireModel.PAC02 and values[Pac02.TRANSIENT] == 1.0
+    return LAGGED_STATES if transient or values[Common.RELAXATION_X] > 0.0 else BRISTLE_STATES

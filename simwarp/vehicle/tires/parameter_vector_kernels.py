@@ -27,6 +27,8 @@ class TireContact(IntEnum):
     SINGLE_POINT = 0
     FOUR_POINT = 1
     ENVELOPE = 2
+    SHAPES = 3
+    """The ground and the static shapes among the vehicle's `obstacles` (tire_obstacles_kernels.py)."""
 
 
 class Common(IntEnum):
@@ -71,9 +73,14 @@ class Common(IntEnum):
     BLEND_BEGIN = 21
     """Speeds between which the bristle gives way to the law of slip [m/s]."""
     BLEND_END = 22
+    RELAXATION_X = 23
+    """Way over which the slips of the contact follow those of the wheel [m]; 0: at once. Written later, it counts only
+    for tires that were built with relaxation lengths: the others keep no slips.
+    """
+    RELAXATION_Y = 24
 
 
-COMMON_SIZE = 23
+COMMON_SIZE = 25
 
 
 class Tmeasy(IntEnum):
@@ -159,10 +166,14 @@ Pac02 = IntEnum(
     "QBZ1 QBZ2 QBZ3 QBZ4 QBZ5 QBZ9 QBZ10 QCZ1 QDZ1 QDZ2 QDZ3 QDZ4 QDZ6 QDZ7 QDZ8 QDZ9 QEZ1 QEZ2 QEZ3 QEZ4 QEZ5 "
     "QHZ1 QHZ2 QHZ3 QHZ4 SSZ1 SSZ2 SSZ3 SSZ4 "
     "AT_PRESSURE_KX AT_PRESSURE_MUX AT_PRESSURE_KY AT_PRESSURE_PKY2 AT_PRESSURE_MUY AT_PRESSURE_TRAIL "
-    "AT_PRESSURE_RESIDUAL AT_PRESSURE_MX AT_PRESSURE_MY",
+    "AT_PRESSURE_RESIDUAL AT_PRESSURE_MX AT_PRESSURE_MY "
+    "KPUMIN KPUMAX ALPMIN ALPMAX CAMMIN CAMMAX FZMIN "
+    "PTX1 PTX2 PTX3 PTY1 PTY2 LSGKP LSGAL TRANSIENT MUY_CAMBER REFERENCE_SPEED",
     start=COMMON_SIZE,
 )
-"""Pacejka 2002. AT_PRESSURE_*: factors of the inflation pressure."""
+"""Pacejka 2002. AT_PRESSURE_*: factors of the inflation pressure. TRANSIENT 1: relaxation lengths are those of PTX1 to
+PTY2. MUY_CAMBER: sign of PDY3 g². REFERENCE_SPEED: of M_y [m/s].
+"""
 
 PAC02_SIZE = COMMON_SIZE + len(Pac02)
 
@@ -193,3 +204,6 @@ BRISTLE_X = wp.constant(0)
 BRISTLE_Y = wp.constant(1)
 BRISTLE_STATES = 2
 """Entries of the state row of every model but LuGre: deflections of the standing bristle [m]. LuGre has two a disc."""
+LAGGED_X = wp.constant(2)
+LAGGED_STATES = 4
+"""The same with relaxation: the slips of the contact follow."""

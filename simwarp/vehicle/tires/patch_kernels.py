@@ -9,6 +9,7 @@ everything else is relative to it and float32.
 - Four point: the plane is that of four points of the ground, 0.1 radius before and behind and 0.3 width beside.
 - Envelope (Sui & Hirshey 1999): the area that disc and ground share, over 100 columns, is turned into the deflection of
   a disc on a plane that shares as much: area = r²/2 (a - sin a), deflection = r (1 - cos(a/2)).
+- Shapes: normal and deflection are found before (tire_obstacles_kernels.py).
 """
 
 import warp as wp
@@ -53,6 +54,14 @@ class Patch:
     load: float  # normal force [N]
     effective_radius: float  # [m]
     slide: wp.vec2  # velocity of sliding [m/s]
+
+
+@wp.struct
+class Envelopes:
+    """What wheels meet, where the ground and shapes around them are looked at; (W, wheels), empty where none is."""
+
+    normal: wp.array2d[wp.vec3]  # unit, world axes
+    deflection: wp.array2d[float]  # 0: nothing is met [m]
 
 
 @wp.struct
@@ -181,8 +190,21 @@ def envelope(world: int, wheel: Wheel, radius: float, terrain: TerrainTables, as
 
 
 @wp.func
+def enveloped(world: int, index: int, wheel: Wheel, radius: float, envelopes: Envelopes) -> Patch:
+    """Contact with what was found around wheel number `index`."""
+    point = GroundPoint()
+    point.normal = envelopes.normal[world, index]
+    deflection = envelopes.deflection[world, index]
+    if deflection <= 0.0:
+        return Patch()
+    point.arm = -(radius - deflection) * project_to_wheel_plane(wheel, point.normal)
+    return make_patch(wheel, point, deflection)
+
+
+@wp.func
 def find_patch(
-    world: int, wheel: Wheel, method: int, p: wp.array[float], terrain: TerrainTables, assets: Assets
+    world: int, index: int, wheel: Wheel, method: int, p: wp.array[float], terrain: TerrainTables,
+    envelopes: Envelopes, assets: Assets,
 ) -> Patch:  # fmt: skip
     """Contact of a wheel with the ground; neither load nor friction yet."""
     radius = p[Common.RADIUS]
@@ -194,6 +216,8 @@ def find_patch(
         patch = four_point(world, wheel, radius, p[Common.WIDTH], terrain, assets)
     elif method == TireContact.ENVELOPE:
         patch = envelope(world, wheel, radius, terrain, assets)
+    elif method == TireContact.SHAPES:
+        patch = enveloped(world, index, wheel, radius, envelopes)
     else:
         patch = single_point(world, wheel, radius, terrain, assets)
     patch.effective_radius = radius - p[Common.RADIUS_SHARE] * patch.deflection

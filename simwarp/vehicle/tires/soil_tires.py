@@ -42,7 +42,7 @@ class SoilTires(WheelReports):
         deflection: (W, wheels) depth of the soil below each wheel's centre [m].
         slip_ratio: (W, wheels), positive when driving.
         force_w, torque_w: (W, wheels) vec3 on each wheel at its centre, world axes [N, N·m].
-        slip_angle, camber, state: zeros; soil does not tell them.
+        slip_angle, camber, state: zeros; soil does not report them.
         ground_friction: (1,) of no effect: the soil's own strength counts.
     """
 
@@ -52,7 +52,7 @@ class SoilTires(WheelReports):
         self.ground_friction = writable_from([1.0], wp.float32, model.device)
 
     def show(self, soil: Any, first: int) -> None:
-        """From now on tell what a soil reports of its wheels from number `first` on."""
+        """From now on report what a soil finds of its wheels from number `first` on."""
         self.show_soil(soil, first)
 
     def missing_ground(self, simulation: StepContext, own: Container[int]) -> str:

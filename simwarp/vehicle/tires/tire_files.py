@@ -28,6 +28,11 @@ class TirValues(dict[str, "float | str"]):
         line = f"line {self.lines[key]}: " if key in self.lines else ""
         return PropertyFileError(f"{self.name}: {line}{key[:60]}: {rule}")
 
+    def located(self, error: SpecError) -> SpecError:
+        """An error that begins with tir.KEY, by file and line in the place of tir; any other as it is."""
+        key, _, rule = str(error).partition(": ")
+        return self.error(key.removeprefix("tir."), rule) if key.startswith("tir.") else error
+
 
 def parse_tir(text: str, name: str) -> TirValues:
     """The keys of all sections in one; `$` and `!` begin comments, quotes hold text.
@@ -46,8 +51,12 @@ def parse_tir(text: str, name: str) -> TirValues:
         if not equals or not key or len(key.split()) > 1:
             rule = "must be KEY = value, a [SECTION], a row of numbers or a comment after $"
             raise SpecError(f"{name}: line {number}: {rule}, got {formatted(line)}")
+        known, first = values.get(key), values.lines.get(key)
         values.lines[key] = number
         values[key] = value[1:-1] if value.startswith(("'", '"')) else _number(values, key, value)
+        if known is not None and values[key] != known:
+            both = f"{formatted(known)} in line {first} and {formatted(values[key])} in line {number}"
+            raise values.error(key, f"must be given once, got {both}; leave one of them")
     if not values:
         raise SpecError(f"{name}: holds no KEY = value lines; give a tire property file")
     return values

@@ -72,8 +72,14 @@ class CommonParameters(Spec):
     """Camber beyond it counts as it [rad]; None: 4° for TMeasy and TMsimple, 3° for the others."""
     rolling_resistance: NotNegative | None = None
     """Torque over load and radius (Fiala: torque over load [m]); None: 0.015, or that of the property file."""
-    measured_side: Literal["left", "right"] | None = None
-    """Side on which an asymmetric tire was measured; on the other one it is mirrored. None: never."""
+    measured_side: Literal["left", "right", "either"] | None = None
+    """Side on which an asymmetric tire was measured; on the other one it is mirrored. "either": never mirrored. None:
+    the TYRESIDE of a property file, else never.
+    """
+    relaxation_length: PositivePair | None = None
+    """Way over which the slips of the contact follow those of the wheel, along x and y [m]. None: that of a property
+    file whose USE_MODE asks for it, else the tire answers at once.
+    """
     bristle_stiffness: Positive = 1.0e5
     """Of what holds the standing wheel [N/m]."""
     bristle_damping: NotNegative = 5.0e3
@@ -204,14 +210,17 @@ class Pacejka2002Parameters(Spec):
     """Pacejka 2002 from a property file.
 
     Recorded runs of Project Chrono come out with argument_limit = pi/2 - 0.01 and rolling_resistance = 0: there the
-    argument of the formula is clamped, and QSY1 does not act.
+    argument of the formula is clamped, and QSY1 does not act. They come out with combined = "friction-ellipse", too.
     """
 
     tir: dict[str, float | str]
     """KEY -> value of the file; {"file": "NAME.tir"} stands for them."""
     mode: int | None = None
-    """0: vertical force only, 1: F_x, 2: F_y and M_z, 3: both, 4: combined; None: USE_MODE of the file."""
-    combined: Literal["friction-ellipse", "weights"] = "friction-ellipse"
+    """0: vertical force only, 1: F_x, 2: F_y and M_z, 3: both, 4: combined; 10 more: with relaxation lengths; None:
+    USE_MODE of the file.
+    """
+    combined: Literal["friction-ellipse", "weights"] | None = None
+    """None: weights, as the formula has them, where the file has their coefficients, else the ellipse."""
     argument_limit: Positive | None = None
     """|B x| is clamped to it before the formula bends it; None: it is not."""
 

@@ -1,49 +1,51 @@
-"""Pacejka 2002 tires from the keys of a property file (.tir of Adams/Tire)."""
+"""Pacejka 2002 and MF-Tyre 5.2 tires from the keys of a property file (.tir of Adams/Tire)."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from simwarp.core.types import formatted
-from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
+from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire
 from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector
 from simwarp.vehicle.tires.parameter_vector_kernels import PAC02_SIZE, Common, Pac02
+from simwarp.vehicle.tires.tire_file_rules import (
+    check_file,
+    check_slopes,
+    is_mf52,
+    number,
+    range_of,
+    refuse_key,
+    side_of,
+    use_mode,
+)
+from simwarp.vehicle.tires.tire_file_units import in_si_units
 from simwarp.vehicle.tires.tire_parameters import CommonParameters, Pacejka2002Parameters
 
-UNITS = {"LENGTH": ("meter", "m"), "FORCE": ("newton", "n"), "ANGLE": ("radian", "radians", "rad"), "TIME": ("second",)}
-FORMATS = ("PAC2002",)
-NEEDED = ("FNOMIN", "PCX1", "PDX1", "PKX1", "PCY1", "PDY1", "PKY1", "PKY2", "VERTICAL_STIFFNESS")
-POSITIVE = ("FNOMIN", "LFZO", "VERTICAL_STIFFNESS", "UNLOADED_RADIUS")
-MODES = (0, 1, 2, 3, 4)
 FREE = 1.0e30
+GRAVITY = 9.81
+STEEPEST_ANGLE = 0.5 * math.pi - 0.01
+"""Largest slip angle [rad]."""
+
+ASYMMETRIC = (
+    "RHX1", "QSX1", "PEY3", "PHY1", "PHY2", "PVY1", "PVY2", "RBY3", "RVY1", "RVY2", "QBZ4", "QDZ3", "QDZ6", "QDZ7",
+    "QEZ4", "QHZ1", "QHZ2", "SSZ1",
+)  # fmt: skip
+"""Coefficients that differ between left and right: with all of them zero, -a and -g give -F_y, -M_x and -M_z (conicity
+and plysteer are gone). With the other signs of all, they are those of the mirror image.
+"""
+WEIGHTS = ("RBX1", "RCX1", "RBY1", "RCY1")
+"""Coefficients without which combined slip has no weights."""
+TRANSIENT = ("PTX1", "PTY1", "PTY2")
+"""Coefficients of the relaxation lengths."""
 
 
-def check_file(tire: Tire, tir: dict[str, float | str]) -> None:
-    """Format, units, the needed keys, and the radius."""
-    name = tir.get("PROPERTY_FILE_FORMAT", FORMATS[0])
-    if str(name).strip().upper() not in FORMATS:
-        rule = f"must be {FORMATS[0]!r}, got {formatted(name)}"
-        raise SpecError(f"tir.PROPERTY_FILE_FORMAT: {rule}; coefficients of other formulas are not read")
-    for key, names in UNITS.items():
-        if key in tir and str(tir[key]).strip().lower() not in names:
-            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {formatted(tir[key])}; convert the file to SI units")
-    for key in NEEDED:
-        if key not in tir:
-            raise SpecError(f"tir.{key}: missing; a Pacejka 2002 tire needs {', '.join(NEEDED)}")
-    for key in POSITIVE:
-        if not number(tir, key, 1.0) > 0.0:
-            raise SpecError(f"tir.{key}: must be positive, got {formatted(tir[key])}")
-    radius = number(tir, "UNLOADED_RADIUS", tire.radius)
-    if abs(radius - tire.radius) > 0.02 * radius:
-        raise SpecError(f"tir.UNLOADED_RADIUS: must be the tire's radius {tire.radius} m within 2 %, got {radius!r}")
-
-
-def number(tir: dict[str, float | str], key: str, default: float) -> float:
-    """The value of a key."""
-    value = tir.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SpecError(f"tir.{key}: must be a number, got {formatted(value)}")
-    return float(value)
+def measured_side(common: CommonParameters, part: Spec) -> str | None:
+    """Side of the vehicle on which a tire is not mirrored; None: neither."""
+    if common.measured_side is not None or not isinstance(part, Pacejka2002Parameters):
+        return None if common.measured_side == "either" else common.measured_side
+    return side_of(part.tir) if use_mode(part)[0] >= 0.0 and side_of(part.tir) != "symmetric" else None
 
 
 def default_of(key: str) -> float:
@@ -75,12 +77,13 @@ def pressure_factors(tir: dict[str, float | str]) -> dict[str, float]:
 
 
 def fill_pacejka2002(tire: Tire, common: CommonParameters, given: Pacejka2002Parameters) -> Vector:
-    """Vector of a Pacejka 2002 tire.
+    """Vector of a Pacejka 2002 or MF-Tyre 5.2 tire.
 
     Raises:
-        SpecError: a key that is missing or no number, units that are not SI, another radius.
+        SpecError: a key that is missing or no number, breaks a rule of the format or asks for what is not there, or
+            another radius.
     """
-    tir = given.tir
+    tir = in_si_units(given.tir)
     check_file(tire, tir)
     vector = common_vector(tire, common, PAC02_SIZE, camber=3.0, share=THIRD)
     factors = pressure_factors(tir)
@@ -94,18 +97,75 @@ def fill_pacejka2002(tire: Tire, common: CommonParameters, given: Pacejka2002Par
         vector[Pac02.LKYG] = number(tir, "LKG", 1.0)
     if common.rolling_resistance is not None:
         vector[Pac02.QSY1] = common.rolling_resistance
-    mode = number(tir, "USE_MODE", 4.0) if given.mode is None else float(given.mode)
-    if mode not in MODES:
-        raise SpecError(f"mode: must be one of {', '.join(map(str, MODES))}, got {mode:g}")
-    vector[Pac02.MODE] = mode
-    vector[Pac02.ELLIPSE] = float(given.combined == "friction-ellipse")
-    vector[Pac02.ARGUMENT_LIMIT] = FREE if given.argument_limit is None else given.argument_limit
+    fill_side(vector, given)
+    fill_format(vector, tire, tir, given)
+    fill_mode(vector, tir, given)
+    fill_ranges(vector, tir, common)
     fill_vertical(vector, tire, tir, factors["STIFFNESS"])
     return vector
 
 
+def fill_side(vector: Vector, given: Pacejka2002Parameters) -> None:
+    """Asymmetries: none of a SYMMETRIC tire, those of the mirror image where USE_MODE is negative."""
+    factor = 0.0 if side_of(given.tir) == "symmetric" else math.copysign(1.0, use_mode(given)[0])
+    vector[[Pac02[key] for key in ASYMMETRIC]] *= factor
+
+
+def fill_format(vector: Vector, tire: Tire, tir: dict[str, float | str], given: Pacejka2002Parameters) -> None:
+    """Where PAC2002 and MF-Tyre 5.2 differ, and how slips are combined."""
+    vector[Pac02.MUY_CAMBER] = -1.0 if is_mf52(tir) else 1.0
+    vector[Pac02.REFERENCE_SPEED] = math.sqrt(GRAVITY * tire.radius)
+    if is_mf52(tir) and "LONGVL" in tir:
+        speed = number(tir, "LONGVL", 0.0)
+        if not speed > 0.0:
+            raise refuse_key("LONGVL", "be positive", speed, "give the speed of the measurement")
+        vector[Pac02.REFERENCE_SPEED] = speed
+    weights = given.combined == "weights" or (given.combined is None and all(key in tir for key in WEIGHTS))
+    vector[Pac02.ELLIPSE] = float(not weights)
+    vector[Pac02.ARGUMENT_LIMIT] = FREE if given.argument_limit is None else given.argument_limit
+
+
+def fill_mode(vector: Vector, tir: dict[str, float | str], given: Pacejka2002Parameters) -> None:
+    """What is found, and whether slips lag."""
+    mode, transient = abs(use_mode(given)[0]), use_mode(given)[1]
+    vector[Pac02.MODE] = mode
+    lengths_given = vector[Common.RELAXATION_X] > 0.0
+    check_slopes(tir, mode, lagging=transient or bool(lengths_given))
+    vector[Pac02.TRANSIENT] = float(transient and not lengths_given)
+    if not transient or lengths_given:
+        return
+    for key in TRANSIENT:
+        if number(tir, key, 0.0) == 0.0:
+            place, asked = ("tir.USE_MODE", tir.get("USE_MODE")) if given.mode is None else ("mode", given.mode)
+            raise SpecError(
+                f"{place}: must be below 10 where {key} is missing or 0, got {formatted(asked)}: it asks for relaxation"
+                " lengths; give relaxation_length, or a mode of 0 to 4"
+            )
+
+
+def fill_ranges(vector: Vector, tir: dict[str, float | str], common: CommonParameters) -> None:
+    """What slips, camber and load are held to."""
+    vector[[Pac02.KPUMIN, Pac02.KPUMAX]] = range_of(tir, "KPUMIN", "KPUMAX", (-1.0, 1.0))
+    angles = range_of(tir, "ALPMIN", "ALPMAX", (-STEEPEST_ANGLE, STEEPEST_ANGLE))
+    vector[[Pac02.ALPMIN, Pac02.ALPMAX]] = np.clip(angles, -STEEPEST_ANGLE, STEEPEST_ANGLE)
+    limit = vector[Common.CAMBER_LIMIT]
+    camber = (-limit, limit)
+    if common.camber_limit is None:
+        camber = range_of(tir, "CAMMIN", "CAMMAX", camber)
+        vector[Common.CAMBER_LIMIT] = max(map(abs, camber))
+    vector[[Pac02.CAMMIN, Pac02.CAMMAX]] = camber
+    least = number(tir, "FZMIN", 0.0)
+    largest = number(tir, "FZMAX", 0.0)
+    if least < 0.0:
+        raise refuse_key("FZMIN", "not be negative", least, "give the least load of the measurement, or leave it out")
+    if 0.0 < largest <= least:
+        raise refuse_key("FZMAX", f"be above FZMIN {least:g}", largest, "give the largest load of the measurement")
+    vector[Pac02.FZMIN] = least
+    vector[Common.LOAD_LIMIT] = largest if largest > 0.0 else np.finfo(np.float32).max
+
+
 def fill_vertical(vector: Vector, tire: Tire, tir: dict[str, float | str], pressure: float) -> None:
-    """The vertical law: QFZ1 to QFZ3 where the file has them, or the stiffness; and the load to which it is valid."""
+    """The vertical law: QFZ1 to QFZ3 where the file has them, or the stiffness."""
     scale = number(tir, "LCZ", 1.0) * pressure
     nominal = vector[Pac02.FNOMIN]
     vector[Common.STIFFNESS] = number(tir, "VERTICAL_STIFFNESS", 0.0) * scale
@@ -114,5 +174,3 @@ def fill_vertical(vector: Vector, tire: Tire, tir: dict[str, float | str], press
         vector[Common.STIFFNESS_SQUARE] = number(tir, "QFZ2", 0.0) * nominal / tire.radius**2 * scale
         vector[Common.STIFFNESS_CAMBER] = number(tir, "QFZ3", 0.0) * nominal / tire.radius * scale
     vector[Common.DAMPING] = number(tir, "VERTICAL_DAMPING", 0.0)
-    largest = number(tir, "FZMAX", 0.0)
-    vector[Common.LOAD_LIMIT] = largest if largest > 0.0 else np.finfo(np.float32).max

@@ -24,8 +24,7 @@ from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewh
 from simwarp.core.arrays import WritableArray, writable, writable_from
 from simwarp.core.object_repr import Readable, plural
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import WORLD, ShapeType
-from simwarp.core.wording import close_names
+from simwarp.core.types import ShapeType
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
@@ -33,6 +32,9 @@ from simwarp.model.model import Model
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.parameter_vector import ParameterVector, tire_vector
+from simwarp.vehicle.tires.parameter_vector_kernels import TireContact
+from simwarp.vehicle.tires.tire_obstacles import TireObstacles, make_envelopes, shape_on_world
+from simwarp.vehicle.tires.tire_obstacles_kernels import find_envelopes
 from simwarp.vehicle.tires.tires_kernels import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.tires.wheel_reports import REPORTED
 
@@ -137,28 +139,6 @@ def ground_of(
     return terrain
 
 
-def shape_on_world(model: Model, shape: int | str) -> int:
-    """Return the index of a shape on WORLD that is named by its index or name.
-
-    Raises:
-        SpecError: there is none.
-    """
-    names = model.shape_names
-    if isinstance(shape, str) and shape not in names:
-        near = close_names(shape, names, 3) or names
-        raise SpecError(f"terrain: no shape is called '{shape}'; there are {', '.join(near) or 'none'}")
-    index = names.index(shape) if isinstance(shape, str) else shape
-    if not 0 <= index < model.shape_count:
-        raise SpecError(f"terrain: shape must be below {model.shape_count}, got {index}")
-    body = model.builder.shapes[index].body
-    if body != WORLD:
-        raise SpecError(
-            f"terrain: shape '{names[index]}' must be on WORLD, it is on '{model.body_names[body]}'; tires stand on"
-            " ground that stands still"
-        )
-    return index
-
-
 class Tires(Readable):
     """All force-element tires of a model: at most one on a body.
 
@@ -169,6 +149,7 @@ class Tires(Readable):
         device: of the arrays.
         friction: coefficient of the road, for all worlds until `ground_friction` is written.
         terrain: of `ground`; None: the plane z = 0.
+        obstacles: static shapes that the tires meet beside it; None: none is searched for, and nothing is spent on it.
         randomised: True if every world has vectors of its own in `parameter` and an entry in `ground_friction`.
 
     Raises:
@@ -184,6 +165,7 @@ class Tires(Readable):
         *,
         friction: float = 0.9,
         terrain: TerrainTables | None = None,
+        obstacles: TireObstacles | None = None,
         randomised: bool = False,
     ) -> None:
         bodies = [mount.body for mount in mounts]
@@ -198,7 +180,10 @@ class Tires(Readable):
         self.parameter = writable_from(vectors, wp.float32, self.device)
         self.ground_friction = writable_from(np.full(len(vectors), friction), wp.float32, self.device)
         self.terrain = ground(self.device) if terrain is None else terrain
+        self.obstacles = obstacles
         self.tables = self._make_tables()
+        self.envelopes = make_envelopes((0, 0) if obstacles is None else self.shape, self.device)
+        self.obstacle_tables = None if obstacles is None else obstacles.tables(len(mounts))
         self.state = writable((*self.shape, max(m.vector.state_size for m in mounts)), wp.float32, self.device)
         self.load = self._report(wp.float32)
         self.slip_ratio = self._report(wp.float32)
@@ -237,11 +222,28 @@ class Tires(Readable):
         tables = TireTables()
         tables.body = wp.array([m.body for m in mounts], dtype=int, device=self.device)
         tables.model = wp.array([int(m.vector.model) for m in mounts], dtype=int, device=self.device)
-        tables.contact = wp.array([int(m.vector.contact) for m in mounts], dtype=int, device=self.device)
+        contacts = [m.vector.contact if self.obstacles is None else TireContact.SHAPES for m in mounts]
+        tables.contact = wp.array([int(contact) for contact in contacts], dtype=int, device=self.device)
         mirrored = [int(m.vector.measured_side not in (None, m.side)) for m in mounts]
         tables.mirrored = wp.array(mirrored, dtype=int, device=self.device)
         tables.offset_b = wp.array(np.array([m.offset for m in mounts]), dtype=wp.vec3, device=self.device)
         return tables
+
+    def inputs(self, dt: float, state: StateArrays, assets: Assets) -> list[Any]:
+        """Arguments of `apply_tires` between the worlds and its outputs, for a step of `dt` [s]."""
+        return [
+            dt, self.tables, self.parameter, self.ground_friction, self.terrain, self.envelopes, assets, state,
+            self.state, self.reports,
+        ]  # fmt: skip
+
+    def envelope_inputs(self, state: StateArrays) -> list[Any]:
+        """Arguments of `find_envelopes` after the worlds; only where there are obstacles."""
+        assert self.obstacles is not None
+        model = self.obstacles.model
+        return [
+            self.tables, self.parameter, self.terrain, self.obstacle_tables, model.parameters, model.assets, state,
+            self.envelopes,
+        ]  # fmt: skip
 
     def apply(
         self,
@@ -264,12 +266,12 @@ class Tires(Readable):
         Raises:
             ModelError: an array lies on another device than the tires.
         """
-        inputs = [
-            WorldRange(), dt, self.tables, self.parameter, self.ground_friction, self.terrain,
-            Assets() if assets is None else assets, state, self.state, self.reports,
-        ]  # fmt: skip
+        inputs = [WorldRange(), *self.inputs(dt, state, Assets() if assets is None else assets)]
         outputs = [self.force if force is None else force, self.torque if torque is None else torque]
         refuse_arguments_elsewhere(apply_tires, [*inputs, *outputs], self.device)
+        if self.obstacles is not None:
+            around = [WorldRange(), *self.envelope_inputs(state)]
+            wp.launch(find_envelopes, self.shape, inputs=around, device=self.device)
         wp.launch(apply_tires, self.shape, inputs=inputs, outputs=outputs, device=self.device)
 
     def reset(self, world_mask: wp.array) -> None:

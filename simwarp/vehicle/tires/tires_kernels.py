@@ -4,8 +4,8 @@ Wheels are independent, so that a GPU fills with W x wheels threads, and on a CP
 loop, the choice costs nothing: a launch costs the same either way.
 
 Interface: launch `apply_tires` once before each step with dim = (W, wheels); the arguments are described there, the
-arrays in `TireTables`, `TireReports` and `terrain.TerrainTables`. At most one tire stands on a body. `reset_tires`
-zeroes the state of worlds that start anew.
+arrays in `TireTables`, `TireReports` and `TerrainTables` (ground_kernels.py). At most one tire stands on a body.
+`reset_tires` zeroes the state of worlds that start anew.
 """
 
 import warp as wp
@@ -25,6 +25,7 @@ from simwarp.vehicle.tires.laws.tmeasy_kernels import tmeasy_force
 from simwarp.vehicle.tires.laws.tmsimple_kernels import tmsimple_force
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, TireModel
 from simwarp.vehicle.tires.patch_kernels import (
+    Envelopes,
     Patch,
     TireForce,
     Wheel,
@@ -55,7 +56,7 @@ class TireReports:
     load: wp.array2d[float]  # normal force [N]
     slip_ratio: wp.array2d[float]  # positive when driving
     slip_angle: wp.array2d[float]  # positive when the wheel drifts to the left [rad]
-    camber: wp.array2d[float]  # positive: the upper side leans to the left [rad]
+    camber: wp.array2d[float]  # positive: the upper side leans to the right [rad]
     deflection: wp.array2d[float]  # [m]
     force_w: wp.array2d[wp.vec3]  # on the wheel, at its centre [N]
     torque_w: wp.array2d[wp.vec3]  # about its centre [N·m]
@@ -100,6 +101,7 @@ def apply_tires(
     tire_parameter: wp.array3d[float],
     ground_friction: wp.array[float],
     terrain: TerrainTables,
+    envelopes: Envelopes,
     assets: Assets,
     state: StateArrays,
     tire_state: wp.array3d[float],
@@ -112,12 +114,13 @@ def apply_tires(
     Args:
         dt: step over which the forces will act [s].
         tables: see there.
-        tire_parameter: (1 or W, wheels, P), rows.py.
+        tire_parameter: (1 or W, wheels, P), parameter_vector_kernels.py.
         ground_friction: (1 or W,) friction of the road.
-        terrain: see there.
+        terrain: see ground_kernels.py.
+        envelopes: of `find_envelopes` (tire_obstacles_kernels.py); empty where no tire asks for them.
         assets: height fields and meshes.
         state: of the bodies.
-        tire_state: (W, wheels, S) in and out: deflections of bristles [m].
+        tire_state: (W, wheels, S) in and out: deflections of bristles [m], and lagged slips.
         reports: out.
         applied_force: (W, B) out [N], world axes, at the centre of mass: entries of bodies with tires are overwritten.
         applied_torque: (W, B) out [N·m].
@@ -132,13 +135,13 @@ def apply_tires(
     torque = wp.vec3()
     if tables.model[wheel] == TireModel.LUGRE:
         discs = lugre_force(
-            world, moving, tables.contact[wheel], p, z, ground_friction, terrain, assets, dt
+            world, wheel, moving, tables.contact[wheel], p, z, ground_friction, terrain, envelopes, assets, dt
         )  # fmt: skip
         patch = discs.patch
         force = discs.force
         torque = discs.torque
     else:
-        patch = find_patch(world, moving, tables.contact[wheel], p, terrain, assets)
+        patch = find_patch(world, wheel, moving, tables.contact[wheel], p, terrain, envelopes, assets)
         if patch.touching == 1:
             patch.load = vertical_load(patch, p)
         if patch.load > 0.0:

@@ -13,7 +13,7 @@ from simwarp.core.schema import Fault, fault_text
 from simwarp.model.model import Model
 
 REPORTED: Final = ("load", "slip_ratio", "slip_angle", "camber", "deflection", "force_w", "torque_w")
-"""What is told of every wheel."""
+"""What is reported of every wheel."""
 
 
 def parameter_text(fault: Fault) -> str:
@@ -52,10 +52,10 @@ class WheelReports(Readable):
         self.state = writable((*self.shape, 1), wp.float32, model.device)
 
     def show_soil(self, soil: Any, first: int) -> None:
-        """From now on tell what a soil reports of its shapes from number `first` on."""
+        """From now on report what a soil finds of its shapes from number `first` on."""
         wheels = slice(first, first + self.shape[1])
-        for name, told in (("load", "load"), ("slip_ratio", "slip_ratio"), ("deflection", "sinkage")):
-            setattr(self, name, getattr(soil, told)[:, wheels])
+        for name, of_soil in (("load", "load"), ("slip_ratio", "slip_ratio"), ("deflection", "sinkage")):
+            setattr(self, name, getattr(soil, of_soil)[:, wheels])
         self.force_w, self.torque_w = soil.force_w[:, wheels], soil.torque_w[:, wheels]
 
     def of(self, first: int, count: int) -> Self:

@@ -18,7 +18,7 @@ from simwarp.vehicle.spec.belt_parts import BeltTrack
 from simwarp.vehicle.spec.parts import Array, RigidPart, inertia_matrix, merged
 from simwarp.vehicle.spec.track_parts import RoadWheelMount, TrackSprocket, TrackWheel
 from simwarp.vehicle.suspensions.corner import Frame
-from simwarp.vehicle.tracks.belt_path import RestingBelt, rest_belt
+from simwarp.vehicle.tracks.belt_path import RestingBelt, rest_belt, running_radius
 from simwarp.vehicle.tracks.shoe_construction import trailing_arm_axes
 
 THIN: Final = 1.0e-3
@@ -100,12 +100,12 @@ def lower_run_mass(track: BeltTrack) -> float:
 
 def belt_inertia(track: BeltTrack) -> float:
     """Inertia about the sprocket's axis of all that turns with the belt, and of the belt [kg·m²]."""
-    pitch_radius = track.sprocket.teeth * track.shoe.pitch / (2.0 * math.pi)
+    radius = running_radius(track, rest_belt(track))
     wheels = [track.idler.wheel, *(mount.suspension.wheel for mount in track.road_wheels)]
     wheels += [roller.wheel for roller in track.rollers]
-    spins = sum(wheel.inertia[1] * (pitch_radius / wheel.radius) ** 2 for wheel in wheels)
+    spins = sum(wheel.inertia[1] * (radius / wheel.radius) ** 2 for wheel in wheels)
     own = track.sprocket.axle_inertia + track.sprocket.inertia[1]
-    return own + track.shoes * track.shoe.mass * pitch_radius**2 + spins
+    return own + track.shoes * track.shoe.mass * radius**2 + spins
 
 
 def add_belt_track(frame: Frame, spec: BeltTrack, chassis: int) -> BeltTrackParts:

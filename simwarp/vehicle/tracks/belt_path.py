@@ -56,6 +56,13 @@ def wrapped_radius(distance: float, pitch: float) -> float:
     return 0.5 * pitch / math.atan(0.5 * pitch / distance)
 
 
+def running_radius(track: BeltTrack, resting: RestingBelt) -> float:
+    """Way of the belt per angle of its sprocket [m]: a tooth takes a shoe along, a drum its surface."""
+    if track.belt.smooth_sprocket:
+        return float(resting.radii[0])
+    return track.sprocket.teeth * track.shoe.pitch / (2.0 * math.pi)
+
+
 def way_around(centers: Array, radii: Array) -> tuple[float, Array, Array]:
     """Length of a belt around circles [m], directions of its straight parts (n, 2), and angles around circles (n,).
 
@@ -83,7 +90,7 @@ def rest_belt(track: BeltTrack) -> RestingBelt:
     """
     shoe, tensioner = track.shoe, track.idler.tensioner
     assert isinstance(shoe, SinglePinShoe)  # of BeltTrack.check
-    top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
+    top = shoe.wheel_pad.top
     origin = np.array(track.sprocket_location)[[0, 2]]
     forward = 1.0 if track.sprocket_location[0] >= track.idler_location[0] else -1.0
     to_plane = np.array([forward, 1.0])

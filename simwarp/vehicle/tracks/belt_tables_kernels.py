@@ -11,7 +11,7 @@ class BeltParameter(IntEnum):
     """Columns of `Belts.parameter`."""
 
     FRICTION = 0
-    WIDTH = 1  # [m]
+    WIDTH = 1  # area of pads that presses soil, per length of the belt [m]
     DEPTH = 2  # of the ground's side below the pins [m]
     GROUND_STIFFNESS = 3  # per length [N/m²]
     GROUND_DAMPING = 4  # time [s]
@@ -33,7 +33,12 @@ class BeltParameter(IntEnum):
     LOSS_DRY = 20  # resistance per tension
     LOSS_LINEAR = 21  # [s/m]
     LOSS_SQUARE = 22  # [s²/m²]
-    LOSS_WAY = 23  # over which the dry resistance comes up [m]
+    LOSS_WAY = 23  # over which the dry resistances come up [m]
+    LOSS_SPROCKET = 24  # resistance per mean tension of the runs at the sprocket
+    LOSS_ROLLING = 25  # per load of the road wheels
+    PATCH = 26  # b of Bekker's law: twice the area of a pad over its perimeter [m]
+    SIDE_WIDTH = 27  # area of pads beside these, per length of the belt [m]
+    SIDE_HEIGHT = 28  # of those above these [m]
 
 
 class WheelColumn(IntEnum):

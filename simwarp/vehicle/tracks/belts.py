@@ -17,10 +17,12 @@ from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.vehicle.spec.parts import SpecError
-from simwarp.vehicle.spec.track_parts import SinglePinShoe
+from simwarp.vehicle.spec.track_parts import SinglePinShoe, pad_around
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.tires import ground as plane
 from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
+from simwarp.vehicle.tracks.belt_losses import gap_loss
+from simwarp.vehicle.tracks.belt_path import running_radius
 from simwarp.vehicle.tracks.belt_tables_kernels import (
     COLUMNS,
     WHEEL_COLUMNS,
@@ -180,7 +182,7 @@ def _parameters(parts: BeltTrackParts) -> Array:
     column = BeltParameter
     values = {
         column.FRICTION: shoe.friction if law.friction is None else law.friction,
-        column.WIDTH: shoe.ground_pad.size[1] if law.width is None else law.width,
+        **_soil_pads(shoe, law.width),
         column.DEPTH: depth,
         column.GROUND_STIFFNESS: law.ground_stiffness,
         column.GROUND_DAMPING: law.ground_damping_time,
@@ -191,7 +193,7 @@ def _parameters(parts: BeltTrackParts) -> Array:
         column.STRETCH: resting.stretch,
         column.SPROCKET_RADIUS: resting.radii[0],
         column.IDLER_RADIUS: resting.radii[-1],
-        column.PITCH_RADIUS: track.sprocket.teeth * shoe.pitch / (2.0 * math.pi),
+        column.PITCH_RADIUS: running_radius(track, resting),
         column.IDLER_X: built[0],
         column.IDLER_Z: built[1],
         column.SLIDE_X: resting.slide[0],
@@ -203,9 +205,31 @@ def _parameters(parts: BeltTrackParts) -> Array:
         column.LOSS_LINEAR: law.linear_loss,
         column.LOSS_SQUARE: law.square_loss,
         column.LOSS_WAY: law.loss_length,
+        column.LOSS_SPROCKET: gap_loss(track, resting) if law.sprocket_loss is None else law.sprocket_loss,
+        column.LOSS_ROLLING: law.rolling_loss,
     }
     assert len(values) == COLUMNS
     return np.array([values[name] for name in column])
+
+
+def _soil_pads(shoe: SinglePinShoe, width: float | None) -> dict[BeltParameter, float]:
+    """What of a shoe presses soil: its pad, and the rectangle around its side pads beside it, as `soil_under_tracks`
+    has it; or a closed band of a width.
+    """
+    column = BeltParameter
+    if width is not None:
+        return {column.WIDTH: width, column.PATCH: width, column.SIDE_WIDTH: 0.0, column.SIDE_HEIGHT: 0.0}
+    pad = shoe.ground_pad
+    x, y, _ = pad.size
+    values = {column.WIDTH: x * y / shoe.pitch, column.PATCH: x * y / (x + y)}
+    if not shoe.side_pads:
+        return values | {column.SIDE_WIDTH: 0.0, column.SIDE_HEIGHT: 0.0}
+    sides = pad_around(shoe.side_pads)
+    length, width, _ = sides.size
+    return values | {
+        column.SIDE_WIDTH: max(length * width - x * y, 0.0) / shoe.pitch,
+        column.SIDE_HEIGHT: max(sides.bottom - pad.bottom, 0.0),
+    }
 
 
 def _points(wheels: int, span: int, ramp: int) -> list[tuple[PointKind, int, float]]:

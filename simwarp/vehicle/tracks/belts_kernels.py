@@ -248,8 +248,10 @@ def bridged_normal(world: int, belt: int, point: int, tables: BeltTables, work: 
 
 
 @wp.func
-def belt_normal(world: int, belt: int, point: int, frame: Frame, tables: BeltTables, work: BeltWork) -> wp.vec3:
-    """Normal of the belt at a point, towards the vehicle, world axes."""
+def belt_normal(
+    world: int, belt: int, point: int, risen: float, frame: Frame, tables: BeltTables, work: BeltWork
+) -> wp.vec3:  # fmt: skip
+    """Normal of the belt at a point, towards the vehicle, world axes; `risen` is the slope of its lift."""
     place = tables.place[belt, point]
     along = work.along[world, belt, place]
     if tables.kind[belt, point] != PointKind.SPAN:
@@ -259,7 +261,7 @@ def belt_normal(world: int, belt: int, point: int, frame: Frame, tables: BeltTab
             along = work.along[world, belt, 0]
         elif tables.kind[belt, point] == PointKind.IDLER:
             along = before
-    inward = -outward(along)
+    inward = wp.normalize(-outward(along) - risen * along)
     return tables.forward[belt] * inward[0] * frame.ahead + inward[1] * frame.up
 
 
@@ -362,8 +364,7 @@ def press_down(
         if entering >= 0 and entering < tables.points[belt]:
             rut = memory.sinkage[world, belt, entering]
         deepest = (memory.sinkage[world, belt, point] + step * rut) / (1.0 + step)
-        area = p[BeltParameter.WIDTH] * near.length
-        found = press_soil(depth, rate, pulled / backing, backing, area, deepest, law)
+        found = press_soil(depth, rate, pulled / backing, backing, near.length, deepest, law, p)
         memory.sinkage[world, belt, point] = found.sinkage
     else:
         found = press_hard(depth, rate, pulled / backing, backing, near.length, p)
@@ -432,9 +433,10 @@ def press_point(
     pull = wp.vec2()
     push = normal
     if tables.soft == 1:
-        area = p[BeltParameter.WIDTH] * near.length
-        pull = soil_traction_of(shear, slip, pressed.force, area, law, p[BeltParameter.SHEAR_DAMPING])
-        push = belt_normal(world, belt, point, frame, tables, work)
+        pull = soil_traction_of(shear, slip, pressed.force, pressed.area, law, p[BeltParameter.SHEAR_DAMPING])
+        risen = memory.lift[world, belt, near.after] - memory.lift[world, belt, near.before]
+        risen /= near.to_before + near.to_after
+        push = belt_normal(world, belt, point, risen, frame, tables, work)
     else:
         road = friction_at(world, frame.x + to_double(arm), friction, terrain)
         pull = traction_of(shear, slip, pressed.force, wp.min(road, p[BeltParameter.FRICTION]), p)
@@ -467,14 +469,25 @@ def pull_wheels(
 
 
 @wp.func
-def resist(world: int, belt: int, dt: float, tension: float, speed: float, p: wp.array[float],
-           memory: BeltMemory) -> float:  # fmt: skip
-    """Resistance of a belt to its motion, positive forwards [N]: dry, over a short way, and growing with the speed."""
+def resist(
+    world: int, belt: int, dt: float, tension: float, pulled: float, load: float, speed: float, p: wp.array[float],
+    memory: BeltMemory,
+) -> float:  # fmt: skip
+    """Resistance of a belt to its motion, positive forwards [N]: dry, over a short way, and growing with the speed.
+
+    Args:
+        tension: at the idler, and of the upper run [N].
+        pulled: what the ground pulls towards the sprocket, by which the lower run's tension falls until there [N].
+        load: of the road wheels [N].
+    """
     most = p[BeltParameter.LOSS_WAY]
     way = wp.clamp(memory.loss_way[world, belt] + dt * speed, -most, most)
     memory.loss_way[world, belt] = way
+    at_sprocket = wp.max(tension - 0.5 * pulled, 0.0)
+    dry = p[BeltParameter.LOSS_DRY] * tension + p[BeltParameter.LOSS_SPROCKET] * at_sprocket
+    dry += p[BeltParameter.LOSS_ROLLING] * load
     viscous = p[BeltParameter.LOSS_LINEAR] * speed + p[BeltParameter.LOSS_SQUARE] * wp.abs(speed) * speed
-    return -tension * (p[BeltParameter.LOSS_DRY] * way / most + viscous)
+    return -(dry * way / most + tension * viscous)
 
 
 @wp.kernel
@@ -511,7 +524,7 @@ def run_belts(
     find_ground(world, belt, p[BeltParameter.DEPTH], frame, terrain, assets, tables, work, reports)
     law = Law()
     if tables.soft == 1:
-        law = law_of(world_row(world, soil.shape[0]), 0, 1.0 / p[BeltParameter.WIDTH], soil)
+        law = law_of(world_row(world, soil.shape[0]), 0, 1.0 / p[BeltParameter.PATCH], soil)
     for wheel in range(tables.wheels[belt]):
         joint_force[world, tables.arm[belt, wheel]] = 0.0
         reports.load[world, belt, wheel] = 0.0
@@ -527,8 +540,12 @@ def run_belts(
         reports.point_force[world, belt, point] = force
         now.force += force
         now.torque += wp.cross(reports.point_arm[world, belt, point], force)
-    traction = tables.forward[belt] * pull_wheels(world, belt, now.tension, tables, work, joint_force)
-    resistance = resist(world, belt, dt, now.tension, now.speed, p, memory)
+    pulled = pull_wheels(world, belt, now.tension, tables, work, joint_force)
+    traction = tables.forward[belt] * pulled
+    load = float(0.0)
+    for wheel in range(tables.wheels[belt]):
+        load += reports.load[world, belt, wheel]
+    resistance = resist(world, belt, dt, now.tension, pulled, load, now.speed, p, memory)
     torque = radius * (resistance - traction)
     joint_force[world, shaft] = wp.where(tables.add == 1, joint_force[world, shaft], 0.0) + torque
     reports.tension[world, belt] = now.tension

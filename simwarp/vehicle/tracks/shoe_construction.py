@@ -81,7 +81,7 @@ def course_of(track: ShoeTrack) -> TrackCourse:
     first, last = track.road_wheels[0], track.road_wheels[-1]
     (sx, _, sz), (ix, _, iz) = track.sprocket_location, track.idler_location
     shoe = track.shoe
-    top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
+    top = shoe.wheel_pad.top
     away = SLACK * shoe.height if isinstance(shoe, SinglePinShoe) else top
     return TrackCourse(
         sprocket=(sx, sz), sprocket_radius=track.sprocket.assembly_radius,
@@ -361,8 +361,8 @@ class _Track:
 
     def _add_shoe_shapes(self, name: str, body: int, across: float, groups: _Groups) -> None:
         shoe, builder = self.spec.shoe, self.frame.builder
-        top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
-        bottom = shoe.ground_pad.center[2] - 0.5 * shoe.ground_pad.size[2]
+        top = shoe.wheel_pad.top
+        bottom = shoe.ground_pad.bottom
         radius = 0.5 * (top - bottom)
         offset = self.spec.road_wheels[0].suspension.wheel.disc_offset or 0.25 * shoe.wheel_pad.size[1]
         to_ground = Material(friction=shoe.friction, compliance=self.ground_compliance)
@@ -393,7 +393,7 @@ def drum_radius(track: ShoeTrack) -> float:
         raise SpecError(f"shoe: '{shoe.template}' has no drum; use SprocketContact.TEETH")
     half = 0.5 * (shoe.roller_front - shoe.roller_rear)
     seat = sprocket.roller_seat + shoe.roller_radius
-    top = shoe.wheel_pad.center[2] + 0.5 * shoe.wheel_pad.size[2]
+    top = shoe.wheel_pad.top
     radius = math.sqrt(max(seat * seat - half * half, 0.0)) - top
     if radius <= 0.0:
         raise refuse("sprocket.arc_center_radius", f"large enough for rollers {2 * half:.4g} m apart", seat)

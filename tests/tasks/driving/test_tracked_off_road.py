@@ -14,10 +14,12 @@ from simwarp.tasks import InputError, make
 from simwarp.tasks.driving.tracked_off_road import ROCK_HEIGHTS, ROOM
 from simwarp.train.networks.policies import SHIPPED, network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.vehicle import BeltParameter
 from tests.tasks.driving.driving_checks import SMALL, chase, copied, driving, held, random_actions, reason
 
 NAME = "tracked-off-road"
 SHOES = {"full": True, "dt": 0.001, "decimation": 200}
+BARE = {"hills": 0.0, "obstacles": 0, "low_rocks": 0}
 
 
 def tracked(worlds=2, **options):
@@ -104,6 +106,48 @@ def test_full_steering_turns_it_and_more_friction_turns_it_less():
     assert turned[1] < turned[0]
 
 
+def tensioner_forces(task):
+    """(W, 2) of the left and the right track."""
+    belts, model = task.vehicle.belts, task.simulation.model
+    if belts is not None:
+        return belts.parameter.numpy()[..., BeltParameter.TENSIONER_FORCE].astype(float)
+    places = [model.joint_dof_start[side.tensioner] for side in task.vehicle.parts.chains]
+    return model.joint_preload.numpy()[:, places].astype(float)
+
+
+@pytest.mark.parametrize("options", [{}, pytest.param(SHOES, marks=pytest.mark.slow)], ids=["belts", "shoes"])
+def test_tension_is_drawn_for_each_world_and_episode(options):
+    options = {**BARE, **options}
+    built = tensioner_forces(tracked(1, **options))[0]
+    assert (built != 0.0).all()
+    task = tracked(4, seed=3, tension=(0.8, 1.2), **options)
+    found = []
+    for _ in range(2):
+        task.restart()
+        factor = tensioner_forces(task) / built
+        # float32 of one factor and two forces
+        np.testing.assert_allclose(factor[:, 0], factor[:, 1], rtol=1e-6)
+        found.append(factor[:, 0])
+    drawn = np.concatenate(found)
+    assert ((drawn >= 0.8) & (drawn <= 1.2)).all()
+    assert len(set(drawn)) == 8
+
+
+def test_one_tension_is_that_of_all_worlds():
+    task = tracked(2, tension=1.1, **BARE)
+    task.restart()
+    np.testing.assert_allclose(tensioner_forces(task), 1.1 * tensioner_forces(tracked(2, **BARE)), rtol=1e-6)
+
+
+def test_tension_of_a_world_that_goes_on_stays():
+    task = tracked(3, tension=(0.8, 1.2), **BARE)
+    task.restart()
+    before = tensioner_forces(task)
+    task._reset_worlds(torch.tensor([False, True, False]))
+    changed = (tensioner_forces(task) != before).all(axis=1)
+    assert changed.tolist() == [False, True, False]
+
+
 def test_soil_slows_it():
     speeds = []
     for soil in ("none", "soft"):
@@ -165,6 +209,7 @@ def test_gymnasium_checks_a_single_world():
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"low_rocks": -1}, "low-rocks"),
+    ({"tension": (1.2, 0.8)}, "tension.*two in order"),
     ({"soil": "random"}, "soil.*one preset"),
     ({"variant": "thesis"}, "variant.*no tracks"),
     ({"tires": "rigid"}, "tires.*tracks have none"),

@@ -64,6 +64,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         },
     ),
     "racer3-reach displacements": ("racer3-reach", {"actions": ReachActions.DISPLACEMENT}),
+    "tracks of drawn tension": ("tracked-off-road", {"obs": "state", "tension": (0.8, 1.2), "friction": (0.4, 0.8)}),
     "pendulum at random": ("pendulum", {"randomise": {"gravity": Range(0.5, 1.5, when="step")}}),
 }  # fmt: skip
 LONG = {"barrier-track camera", "hallway camera", "obstacle-avoidance camera", "hallway state"}

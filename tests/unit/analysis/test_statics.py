@@ -79,6 +79,27 @@ def test_contacts_come_to_rest() -> None:
     assert (np.abs(x[:, 0]) < 5e-3).all()
 
 
+@pytest.mark.parametrize("start", [-0.3, 0.1, 0.4])
+def test_dry_friction_holds_where_a_spring_is_weaker(start: float) -> None:
+    """A slide on a spring of 100 N/m with 5 N of dry friction stops within 0.05 m of where the spring is at ease, and
+    stays there; a static solver that knew derivatives alone found no end.
+    """
+    builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    body = builder.add_body("block", mass=2.0, inertia=(0.1, 0.1, 0.1))
+    builder.add_joint_prismatic(
+        "slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), anchor=(0.0, 0.0, 0.0), stiffness=100.0, friction=5.0
+    )
+    sim = sw.Simulation(builder.finalize(2, "cpu"), 1e-3)
+    sim.set_joint_state(None, [start], None)
+    found = solve_static(sim)
+    assert found.by_contacts
+    place = sim.state.joint_q.numpy()[:, 0].copy()
+    # beyond the band by the resolution of float32 in rates, a micrometre
+    assert (np.abs(place) <= 0.05 + 1e-5).all()
+    sim.step(200)
+    np.testing.assert_allclose(sim.state.joint_q.numpy()[:, 0], place, atol=1e-6)
+
+
 @pytest.mark.parametrize("pinned", [False, True])
 def test_what_falls_has_no_equilibrium_and_stays_where_it_was(pinned: bool) -> None:
     builder = sw.ModelBuilder()

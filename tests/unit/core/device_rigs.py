@@ -591,6 +591,7 @@ APART: Final[dict[str, str]] = {
     "check_step": "makes its actions on the task's device",
     "portrait": "coordinates of a picture, of NumPy",
     "FollowCamera.floors": "places of NumPy",
+    "spring_lengths": "travels of NumPy",
     "travel_table": "travels of NumPy",
 }
 """Functions that take arrays and are not called here, each with its reason."""

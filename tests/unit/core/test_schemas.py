@@ -50,6 +50,14 @@ def test_they_are_made_of_the_types():
         assert path.read_text(encoding="utf-8") == text, "run: python -m scripts.schemas"
 
 
+def test_inherited_fields_are_described_as_where_they_stand():
+    """Units of their own too, where a key's usual one is another: a spring at a pin turns."""
+    told = {kind: TRACKED["$defs"][kind]["properties"] for kind in ("ShoeTrack", "BeltTrack", "DoublePinSprocket")}
+    for kind in ("ShoeTrack", "BeltTrack"):
+        assert told[kind]["pin_stiffness"]["description"].endswith("[N·m/rad].")
+    assert told["DoublePinSprocket"]["separation"]["description"] == "Distance of the two discs [m]."
+
+
 @pytest.mark.parametrize("path", VEHICLES, ids=lambda path: path.stem)
 def test_every_shipped_vehicle_fits(path):
     assert valid(read(path), VEHICLE)

@@ -120,18 +120,24 @@ def test_the_hmmwv_is_ours_within_the_printed_rounding(chrono):
     assert differences(ours, theirs, PRINTED) == []
 
 
-def test_the_sedan_is_ours(chrono):
+def test_the_sedan_is_ours_but_for_its_trim_and_the_balance_of_its_shafts(chrono):
+    """Ours has longer springs, with which it stands as designed, and shafts that do not push the chassis aside."""
     theirs: Any = load_chrono_vehicle(chrono.root / "sedan/vehicle/Sedan_Vehicle.json", **SEDAN)
-    ours = load_vehicle("sedan")
-    axles = tuple(
-        dataclasses.replace(other, tire=dataclasses.replace(other.tire, parameters=mine.tire.parameters))
-        for mine, other in zip(ours.axles, theirs.axles, strict=True)
-    )
+    ours: Any = load_vehicle("sedan")
+    axles = []
+    for mine, other in zip(ours.axles, theirs.axles, strict=True):
+        spring, damper = other.suspension.springs
+        assert spring.rest_length == 0.51
+        spring = dataclasses.replace(spring, rest_length=mine.suspension.springs[0].rest_length)
+        suspension = dataclasses.replace(other.suspension, springs=(spring, damper))
+        tire = dataclasses.replace(other.tire, parameters=mine.tire.parameters)
+        axles.append(dataclasses.replace(other, tire=tire, suspension=suspension))
+    assert theirs.driveline.reaction == -1.0
     for mine, other in zip(ours.axles, theirs.axles, strict=True):
         assert mine.tire.parameters == {**other.tire.parameters, "damping_ratio": 0.5}
     theirs = dataclasses.replace(
-        theirs, name="sedan", axles=axles, start_height=ours.start_height,
-        driveline=dataclasses.replace(theirs.driveline, axle=-1),
+        theirs, name="sedan", axles=tuple(axles), start_height=ours.start_height,
+        driveline=dataclasses.replace(theirs.driveline, axle=-1, reaction=0.0),
         chassis=dataclasses.replace(theirs.chassis, size=ours.chassis.size, size_center=ours.chassis.size_center),
     )  # fmt: skip
     assert differences(ours, theirs, 1e-8) == []
@@ -322,6 +328,16 @@ def test_tires_are_known_to_the_tire_models(name, chrono):
         assert tire.parameters == {"friction": 0.9, "restitution": 0.1}
     else:
         assert tire_vector(tire).values[0] == tire.radius
+
+
+def test_units_of_a_property_file_are_refused_by_file_and_line(chrono, monkeypatch):
+    monkeypatch.setattr(chrono, "write", lambda: None)  # the file stays as it is changed here
+    file = chrono.root / "hmmwv/tire/HMMWV_Pac02Tire.tir"
+    lines = ["LENGTH = 'mile'" if line.startswith("LENGTH") else line for line in file.read_text().splitlines()]
+    file.write_text("\n".join(lines))
+    number = 1 + lines.index("LENGTH = 'mile'")
+    with pytest.raises(SpecError, match=rf"^HMMWV_Pac02Tire\.tir: line {number}: LENGTH: must be one of 'meter'"):
+        chrono.part("Tire", "hmmwv/tire/HMMWV_Pac02Tire.json", chrono.root)
 
 
 def test_tires_are_ours(chrono):

@@ -15,8 +15,11 @@ road, too: where they kept that of the reference, the force would jump on other 
 import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
+    ADHESION,
     friction_scale,
+    lagged,
     limited_load,
+    relaxation_lengths,
     resistance_share,
     slip_share,
     standstill_force,
@@ -53,7 +56,13 @@ def fiala_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float)
     share = slip_share(patch, p)
     held = standstill_force(patch, load, p, z, dt)
     tan_a = patch.v[1] / wp.max(wp.abs(patch.v[0]), SLOWEST)
-    slipping = fiala_slip_force(slip_ratio(patch), tan_a, load, friction_scale(patch, p), p)
+    s = wp.vec2(slip_ratio(patch), tan_a)
+    lengths = relaxation_lengths(p, z)
+    if lengths[0] > 0.0:
+        q = friction_scale(patch, p) * p[Fiala.FRICTION_STATIC] * load
+        limit = ADHESION * q * wp.vec2(1.0 / p[Fiala.SLIP_STIFFNESS], 1.0 / p[Fiala.CORNERING_STIFFNESS])
+        s = lagged(s, wp.max(wp.abs(patch.v[0]), SLOWEST), lengths, limit, z, dt)
+    slipping = fiala_slip_force(s[0], s[1], load, friction_scale(patch, p), p)
     result = TireForce()
     result.force = wp.vec3(
         (1.0 - share) * held[0] + share * slipping[0], (1.0 - share) * held[1] + share * slipping[1], patch.load

@@ -20,7 +20,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.vehicle.tires.common_kernels import advance_bristle, friction_scale, resistance_share, vertical_load
 from simwarp.vehicle.tires.ground_kernels import TerrainTables, friction_at
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, Lugre
-from simwarp.vehicle.tires.patch_kernels import Patch, Wheel, contact_point, find_patch
+from simwarp.vehicle.tires.patch_kernels import Envelopes, Patch, Wheel, contact_point, find_patch
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -66,8 +66,8 @@ def disc_force(patch: Patch, p: wp.array[float], z: wp.array[float], disc: int, 
 
 @wp.func
 def lugre_force(
-    world: int, wheel: Wheel, method: int, p: wp.array[float], z: wp.array[float], ground_friction: wp.array[float],
-    terrain: TerrainTables, assets: Assets, dt: float,
+    world: int, index: int, wheel: Wheel, method: int, p: wp.array[float], z: wp.array[float],
+    ground_friction: wp.array[float], terrain: TerrainTables, envelopes: Envelopes, assets: Assets, dt: float,
 ) -> DiscSum:  # fmt: skip
     """Forces of all discs."""
     total = DiscSum()
@@ -78,7 +78,7 @@ def lugre_force(
         moved = wheel
         moved.x = wheel.x + wp.vec3d(wp.float64(aside[0]), wp.float64(aside[1]), wp.float64(aside[2]))
         moved.v = wheel.v + wp.cross(wheel.omega_w, aside)
-        patch = find_patch(world, moved, method, p, terrain, assets)
+        patch = find_patch(world, index, moved, method, p, terrain, envelopes, assets)
         if patch.touching == 1:
             patch.load = vertical_load(patch, p) / float(count)
         if patch.load > 0.0:

@@ -1,4 +1,4 @@
-"""Pacejka 2002 (Pacejka, Tyre and Vehicle Dynamics, 2nd edition 2006, section 4.3.2; as in Adams/Tire): steady state.
+"""Pacejka 2002 and MF-Tyre 5.2 (Pacejka, Tyre and Vehicle Dynamics, 2nd edition 2006, section 4.3.2).
 
 With d = (F_z - F_z0) / F_z0, F_z0 = FNOMIN LFZO, slip ratio k, slip angle a, camber g, p. the factors of pressure:
 
@@ -6,12 +6,21 @@ With d = (F_z - F_z0) / F_z0, F_z0 = FNOMIN LFZO, slip ratio k, slip angle a, ca
     mu_x = (PDX1 + PDX2 d)(1 - PDX3 g²) LMUX,  K_x = F_z (PKX1 + PKX2 d) exp(PKX3 d) LKX,
     E_x = (PEX1 + PEX2 d + PEX3 d²)(1 - PEX4 sgn x) <= 1,  S_Hx = PHX1 + PHX2 d,  S_Vx = F_z (PVX1 + PVX2 d)
     F_y0 alike:  mu_y = (PDY1 + PDY2 d)(1 + PDY3 g²) LMUY,
-    K_y = PKY1 FNOMIN sin(2 atan(F_z / (PKY2 F_z0)))(1 - PKY3 |g|) LFZO LMUY LKY,
+    K_y = PKY1 FNOMIN sin(2 atan(F_z / (PKY2 F_z0)))(1 - PKY3 |g|) LFZO LKY,
     E_y = (PEY1 + PEY2 d)(1 - (PEY3 + PEY4 g) sgn y) <= 1,  S_Hy = PHY1 + PHY2 d + PHY3 g,
     S_Vy = F_z (PVY1 + PVY2 d + (PVY3 + PVY4 d) g)
     M_z = -t F_y + M_zr,  t = D_t cos(C_t atan(...(a + S_Ht))) cos a,  M_zr = D_r cos(atan(B_r (a + S_Hf))) cos a
 
-The sign of (1 + PDY3 g²) is that of Adams and Chrono. The road scales mu. Combined slip (USE_MODE 4) by the ellipse of
+The two differ in two places. (1 + PDY3 g²) is that of PAC2002 as Chrono has it; in MF-Tyre 5.2 it is (1 - PDY3 g²), as
+in equation 4.E23. Rolling resistance takes its speed over sqrt(g R) in the one, over LONGVL in the other (4.E70). All
+scaling factors stand where equations 4.E9 to 4.E78 have them. Slips, camber and load are held within the ranges of the
+file; below FZMIN forces are those of FZMIN, times F_z / FZMIN. Relaxation lengths, where the file asks for them
+(appendix 3; as in Adams/Tire):
+
+    sigma_x = R F_z / F_z0 (PTX1 + PTX2 d) exp(-PTX3 d) LSGKP
+    sigma_y = R PTY1 sin(2 atan(F_z / (PTY2 F_z0))) (1 - PKY3 |g LGAY|) LFZO LSGAL
+
+The road scales mu. Combined slip (USE_MODE 4) by the ellipse of
 friction in the direction of the slip, or by Pacejka's cosine weights G_xa, G_yk with S_Vyk, equivalent slips in the
 trail, and the moment arm s of F_x. Here y and z are SAE axes: F_y and M_z change their sign in the frame of contact.
 Slips are taken with |v_x| + 0.1 m/s, the effective radius is Rill's estimate.
@@ -20,9 +29,13 @@ Slips are taken with |v_x| + 0.1 m/s, the effective radius is Rill's estimate.
 import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
+    ADHESION,
     friction_scale,
+    has_lagged_slips,
+    lagged,
     limited_camber,
     limited_load,
+    relaxation_lengths,
     resistance_share,
     slip_share,
     standstill_force,
@@ -34,8 +47,7 @@ from simwarp.vehicle.tires.patch_kernels import Patch, TireForce
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 SPEED_OFFSET = wp.constant(0.1)  # [m/s]
-LARGEST_ANGLE = wp.constant(1.5607963)  # pi/2 - 0.01
-GRAVITY = wp.constant(9.81)
+SHORTEST = wp.constant(1.0e-3)  # relaxation length, which falls to nothing with the load [m]
 
 
 @wp.struct
@@ -90,7 +102,7 @@ def pure_lateral(s: Slip, p: wp.array[float]) -> Pure:
     """F_y0."""
     f = Pure()
     g = s.g * p[Pac02.LGAY]
-    f.k = p[Pac02.PKY1] * p[Pac02.FNOMIN] * p[Pac02.LFZO] * p[Pac02.LMUY] * p[Pac02.AT_PRESSURE_KY]
+    f.k = p[Pac02.PKY1] * p[Pac02.FNOMIN] * p[Pac02.LFZO] * p[Pac02.AT_PRESSURE_KY]
     f.k *= wp.sin(2.0 * wp.atan(s.fz / (p[Pac02.PKY2] * s.fz0 * p[Pac02.AT_PRESSURE_PKY2])))
     f.k *= (1.0 - p[Pac02.PKY3] * wp.abs(g)) * p[Pac02.LKY]
     f.s_h = (p[Pac02.PHY1] + p[Pac02.PHY2] * s.d) * p[Pac02.LHY] + p[Pac02.PHY3] * g * p[Pac02.LKYG]
@@ -100,7 +112,7 @@ def pure_lateral(s: Slip, p: wp.array[float]) -> Pure:
     y = s.a + f.s_h
     e = (p[Pac02.PEY1] + p[Pac02.PEY2] * s.d) * p[Pac02.LEY]
     e *= 1.0 - (p[Pac02.PEY3] + p[Pac02.PEY4] * g) * wp.sign(y)
-    f.mu = (p[Pac02.PDY1] + p[Pac02.PDY2] * s.d) * (1.0 + p[Pac02.PDY3] * g * g)
+    f.mu = (p[Pac02.PDY1] + p[Pac02.PDY2] * s.d) * (1.0 + p[Pac02.MUY_CAMBER] * p[Pac02.PDY3] * g * g)
     f.mu = wp.abs(s.scale * f.mu * p[Pac02.LMUY] * p[Pac02.AT_PRESSURE_MUY])
     f.c = p[Pac02.PCY1] * p[Pac02.LCY]
     f.b = f.k / (f.c * f.mu * s.fz + 0.1)
@@ -231,7 +243,7 @@ def tipping_torque(f_y: float, s: Slip, p: wp.array[float]) -> float:
 @wp.func
 def resistance_torque(f_x: float, speed: float, s: Slip, p: wp.array[float]) -> float:
     """|M_y| of rolling resistance [N·m]."""
-    v = wp.abs(speed) / wp.sqrt(GRAVITY * p[Common.RADIUS])
+    v = wp.abs(speed) / p[Pac02.REFERENCE_SPEED]
     share = s.fz / p[Pac02.FNOMIN]
     m = p[Pac02.QSY1] + p[Pac02.QSY2] * f_x / p[Pac02.FNOMIN] + p[Pac02.QSY3] * v
     m += p[Pac02.QSY4] * v * v * v * v + (p[Pac02.QSY5] + p[Pac02.QSY6] * share) * s.g * s.g
@@ -240,20 +252,45 @@ def resistance_torque(f_x: float, speed: float, s: Slip, p: wp.array[float]) -> 
 
 
 @wp.func
+def pac02_lengths(s: Slip, p: wp.array[float], z: wp.array[float]) -> wp.vec2:
+    """Relaxation lengths along x and y [m]: those that are given, or of the load."""
+    lengths = relaxation_lengths(p, z)
+    if lengths[0] == 0.0 and p[Pac02.TRANSIENT] == 1.0 and has_lagged_slips(z):
+        radius = p[Common.RADIUS]
+        x = s.fz / s.fz0 * (p[Pac02.PTX1] + p[Pac02.PTX2] * s.d) * wp.exp(-p[Pac02.PTX3] * s.d)
+        y = p[Pac02.PTY1] * wp.sin(2.0 * wp.atan(s.fz / (p[Pac02.PTY2] * s.fz0)))
+        y *= (1.0 - p[Pac02.PKY3] * wp.abs(s.g * p[Pac02.LGAY])) * p[Pac02.LFZO]
+        lengths = wp.vec2(
+            wp.max(radius * x * p[Pac02.LSGKP], SHORTEST), wp.max(radius * y * p[Pac02.LSGAL], SHORTEST)
+        )  # fmt: skip
+    return lengths
+
+
+@wp.func
 def pac02_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
     """Force and torque of a Pacejka 2002 tire; `mirror` is -1 for one measured on the other side."""
     s = Slip()
-    s.fz = limited_load(patch, p)
+    load = limited_load(patch, p)
+    s.fz = wp.max(load, p[Pac02.FZMIN])
     s.fz0 = p[Pac02.FNOMIN] * p[Pac02.LFZO]
     s.d = (s.fz - s.fz0) / s.fz0
     s.scale = friction_scale(patch, p)
     speed = wp.abs(patch.v[0]) + SPEED_OFFSET
-    s.k = wp.clamp(-patch.slide[0] / speed, -1.0, 1.0)
-    s.a = wp.clamp(-mirror * wp.atan2(patch.v[1], speed), -LARGEST_ANGLE, LARGEST_ANGLE)
-    s.g = mirror * limited_camber(patch, p)
-    slipping = pac02_slip_force(s, p)
+    s.k = wp.clamp(-patch.slide[0] / speed, p[Pac02.KPUMIN], p[Pac02.KPUMAX])
+    s.a = wp.clamp(-mirror * wp.atan2(patch.v[1], speed), p[Pac02.ALPMIN], p[Pac02.ALPMAX])
+    s.g = wp.clamp(mirror * limited_camber(patch, p), p[Pac02.CAMMIN], p[Pac02.CAMMAX])
+    lengths = pac02_lengths(s, p, z)
+    if lengths[0] > 0.0:
+        x = pure_longitudinal(s, p)
+        y = pure_lateral(s, p)
+        limit = ADHESION * s.fz * wp.vec2(wp.abs(x.mu / x.k), wp.abs(y.mu / y.k))
+        slip = lagged(wp.vec2(s.k, s.a), speed, lengths, limit, z, dt)
+        s.k = slip[0]
+        s.a = slip[1]
+    slipping = load / s.fz * pac02_slip_force(s, p)
+    s.fz = load
     share = slip_share(patch, p)
-    held = standstill_force(patch, s.fz, p, z, dt)
+    held = standstill_force(patch, load, p, z, dt)
     f_x = (1.0 - share) * held[0] + share * slipping[0]
     f_y = (1.0 - share) * mirror * held[1] - share * slipping[1]
     result = TireForce()

@@ -18,16 +18,19 @@ the load and F_x then act beside the middle plane and twist it.
 import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
+    ADHESION,
     friction_scale,
+    lagged,
     limited_camber,
     limited_load,
+    relaxation_lengths,
     resistance_share,
     slip_share,
     standstill_force,
 )
 from simwarp.vehicle.tires.laws.magic_kernels import magic_sine
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, Pac89
-from simwarp.vehicle.tires.patch_kernels import Patch, TireForce, slip_angle, slip_ratio
+from simwarp.vehicle.tires.patch_kernels import SLOWEST, Patch, TireForce, slip_angle, slip_ratio
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -73,6 +76,18 @@ def pac89_aligning(alpha: float, camber: float, fz: float, scale: float, p: wp.a
 
 
 @wp.func
+def pac89_adhesion_slip(camber: float, fz: float, p: wp.array[float]) -> wp.vec2:
+    """Slip ratio and slip angle [rad] at which all of the contact slides, at the reference friction."""
+    a = int(Pac89.A)
+    b = int(Pac89.B)
+    d_x = (p[b + 1] * fz + p[b + 2]) * fz
+    slope_x = (p[b + 3] * fz + p[b + 4]) * fz * wp.exp(-p[b + 5] * fz)
+    d_y = (p[a + 1] * fz + p[a + 2]) * fz
+    slope_y = p[a + 3] * wp.sin(2.0 * wp.atan(fz / p[a + 4])) * (1.0 - p[a + 5] * wp.abs(camber))
+    return ADHESION * wp.vec2(0.01 * wp.abs(d_x / slope_x), wp.abs(d_y / slope_y) / DEGREES)
+
+
+@wp.func
 def pac89_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
     """Force and torque of a Pacejka 89 tire; `mirror` is -1 for one measured on the other side."""
     load = limited_load(patch, p)
@@ -80,9 +95,14 @@ def pac89_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[flo
     held = standstill_force(patch, load, p, z, dt)
     scale = friction_scale(patch, p)
     fz = 1.0e-3 * load
-    k = 100.0 * wp.clamp(slip_ratio(patch), -1.0, 1.0)
-    alpha = mirror * DEGREES * slip_angle(patch)
+    slip = wp.vec2(wp.clamp(slip_ratio(patch), -1.0, 1.0), slip_angle(patch))
     camber = mirror * DEGREES * limited_camber(patch, p)
+    lengths = relaxation_lengths(p, z)
+    if lengths[0] > 0.0:
+        limit = scale * pac89_adhesion_slip(camber, fz, p)
+        slip = lagged(slip, wp.max(wp.abs(patch.v[0]), SLOWEST), lengths, limit, z, dt)
+    k = 100.0 * slip[0]
+    alpha = mirror * DEGREES * slip[1]
     f_x = pac89_longitudinal(k, fz, scale, p)
     f_y = -mirror * pac89_lateral(alpha, camber, fz, scale, p)
     m_z = -mirror * pac89_aligning(alpha, camber, fz, scale, p)

@@ -18,9 +18,12 @@ L = 2 sqrt(r d) and a trail n that falls from n_0, changes its sign and ends at 
 import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
+    ADHESION,
     friction_scale,
+    lagged,
     limited_load,
     overturning_torque,
+    relaxation_lengths,
     slip_share,
     standstill_force,
 )
@@ -44,6 +47,14 @@ def quadratic(p: wp.array[float], entry: int, q: float) -> float:
 def linear(p: wp.array[float], entry: int, q: float) -> float:
     """The line through the two values of an entry."""
     return p[entry] + (p[entry + 1] - p[entry]) * (q - 1.0)
+
+
+@wp.func
+def adhesion_slip(p: wp.array[float], max_x: int, max_y: int, slope_x: int, slope_y: int, q: float) -> wp.vec2:
+    """Largest force over initial slope, along x and y."""
+    return wp.vec2(
+        quadratic(p, max_x, q) / quadratic(p, slope_x, q), quadratic(p, max_y, q) / quadratic(p, slope_y, q)
+    )  # fmt: skip
 
 
 @wp.func
@@ -85,9 +96,15 @@ def pneumatic_trail(s_y: float, n_0: float, s_0: float, s_e: float) -> float:
 
 
 @wp.func
+def transport_speed(patch: Patch) -> float:
+    """v_t [m/s]."""
+    return patch.effective_radius * wp.abs(patch.spin) + LEAST_TRANSPORT
+
+
+@wp.func
 def slip_velocity_ratio(patch: Patch) -> wp.vec2:
     """The slips (s_x, s_y)."""
-    return -patch.slide / (patch.effective_radius * wp.abs(patch.spin) + LEAST_TRANSPORT)
+    return -patch.slide / transport_speed(patch)
 
 
 @wp.func
@@ -112,6 +129,10 @@ def tmeasy_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float
     q = load / p[Tmeasy.NOMINAL_LOAD]
     scale = friction_scale(patch, p)
     s = slip_velocity_ratio(patch)
+    lengths = relaxation_lengths(p, z)
+    if lengths[0] > 0.0:
+        limit = ADHESION * scale * adhesion_slip(p, Tmeasy.MAX_X, Tmeasy.MAX_Y, Tmeasy.SLOPE_X, Tmeasy.SLOPE_Y, q)
+        s = lagged(s, transport_speed(patch), lengths, limit, z, dt)
     share = slip_share(patch, p)
     held = standstill_force(patch, load, p, z, dt)
     force = (1.0 - share) * held + share * tmeasy_slip_force(s, q, scale, p)

@@ -11,13 +11,16 @@ which starts with slope d, reaches F_m and ends at F_s. Road friction scales the
 import warp as wp
 
 from simwarp.vehicle.tires.common_kernels import (
+    ADHESION,
     friction_scale,
+    lagged,
     limited_load,
     overturning_torque,
+    relaxation_lengths,
     slip_share,
     standstill_force,
 )
-from simwarp.vehicle.tires.laws.tmeasy_kernels import quadratic, slip_velocity_ratio
+from simwarp.vehicle.tires.laws.tmeasy_kernels import adhesion_slip, quadratic, slip_velocity_ratio, transport_speed
 from simwarp.vehicle.tires.parameter_vector_kernels import Common, Tmsimple
 from simwarp.vehicle.tires.patch_kernels import Patch, TireForce
 
@@ -47,7 +50,15 @@ def tmsimple_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: flo
     load = limited_load(patch, p)
     share = slip_share(patch, p)
     held = standstill_force(patch, load, p, z, dt)
-    slipping = tmsimple_slip_force(slip_velocity_ratio(patch), load / p[Tmsimple.NOMINAL_LOAD], p)
+    q = load / p[Tmsimple.NOMINAL_LOAD]
+    s = slip_velocity_ratio(patch)
+    lengths = relaxation_lengths(p, z)
+    if lengths[0] > 0.0:
+        limit = ADHESION * adhesion_slip(
+            p, Tmsimple.MAX_X, Tmsimple.MAX_Y, Tmsimple.SLOPE_X, Tmsimple.SLOPE_Y, q
+        )  # fmt: skip
+        s = lagged(s, transport_speed(patch), lengths, limit, z, dt)
+    slipping = tmsimple_slip_force(s, q, p)
     force = (1.0 - share) * held + share * friction_scale(patch, p) * slipping
     result = TireForce()
     result.force = wp.vec3(force[0], force[1], patch.load)

@@ -6,63 +6,28 @@ import numpy as np
 import pytest
 
 from simwarp.vehicle.tires.parameter_vector_kernels import Common
-from simwarp.vehicle.tires.tires import ground, tire_vector
+from simwarp.vehicle.tires.tires import tire_vector
 from tests.reference.tires import Wheel, plane, tire
 from tests.unit.vehicle.tires.tire_bench import (
     DT,
+    PARKED_MASS,
     TEMPLATES,
     States,
     bench,
-    product,
-    properties,
-    quaternion,
+    check_held,
+    damped,
+    parked,
     row_of,
     spec,
     values,
 )
-
-MASS = 800.0
-
-
-def parked(row, worlds, angle, dt, seconds):
-    """Point masses on locked wheels, turned in different directions on a slope: positions over time (steps, W, 3)."""
-    normal = np.array([-np.sin(angle), 0.0, np.cos(angle)])
-    rotation = quaternion((0.0, 1.0, 0.0), -angle)
-    tires = bench(row, worlds, terrain=ground("cpu", rotation=rotation), friction=0.8)
-    turns = np.linspace(0.0, np.pi, worlds)
-    q = np.stack([product(rotation, quaternion((0.0, 0.0, 1.0), a)) for a in turns])
-    x = np.tile((row.values[Common.RADIUS] - 0.02) * normal, (worlds, 1))
-    v = np.zeros((worlds, 3))
-    states = States(x, q, v, np.zeros((worlds, 3)))
-    arrays = states.arrays()
-    path = []
-    for _ in range(round(seconds / dt)):
-        tires.apply(dt, arrays)
-        v = v + dt * (tires.force.numpy()[:, 0] / MASS + [0.0, 0.0, -9.81])
-        x = x + dt * v
-        arrays.body_x.assign(x[:, None])
-        arrays.body_v.assign(v[:, None].astype(np.float32))
-        path.append(x)
-    return np.array(path)
-
-
-def damped(template):
-    """Dampers that end all bouncing in seconds: while the load swings, bristles give way bit by bit, as they should."""
-    if template == "pacejka2002":
-        return {"tir": properties(VERTICAL_DAMPING=6000.0)}
-    return {"vertical_damping": 6000.0, **({"bristle_viscosity": (1.0, 1.0)} if template == "lugre" else {})}
 
 
 @pytest.mark.long("0.001-fiala", "0.001-lugre", "0.001-pacejka2002", "0.001-tmeasy", "0.001-tmsimple")
 @pytest.mark.parametrize("template", TEMPLATES)
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_a_parked_wheel_does_not_creep(template, dt):
-    path = parked(row_of(template, **damped(template)), 5, math.atan(0.2), dt, 8.0)
-    settled = path[len(path) // 2]
-    # what it slid before is the give of the bristles: 1600 N / 1e5 N/m = 16 mm, and LuGre's 0.2 / 60 = 3 mm
-    assert np.abs(settled - path[0])[:, :2].max() < 0.05
-    # 4 s later: rounding of the velocity, 1e-7 m/s, moves it less than this
-    assert np.abs(path[-1] - settled)[:, :2].max() < 1e-5
+    check_held(row_of(template, **damped(template)), dt)
 
 
 @pytest.mark.slow
@@ -78,7 +43,7 @@ def test_the_reference_parks_at_the_same_place():
         force = tire(
             row.model, Wheel(x, axis, v, np.zeros(3)), row.contact, values(row), plane(normal), 0.8, z, DT
         ).force
-        v = v + DT * (force / MASS + [0.0, 0.0, -9.81])
+        v = v + DT * (force / PARKED_MASS + [0.0, 0.0, -9.81])
         x = x + DT * v
         path.append(x)
     # 1e-4 of 20 mm, by which the wheel sinks and slides

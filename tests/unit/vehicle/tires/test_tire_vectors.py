@@ -19,8 +19,9 @@ from simwarp.vehicle.tires.parameter_vector_kernels import (
     Tmeasy,
     Tmsimple,
 )
+from simwarp.vehicle.tires.tire_properties import ASYMMETRIC
 from simwarp.vehicle.tires.tires import tire_vector
-from tests.unit.vehicle.tires.tire_bench import DATA, TEMPLATES, properties, row_of
+from tests.unit.vehicle.tires.tire_bench import DATA, TEMPLATES, properties, row_of, run, steady
 
 
 def bare(template, **parameters):
@@ -127,6 +128,89 @@ def test_pressure_of_a_property_file():
     assert row[Common.STIFFNESS] == pytest.approx(441900.0 * 1.125)
 
 
+def test_a_property_file_in_other_units_is_the_same_tire():
+    """Millimetres, kilonewtons and milliseconds."""
+    tir = properties(LENGTH="mm", FORCE="knewton", TIME="millisecond")
+    for key, factor in {
+        "UNLOADED_RADIUS": 1e3, "WIDTH": 1e3, "FNOMIN": 1e-3, "FZMIN": 1e-3, "FZMAX": 1e-3, "VERTICAL_STIFFNESS": 1e-6,
+        "VERTICAL_DAMPING": 1e-3, "LONGVL": 1.0,
+    }.items():  # fmt: skip
+        tir[key] *= factor
+    assert row_of("pacejka2002", tir=tir).values == pytest.approx(row_of("pacejka2002").values, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "side"),
+    [
+        ({"TYRESIDE": "LEFT"}, {}, "left"),
+        ({"TYRESIDE": "Right "}, {}, "right"),
+        ({"TYRESIDE": "SYMMETRIC"}, {}, None),
+        ({"TYRESIDE": "LEFT"}, {"measured_side": "right"}, "right"),
+        ({"TYRESIDE": "LEFT"}, {"measured_side": "either"}, None),
+        ({"TYRESIDE": "LEFT", "USE_MODE": -4.0}, {}, None),
+    ],
+)
+def test_the_side_of_a_property_file(changes, options, side):
+    assert row_of("pacejka2002", tir=properties(**changes), **options).measured_side == side
+
+
+def test_a_file_without_a_side_is_mirrored_on_none():
+    tir = properties()
+    del tir["TYRESIDE"]
+    assert row_of("pacejka2002", tir=tir).measured_side is None
+
+
+def test_a_symmetric_file_has_no_asymmetric_coefficients():
+    plain = row_of("pacejka2002").values
+    symmetric = row_of("pacejka2002", tir=properties(TYRESIDE="SYMMETRIC")).values
+    image = row_of("pacejka2002", tir=properties(USE_MODE=-4.0)).values
+    odd = np.zeros(len(plain), bool)
+    odd[[Pac02[key] for key in ASYMMETRIC]] = True
+    assert np.array_equal(symmetric, np.where(odd, 0.0, plain))
+    assert np.array_equal(image, np.where(odd, -plain, plain))
+
+
+@pytest.mark.parametrize("mode", [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 114, 314])
+def test_modes_of_a_property_file(mode):
+    relaxation = {"PTX1": 2.0, "PTY1": 2.0, "PTY2": 2.0}
+    row = row_of("pacejka2002", tir=properties(USE_MODE=float(mode), **relaxation))
+    assert row.values[Pac02.MODE] == mode % 10
+    assert row.values[Pac02.TRANSIENT] == (mode % 100 >= 10)
+    assert row.state_size == (4 if mode % 100 >= 10 else 2)
+
+
+def test_formats_of_a_property_file():
+    """PAC2002 and MF-Tyre 5.2: sign of PDY3, speed of the rolling resistance, combined slip."""
+    ours = row_of("pacejka2002", combined=None).values
+    theirs = row_of(
+        "pacejka2002", combined=None, tir=properties(PROPERTY_FILE_FORMAT="MF-TYRE", FITTYP=5.0, LONGVL=16.7)
+    ).values
+    changed = {Pac02(int(k)).name for k in np.flatnonzero(ours != theirs)}
+    assert changed == {"MUY_CAMBER", "REFERENCE_SPEED"}
+    assert (theirs[Pac02.MUY_CAMBER], theirs[Pac02.REFERENCE_SPEED], theirs[Pac02.ELLIPSE]) == (-1.0, 16.7, 0.0)
+    assert ours[Pac02.REFERENCE_SPEED] == pytest.approx(np.sqrt(9.81 * 0.4699))
+    bare_of_weights = {key: value for key, value in properties().items() if not key.startswith("R")}
+    bare_of_weights |= {key: value for key, value in properties().items() if key.startswith("RIM")}
+    assert row_of("pacejka2002", combined=None, tir=bare_of_weights).values[Pac02.ELLIPSE] == 1.0
+
+
+def test_ranges_of_a_property_file():
+    tir = properties(KPUMIN=-0.5, KPUMAX=0.6, ALPMIN=-3.15, ALPMAX=0.4, CAMMIN=-0.1, CAMMAX=0.2, FZMIN=500.0)
+    row = row_of("pacejka2002", tir=tir).values
+    assert list(row[Pac02.KPUMIN : Pac02.FZMIN + 1]) == pytest.approx(
+        [-0.5, 0.6, -np.pi / 2 + 0.01, 0.4, -0.1, 0.2, 500.0]
+    )
+    assert row[Common.CAMBER_LIMIT] == 0.2
+    # a limit that is given counts before the file's
+    row = row_of("pacejka2002", tir=tir, camber_limit=0.03).values
+    assert (row[Pac02.CAMMIN], row[Pac02.CAMMAX]) == (-0.03, 0.03)
+    for key in ("KPUMIN", "KPUMAX", "ALPMIN", "ALPMAX", "CAMMIN", "CAMMAX", "FZMIN"):
+        del tir[key]
+    row = row_of("pacejka2002", tir=tir).values
+    assert list(row[Pac02.KPUMIN : Pac02.KPUMAX + 1]) == [-1.0, 1.0]
+    assert row[Pac02.CAMMAX] == pytest.approx(np.deg2rad(3.0))
+
+
 def test_property_file_on_disk(tmp_path):
     """Sections, comments, quotes and any order: the file gives the same row as its keys in JSON."""
     tir = properties()
@@ -147,8 +231,37 @@ def test_property_file_on_disk(tmp_path):
     ("line", "message"),
     [
         ("FNOMIN = -4850", "line 2: FNOMIN: must be positive, got -4850.0"),
-        ("PROPERTY_FILE_FORMAT = 'PAC89'", "line 2: PROPERTY_FILE_FORMAT: must be 'PAC2002', got 'PAC89'"),
-        ("LENGTH = 'mm'", "line 2: LENGTH: must be 'meter', got 'mm'"),
+        (
+            "PROPERTY_FILE_FORMAT = 'PAC89'",
+            "line 2: PROPERTY_FILE_FORMAT: must be one of 'PAC2002', 'MF-TYRE', 'MF_05', got 'PAC89'",
+        ),
+        ("LENGTH = 'mile'", "line 2: LENGTH: must be one of 'meter', 'm', 'mm', "),
+        (
+            "ANGLE = 'degree'",
+            "line 2: ANGLE: must be one of 'radian', 'radians', 'rad', got 'degree'; convert the file",
+        ),
+        (
+            "TYRESIDE = 'BOTH'",
+            "line 2: TYRESIDE: must be one of 'LEFT', 'RIGHT', 'SYMMETRIC', got 'BOTH'; name the side",
+        ),
+        (
+            "USE_MODE = 24",
+            "line 2: USE_MODE: must not ask for nonlinear relaxation with a contact mass, got 24; give 0",
+        ),
+        ("USE_MODE = 25", "line 2: USE_MODE: must not ask for turn slip, got 25; give 0 (F_z), 1 (F_x)"),
+        ("USE_MODE = 34", "line 2: USE_MODE: must not ask for a belt as a rigid ring, got 34"),
+        ("USE_MODE = 7", "line 2: USE_MODE: must be one of 0, 1, 2, 3, 4 or 10 more, got 7"),
+        ("USE_MODE = 4.5", "line 2: USE_MODE: must be a whole number below 1000, got 4.5"),
+        ("KPUMIN = 0.1", "line 2: KPUMIN: must not be positive, got 0.1; give the least value of the measurement"),
+        ("ALPMAX = -0.5", "line 2: ALPMAX: must be above ALPMIN -1.5708 and not negative, got -0.5; give the largest"),
+        ("FZMIN = -1", "line 2: FZMIN: must not be negative, got -1.0; give the least load"),
+        ("LMUV = 0.5", "line 2: LMUV: must be 0, got 0.5; it scales friction that falls with the speed of sliding"),
+        ("LMUY = 0", "line 2: LMUY: must be positive, got 0.0; give LMUY of the measured tire"),
+        ("LKY = 0", "line 2: LKY: must not be 0, got 0.0; mode 4 divides by that slope; give it or another mode"),
+        ("PKY2 = 0", "line 2: PKY2: must not be 0, got 0.0"),
+        ("PKX1 = 0", "line 2: PKX1: must not be 0, got 0.0"),
+        ("PCX1 = 1.5\nPCX1 = 1.6", "line 3: PCX1: must be given once, got 1.5 in line 2 and 1.6 in line 3; leave one"),
+        ("PCX1 = 1.5\nPCX1 = much", "line 3: PCX1: must be a number or quoted text, got 'much'"),
         ("PDX1 1.2", "line 2: must be KEY = value, a [SECTION], a row of numbers or a comment after $, got 'PDX1 1.2'"),
         ("= 1.2", "line 2: must be KEY = value"),
         ("PDX 1 = 1.2", "line 2: must be KEY = value"),
@@ -185,6 +298,7 @@ REFUSED = [
     ("fiala", {"vertical_curve": ((0.1, 0.0), (0.0, 1.0))}, r"parameters\.vertical_curve: must be two or more"),
     ("lugre", {"vertical_stiffness": 1e5, "disc_count": 40}, r"parameters\.disc_count: must be from 1 to 16"),
     ("pacejka2002", {"tir": {"FNOMIN": 4e3}}, r"parameters\.tir\.PCX1: missing"),
+    ("lugre", {"vertical_stiffness": 1e5, "relaxation_length": (0.2, 0.5)}, r"relaxation_length: must be absent, got"),
     ("lugrey", {}, r"template: must be one of .* \(did you mean 'lugre'\?\)"),
 ]
 
@@ -199,15 +313,35 @@ def test_what_is_refused(template, parameters, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"LENGTH": "mm"}, r"tir\.LENGTH: must be 'meter'"),
+        ({"LENGTH": "mile"}, r"tir\.LENGTH: must be one of 'meter'"),
         ({"PKX1": "much"}, r"tir\.PKX1: must be a number"),
         ({"UNLOADED_RADIUS": 0.3}, r"tir\.UNLOADED_RADIUS: must be the tire's radius"),
-        ({"USE_MODE": 12.0}, r"mode: must be one of 0, 1, 2, 3, 4"),
+        ({"USE_MODE": 15.0}, r"tir\.USE_MODE: must not ask for turn slip, got 15"),
+        ({"PROPERTY_FILE_FORMAT": "MF-TYRE", "FITTYP": 61.0}, r"tir\.FITTYP: must be 5 or 52, MF-Tyre 5\.2, got 61"),
+        ({"PROPERTY_FILE_FORMAT": "MF_05", "LONGVL": 0.0}, r"tir\.LONGVL: must be positive, got 0"),
+        ({"USE_MODE": 14.0, "PTX1": 0.0}, r"tir\.USE_MODE: must be below 10 where PTX1 is missing or 0, got 14\.0"),
+        ({"FZMIN": 8e4}, r"tir\.FZMAX: must be above FZMIN 80000, got 78750"),
     ],
 )
 def test_what_is_refused_in_a_property_file(change, message):
     with pytest.raises(SpecError, match=message):
         row_of("pacejka2002", tir=properties(**change))
+
+
+@pytest.mark.parametrize(("key", "mode"), [("PKX1", 2), ("LKX", 3), ("PKY1", 1), ("LKY", 0)])
+def test_a_file_without_a_slope_serves_the_modes_that_do_not_need_it(key, mode):
+    """Measurements of one direction alone leave the other at zero."""
+    row = row_of("pacejka2002", mode=mode, tir=properties(**{key: 0.0}))
+    tires = run(row, steady(row, slip=[0.0, 0.05], angle=[0.1, 0.0]))
+    assert np.isfinite(tires.force_w.numpy()).all()
+    assert np.isfinite(tires.torque_w.numpy()).all()
+
+
+def test_a_mode_that_asks_for_lengths_the_file_lacks_is_named_as_it_was_given():
+    with pytest.raises(
+        SpecError, match=r"^tire\.parameters\.mode: must be below 10 where PTX1 is missing or 0, got 14:"
+    ):
+        row_of("pacejka2002", mode=14, tir=properties(PTX1=0.0))
 
 
 def test_wrong_number_of_coefficients():

@@ -11,7 +11,7 @@ from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import add_ground_assets, height_field, triangle_mesh
 from simwarp.kernels.collision.shape import Assets
 from simwarp.vehicle.spec.vehicle_spec import SpecError
-from simwarp.vehicle.tires.parameter_vector_kernels import Common, Lugre
+from simwarp.vehicle.tires.parameter_vector_kernels import Common, Lugre, Tmeasy
 from simwarp.vehicle.tires.tires import Mount, Tires, ground
 from tests.reference.terrain import field_triangles, surface_height
 from tests.reference.tires import (
@@ -90,6 +90,45 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "pacejka2002 longitudinal": ("pacejka2002", {"mode": 1}),
     "pacejka2002 lateral": ("pacejka2002", {"mode": 2}),
     "pacejka89 mirrored": ("pacejka89", {"measured_side": "right"}),
+    **{f"{name} lagged": (name, {"relaxation_length": (0.2, 0.5)}) for name in TEMPLATES if name != "lugre"},
+    "pacejka2002 of 5.2": (
+        "pacejka2002",
+        {
+            "tir": properties(
+                PROPERTY_FILE_FORMAT="MF-TYRE",
+                FITTYP=5.0,
+                USE_MODE=14.0,
+                TYRESIDE="RIGHT",
+                LONGVL=16.7,
+                QSY3=0.002,
+                QSY4=0.001,
+                PDX3=1.5,
+                PDY3=-2.9,
+                PTX1=2.4,
+                PTX2=1.4,
+                PTX3=0.57,
+                PTY1=2.1,
+                PTY2=2.0,
+                LSGKP=0.8,
+                LSGAL=1.2,
+                LMUX=0.9,
+                LMUY=0.8,
+                LKY=1.1,
+                LGAY=3.0,
+                FZMIN=6000.0,
+                KPUMIN=-0.3,
+                KPUMAX=0.4,
+                ALPMIN=-0.2,
+                ALPMAX=0.3,
+                CAMMIN=-0.05,
+                CAMMAX=0.1,
+            ),
+            "combined": None,
+            "rolling_resistance": None,
+        },
+    ),
+    "pacejka2002 of both sides": ("pacejka2002", {"tir": properties(TYRESIDE="SYMMETRIC"), "combined": "weights"}),
+    "pacejka2002 mirror image": ("pacejka2002", {"tir": properties(USE_MODE=-4.0), "combined": "weights"}),
 }
 SLOPE = np.array([0.11, -0.07, 1.0])
 # float32 of the deflection (1e-7 m of 0.02 m) and of the slip (1e-6 of 0.1) are some 1e-5 of the forces.
@@ -301,12 +340,12 @@ def test_rill_force_stays_below_the_maximum_of_its_direction(template, friction)
     tires = run(row, grid_states(row), friction=friction)
     load = tires.load.numpy()[:, 0].astype(float)
     force = tires.force_w.numpy()[:, 0].astype(float)
-    q = load / row.values[23]
+    q = load / row.values[Tmeasy.NOMINAL_LOAD]
     pattern = {"tmeasy": ((0.89965, 0.77751), (0.75876, 0.72628)), "tmsimple": ((0.91432, 0.79538), (0.75948, 0.72714))}
     size = np.hypot(force[:, 0], force[:, 1])
     limit = 0.0
     for axis, (a, b) in enumerate(pattern[template]):
-        largest = row.values[23] * (q * (2 * a - b) + q * q * (b - a)) * friction / 0.8
+        largest = row.values[Tmeasy.NOMINAL_LOAD] * (q * (2 * a - b) + q * q * (b - a)) * friction / 0.8
         limit = limit + (largest * force[:, axis] / np.maximum(size, 1e-9)) ** 2
     assert np.all(size <= np.sqrt(limit) * (1 + 1e-5) + 1e-3)
     assert size.max() > 0.9 * np.sqrt(limit).min()

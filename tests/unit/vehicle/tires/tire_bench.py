@@ -13,12 +13,15 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.parameter_vector import MODELS
-from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
+from simwarp.vehicle.tires.parameter_vector_kernels import Common
+from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, ground, tire_vector
 from tests.reference.tires import Wheel
 
 DATA = Path(__file__).resolve().parents[4] / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"
 TEMPLATES = tuple(MODELS)
 DT = 1.0e-3
+PARKED_MASS = 800.0
+"""Of what stands on one wheel [kg]."""
 
 
 def spec(template: str, **changes) -> Tire:
@@ -121,3 +124,42 @@ def run(row: ParameterVector, states: States, steps: int = 1, **options) -> Tire
     for _ in range(steps):
         tires.apply(DT, arrays)
     return tires
+
+
+def parked(row, worlds, angle, dt, seconds):
+    """Point masses on locked wheels, turned in different directions on a slope: positions over time (steps, W, 3)."""
+    normal = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    rotation = quaternion((0.0, 1.0, 0.0), -angle)
+    tires = bench(row, worlds, terrain=ground("cpu", rotation=rotation), friction=0.8)
+    turns = np.linspace(0.0, np.pi, worlds)
+    q = np.stack([product(rotation, quaternion((0.0, 0.0, 1.0), a)) for a in turns])
+    x = np.tile((row.values[Common.RADIUS] - 0.02) * normal, (worlds, 1))
+    v = np.zeros((worlds, 3))
+    states = States(x, q, v, np.zeros((worlds, 3)))
+    arrays = states.arrays()
+    path = []
+    for _ in range(round(seconds / dt)):
+        tires.apply(dt, arrays)
+        v = v + dt * (tires.force.numpy()[:, 0] / PARKED_MASS + [0.0, 0.0, -9.81])
+        x = x + dt * v
+        arrays.body_x.assign(x[:, None])
+        arrays.body_v.assign(v[:, None].astype(np.float32))
+        path.append(x)
+    return np.array(path)
+
+
+def damped(template):
+    """Dampers that end all bouncing in seconds: while the load swings, bristles give way bit by bit, as they should."""
+    if template == "pacejka2002":
+        return {"tir": properties(VERTICAL_DAMPING=6000.0)}
+    return {"vertical_damping": 6000.0, **({"bristle_viscosity": (1.0, 1.0)} if template == "lugre" else {})}
+
+
+def check_held(row, dt):
+    """Assert that brakes hold five wheels on a slope of 0.2: they settle in 4 s, and stay for as long."""
+    path = parked(row, 5, np.arctan(0.2), dt, 8.0)
+    settled = path[len(path) // 2]
+    # what it slid before is the give of the bristles: 1600 N / 1e5 N/m = 16 mm, and LuGre's 0.2 / 60 = 3 mm
+    assert np.abs(settled - path[0])[:, :2].max() < 0.05
+    # 4 s later: rounding of the velocity, 1e-7 m/s, moves it less than this
+    assert np.abs(path[-1] - settled)[:, :2].max() < 1e-5

@@ -94,7 +94,7 @@ def test_forces_are_those_of_the_reference(preset, seed):
     the tension, 1e-7 m or less of depths, which float64 carries; Newton's steps in soil leave less than 1e-3 of a load.
     The wheels' dampers add the tension's rate at 1.4e4 N·s/m."""
     rng = np.random.default_rng(seed)
-    law = {"dry_loss": 0.02, "linear_loss": 0.003, "friction": 0.7}
+    law = {"dry_loss": 0.02, "linear_loss": 0.003, "square_loss": 1e-3, "friction": 0.7}
     sim, parts, belts = vehicle(law=law, soil=preset)
     random_state(sim, parts, belts, rng, 0.0 if preset is None else 0.12)
     remembered = {name: array.numpy().copy() for name, array in belts.memory.items()}

@@ -77,11 +77,11 @@ def test_a_converter_that_stays_at_stall_gives_the_torque_of_its_balance():
 def test_a_sprocket_that_has_lost_its_grip_does_not_run_away(legacy):
     """Nobody gives it a torque: shafts with a negative inertia reach 1e6 rad/s in 0.1 s."""
     spec = LEGACY if legacy else SIMPLE
-    slippery = {
-        side: dataclasses.replace(track, sprocket=dataclasses.replace(track.sprocket, friction=0.0))
-        for side, track in (("left", spec.left), ("right", spec.right))
-    }
-    sim, vehicle = simulation(dataclasses.replace(spec, **slippery), sprocket=SprocketContact.DRUM)
+    left, right = (
+        dataclasses.replace(track, sprocket=dataclasses.replace(track.sprocket, friction=0.0))
+        for track in (spec.left, spec.right)
+    )
+    sim, vehicle = simulation(dataclasses.replace(spec, left=left, right=right), sprocket=SprocketContact.DRUM)
     sim.step(100)
     assert np.abs(vehicle.sprocket_speed.numpy()).max() < 1.0
 

@@ -22,6 +22,7 @@ from simwarp.cli.view.task_subject import task_subject
 from simwarp.cli.view.view_target import find_target
 from simwarp.train.networks.policies import zero_policy
 from simwarp.viewer.live import Layout, LiveView, Subject
+from simwarp.viewer.live.live_view import FRAMES
 from simwarp.viewer.live.pacing import LATE, Pace
 
 
@@ -63,6 +64,24 @@ def test_steps_between_frames_are_not_waited_for(view: LiveView) -> None:
     view._next_frame = 0.0
     view.advance()
     assert (asked, view.last_failed) == ([1], 1)
+
+
+@pytest.mark.parametrize("cost", [0.001, 0.02, 0.03, 0.05, 0.3])
+def test_a_page_gets_thirty_frames_a_second_or_every_step(
+    view: LiveView, monkeypatch: pytest.MonkeyPatch, cost: float
+) -> None:
+    """Whatever a step costs [s]: frames do not wait for each other, and no step is skipped to keep up with a clock."""
+    clock, frames = [100.0], []
+    monkeypatch.setattr("simwarp.viewer.live.live_view.time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr(view.page, "frame", lambda **_: frames.append(clock[0]))
+    clients: Any = {0: view}
+    view._clients = clients
+    steps = round(3.0 / cost)
+    for _ in range(steps):
+        clock[0] += cost
+        view.step()
+    assert len(frames) == pytest.approx(min(3.0 * FRAMES, steps), abs=2)
+    assert np.diff(frames).max() < max(cost, 1.0 / FRAMES) + cost + 1e-9
 
 
 class Onlooker:

@@ -1,0 +1,1 @@
+"""``simwarp rig``: virtual rigs for tires, suspensions, steerings and whole vehicles."""

@@ -1,0 +1,154 @@
+"""Pages of plots of tires, suspensions and steerings on their rigs."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from simwarp.core.files import replacing
+from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, spanned, title_of
+from simwarp.vehicle.rigs.steering_rig import SteeringCurve
+from simwarp.vehicle.rigs.suspension_curves import SuspensionMotion, SuspensionRun
+from simwarp.vehicle.rigs.tire_rig import TireCurves
+
+COLORS: Final = (BLUE, ORANGE, "#2b8a3e", "#7048a8", "#946200", "#c2255c")
+"""Of the curves of one panel."""
+STYLES: Final = ("-", "--", ":", "-.")
+DOTS: Final = 80
+"""Per inch, of a picture."""
+
+
+@contextlib.contextmanager
+def plot_page(target: Path, title: str, rows: int, columns: int, size: tuple[float, float]) -> Iterator[Any]:
+    """Panels (rows, columns) of a page that is written to a file at the end of the block.
+
+    Raises:
+        FileError: the target cannot be written to.
+        OutputError: the disk did not take it.
+    """
+    figure = Figure(figsize=size)
+    figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for axes in panels.flat:
+        dress(axes)
+    yield panels
+    with replacing(target) as draft:
+        figure.savefig(draft, dpi=DOTS, format=target.suffix[1:])
+
+
+def label_axes(axes: Any, title: str, abscissa: str) -> None:
+    """Title and abscissa of a panel."""
+    title_of(axes, title)
+    axes.set_xlabel(abscissa, fontsize=9, color=INK)
+
+
+def draw_tires(curves: Mapping[str, TireCurves], target: Path, title: str) -> None:
+    """Writes a page with tires over each other, at their first inclination and speed: a colour for a tire, a style of
+    line for a load.
+
+    Args:
+        curves: by the names of the tires.
+        target: .png, .pdf or .svg.
+        title: the heading.
+    """
+    with plot_page(target, title, 2, 3, (13.0, 7.6)) as panels:
+        for (name, found), color in zip(curves.items(), COLORS * len(curves), strict=False):
+            loads, leans = found.sweep.loads, found.sweep.inclinations
+            widest = int(np.abs(leans).argmax())
+            for number, load in enumerate(loads):
+                style: Any = {"color": color, "linestyle": STYLES[number % len(STYLES)], "linewidth": 1.3}
+                along, across = found.longitudinal[:, number, 0, 0], found.lateral[number, 0, 0]
+                label = f"{name}, {1e-3 * load:.3g} kN" if len(loads) > 1 else name
+                angle = np.rad2deg(across.slip_angle)
+                panels[0, 0].plot(along.slip_ratio[0], 1e-3 * along.fx[0], label=label, **style)
+                panels[0, 1].plot(angle, 1e-3 * across.fy, **style)
+                panels[0, 2].plot(angle, across.mz, **style)
+                leaning = found.lateral[number, widest, 0]
+                if found.sweep.inclinations[widest] != 0.0:
+                    panels[1, 0].plot(np.rad2deg(leaning.slip_angle), leaning.mx, **style)
+                else:
+                    panels[1, 0].plot(along.slip_ratio[0], along.my[0], **style)
+                for side in range(1, len(along.fx)):
+                    panels[1, 1].plot(1e-3 * along.fx[side], 1e-3 * along.fy[side], **style)
+            marks: Any = {"color": color, "marker": "o", "markersize": 4}
+            panels[1, 2].plot(1e-3 * np.array(loads), found.peak_driving[:, 0, 0], **marks)
+            lateral = 0.5 * (found.peak_left + found.peak_right)[:, 0, 0]
+            panels[1, 2].plot(1e-3 * np.array(loads), lateral, linestyle="--", **marks)
+        label_axes(panels[0, 0], "F_x [kN]", "slip ratio")
+        label_axes(panels[0, 1], "F_y [kN]", "slip angle [°]")
+        label_axes(panels[0, 2], "M_z [N·m]", "slip angle [°]")
+        lean = max(next(iter(curves.values())).sweep.inclinations, key=abs)
+        if lean != 0.0:
+            label_axes(panels[1, 0], f"M_x [N·m] at an inclination of {np.rad2deg(lean):.3g}°", "slip angle [°]")
+        else:
+            label_axes(panels[1, 0], "M_y [N·m]", "slip ratio")
+        spanned(panels[1, 0], 1.0)
+        angles = ", ".join(f"{np.rad2deg(a):g}°" for a in next(iter(curves.values())).sweep.combined_angles)
+        label_axes(panels[1, 1], f"F_y [kN] at slip angles of {angles}" if angles else "F_y [kN]", "F_x [kN]")
+        label_axes(panels[1, 2], "largest F_x (driving) and F_y (dashed) over F_z", "F_z [kN]")
+        panels[0, 0].legend(frameon=False, fontsize=7, loc="lower right")
+
+
+def draw_suspension(run: SuspensionRun, target: Path, title: str) -> None:
+    """Writes a page with the left wheel of an axle over travel, in parallel and (dashed) opposite travel.
+
+    Args:
+        run: of a bench.
+        target: .png, .pdf or .svg.
+        title: the heading.
+    """
+    with plot_page(target, title, 2, 4, (15.0, 7.6)) as panels:
+        for motion, style in ((SuspensionMotion.PARALLEL, "-"), (SuspensionMotion.OPPOSITE, "--")):
+            curve = run.curves.get(motion)
+            if curve is None:
+                continue
+            travel = 1e3 * curve.travel[:, 0]
+            values = (
+                np.rad2deg(curve.toe[:, 0]), np.rad2deg(curve.camber[:, 0]), np.rad2deg(curve.caster[:, 0]),
+                1e3 * curve.track_change, 1e3 * curve.roll_centre[:, 1], 1e2 * curve.anti_dive[:, 0],
+                1e-3 * curve.wheel_load[:, 0], 1e-3 * curve.wheel_rate[:, 0],
+            )  # fmt: skip
+            for axes, value in zip(panels.flat, values, strict=True):
+                axes.plot(travel, value, style, color=BLUE, linewidth=1.3, label=motion.value)
+        titles = (
+            "toe [°], positive inwards", "camber [°], positive outwards", "caster [°]", "track change [mm]",
+            "roll centre above ground [mm]", "anti-dive or anti-lift [%]", "wheel load [kN]",
+            "wheel rate [N/mm]",
+        )  # fmt: skip
+        for axes, text in zip(panels.flat, titles, strict=True):
+            label_axes(axes, text, "travel of the left wheel [mm]")
+            axes.axvline(0.0, color=GREY, linewidth=0.6)
+        panels[0, 0].legend(frameon=False, fontsize=8)
+
+
+def draw_steering(curve: SteeringCurve, target: Path, title: str) -> None:
+    """Writes a page with the angles of a steered axle's wheels.
+
+    Args:
+        curve: from lock to lock.
+        target: .png, .pdf or .svg.
+        title: the heading.
+    """
+    with plot_page(target, title, 2, 2, (10.0, 7.6)) as panels:
+        handwheel, mean = np.rad2deg(curve.handwheel), np.rad2deg(curve.steer.mean(axis=1))
+        for column, (side, color) in enumerate((("left", BLUE), ("right", ORANGE))):
+            panels[0, 0].plot(handwheel, np.rad2deg(curve.steer[:, column]), color=color, label=side)
+            panels[1, 1].plot(handwheel, np.rad2deg(curve.camber[:, column]), color=color, label=side)
+        difference = np.rad2deg(curve.steer[:, 0] - curve.steer[:, 1])
+        panels[0, 1].plot(mean, difference, color=BLUE, label="as built")
+        panels[0, 1].plot(mean, np.rad2deg(curve.ackermann_difference), ":", color=INK, label="Ackermann")
+        panels[1, 0].plot(handwheel, curve.ratio, color=BLUE)
+        label_axes(panels[0, 0], "angle of the wheels [°]", "handwheel [°], positive to the left")
+        label_axes(panels[0, 1], "inner less outer wheel [°]", "mean angle of the wheels [°]")
+        label_axes(panels[1, 0], "handwheel per mean angle of the wheels", "handwheel [°]")
+        label_axes(panels[1, 1], "camber [°], positive outwards", "handwheel [°]")
+        for axes in (panels[0, 0], panels[0, 1], panels[1, 1]):
+            axes.legend(frameon=False, fontsize=8)
