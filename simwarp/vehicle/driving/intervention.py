@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable_from
@@ -17,7 +16,14 @@ from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.types import formatted
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.vehicle.driving.drivers import HELD
-from simwarp.vehicle.intervention_kernels import InterventionState, InterventionTables, PedalUse, intervene
+from simwarp.vehicle.driving.specs_of_worlds import per_world, specs_of_worlds
+from simwarp.vehicle.intervention_kernels import (
+    InterventionRow,
+    InterventionState,
+    InterventionTables,
+    PedalUse,
+    intervene,
+)
 from simwarp.vehicle.spec.parts import Points
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle
@@ -79,13 +85,25 @@ class Intervention(ReadableFields):
                 raise SpecError(f"{name}: must be from {low:g} to 1, got {getattr(self, name)!r}")
 
 
+NEVER: Final = 1.0e30
+"""[s]."""
+
+
+def no_intervention() -> Intervention:
+    """One that never begins."""
+    return Intervention(after=NEVER)
+
+
 class Intervening(ForceElement):
     """Acts by an `Intervention` in every world: a `ForceElement` between a driver and its vehicle.
 
     Args:
         vehicle: whose `input` it overwrites.
-        spec: patterns, and when they begin.
+        spec: patterns, and when they begin, of all worlds or one for each.
         start: time of the simulation at which the manoeuvre's own begins [s].
+
+    Raises:
+        SpecError: there are neither one nor as many specs as worlds.
 
     Attributes:
         amplitude: (W,) of the steering's pattern; write it before it begins.
@@ -93,20 +111,25 @@ class Intervening(ForceElement):
         beyond: (W,) least x of the vehicle's frame of reference [m]; likewise.
     """
 
-    def __init__(self, vehicle: Vehicle, spec: Intervention, start: float = 0.0) -> None:
+    def __init__(self, vehicle: Vehicle, spec: Intervention | Sequence[Intervention], start: float = 0.0) -> None:
         worlds, device = vehicle.model.world_count, vehicle.model.device
-        self.vehicle, self.spec = vehicle, spec
-        self.amplitude = writable_from(np.full(worlds, spec.amplitude), wp.float32, device)
-        self.brakes = writable_from(np.full(worlds, spec.brakes), wp.float32, device)
-        self.beyond = writable_from(np.full(worlds, spec.beyond), wp.float32, device)
-        self._tables = _tables(vehicle, spec, start)
+        self.vehicle = vehicle
+        self.specs = specs = specs_of_worlds(spec, Intervention, worlds)
+        self.amplitude, self.brakes, self.beyond = (
+            writable_from(per_world([getattr(each, name) for each in specs], worlds), wp.float32, device)
+            for name in ("amplitude", "brakes", "beyond")
+        )
+        self._tables = _tables(vehicle, specs)
+        rows = [_row(each, 2 * index, start) for index, each in enumerate(specs)]
+        self._rows = wp.array(rows, dtype=InterventionRow, device=device)
         self._state = InterventionState()
         self._state.begun = wp.zeros(worlds, dtype=int, device=device)
         for name in ("since", "clock", "steering", "throttle"):
             setattr(self._state, name, wp.zeros(worlds, dtype=float, device=device))
 
     def _readable_title(self) -> str:
-        return f" of vehicle '{self.vehicle.parts.spec.name}', from {self.spec.after:g} s on"
+        times = " or ".join(f"{time:g}" for time in sorted({each.after for each in self.specs if each.after < NEVER}))
+        return f" of vehicle '{self.vehicle.parts.spec.name}', from {times or 'no'} s on"
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -115,23 +138,30 @@ class Intervening(ForceElement):
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that overwrites the inputs."""
+        amplitudes = (self.beyond, self.amplitude, self.brakes)
         return [
             simulation.shares.record(
                 intervene,
-                inputs=[dt, self._tables, self.beyond, self.amplitude, self.brakes, simulation.state.arrays],
+                inputs=[dt, self._tables, self._rows, *amplitudes, simulation.state.arrays],
                 outputs=[self._state, self.vehicle.input],
             )
         ]  # fmt: skip
 
 
-def _tables(vehicle: Vehicle, spec: Intervention, start: float) -> InterventionTables:
+def _tables(vehicle: Vehicle, specs: Sequence[Intervention]) -> InterventionTables:
     tables: Any = InterventionTables()
     tables.chassis, tables.reference = vehicle.parts.chassis, wp.vec3(*vehicle.parts.reference)
-    tables.after = start + spec.after
-    tables.steers, tables.pedals = int(spec.steering is not None), int(_USES[spec.pedals])
-    patterns = [HELD if spec.steering is None else spec.steering, spec.braking]
+    patterns = [points for each in specs for points in (each.steering or HELD, each.braking)]
     tables.start, tables.time, tables.value = function_arrays(patterns, float, vehicle.model.device)
-    tables.pause = -1.0 if spec.pause is None else spec.pause
-    tables.calm = spec.calm
     found: InterventionTables = tables
+    return found
+
+
+def _row(spec: Intervention, patterns: int, start: float) -> InterventionRow:
+    row: Any = InterventionRow()
+    row.patterns, row.after = patterns, start + spec.after
+    row.steers, row.pedals = int(spec.steering is not None), int(_USES[spec.pedals])
+    row.pause = -1.0 if spec.pause is None else spec.pause
+    row.calm = spec.calm
+    found: InterventionRow = row
     return found

@@ -19,7 +19,7 @@ from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drawbar import Drawbar, with_locks
 from simwarp.vehicle.driving.drivers import ScriptedDriver
-from simwarp.vehicle.driving.intervention import Intervening
+from simwarp.vehicle.driving.intervention import Intervening, no_intervention
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
@@ -79,6 +79,7 @@ class SetUpOptions(TypedDict, total=False):
     on_soil: bool
     solver: SolverOptions | None
     joint_reactions: bool
+    variants: Sequence[Maneuver]
 
 
 @overload
@@ -106,6 +107,7 @@ def set_up(
     on_soil: bool = False,
     solver: SolverOptions | None = None,
     joint_reactions: bool = False,
+    variants: Sequence[Maneuver] = (),
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -121,6 +123,8 @@ def set_up(
         on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
         joint_reactions: record those of all joints; chains of tracks always do.
+        variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
+            `maneuver`'s; see `set_up_variants`.
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -163,7 +167,7 @@ def set_up(
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))
         vehicle.tires.ground_friction.fill_(friction)
-    driver, acting = _acting(vehicle, maneuver, elements(vehicle))
+    driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
     simulation = Simulation(
@@ -174,18 +178,21 @@ def set_up(
 
 
 def _acting(
-    vehicle: AnyVehicle, maneuver: Maneuver, further: Sequence[ForceElement]
+    vehicle: AnyVehicle, maneuvers: Sequence[Maneuver], further: Sequence[ForceElement]
 ) -> tuple[ForceElement, list[ForceElement]]:
-    """The driver of a manoeuvre, and all force elements in the order in which they act."""
-    driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
-    if maneuver.follow is not None and not isinstance(vehicle, TrackedVehicle):
-        driver = PathTracker(vehicle, maneuver.follow)
-    if maneuver.drawbar is not None:
+    """The driver of a manoeuvre, or of one for each world, and all force elements in the order in which they act."""
+    first = maneuvers[0]
+    driver: ForceElement = ScriptedDriver(vehicle, first.script)
+    if first.follow is not None and not isinstance(vehicle, TrackedVehicle):
+        driver = PathTracker(vehicle, [each.follow for each in maneuvers if each.follow is not None])
+    if first.drawbar is not None:
         # it adds to the forces that the vehicle writes
-        driver = Drawbar(vehicle, maneuver.drawbar)
+        driver = Drawbar(vehicle, first.drawbar)
         return driver, [vehicle, driver, *further]
-    if maneuver.intervention is not None and not isinstance(vehicle, TrackedVehicle):
-        return driver, [driver, Intervening(vehicle, maneuver.intervention, maneuver.start), vehicle, *further]
+    tests = [each.intervention for each in maneuvers]
+    if any(tests) and not isinstance(vehicle, TrackedVehicle):
+        acts = [no_intervention() if test is None else test for test in tests]
+        return driver, [driver, Intervening(vehicle, acts, first.start), vehicle, *further]
     return driver, [driver, vehicle, *further]
 
 

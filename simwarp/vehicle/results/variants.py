@@ -5,16 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Unpack
+from typing import Final, Unpack
 
 import numpy as np
 
 from simwarp.core.types import WorldStatus
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.driving.intervention import Intervening
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
-from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result, until
@@ -24,45 +22,29 @@ from simwarp.vehicle.results.verdicts import passed, verdicts
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 
-VARIED = ("follow", "initial_speed", "intervention", "course", "duration")
-"""Fields of a `Maneuver` in which variants may differ; of the driver only its path and speed, of the intervention its
-amplitudes and where it begins.
-"""
+VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration")
+"""Fields of a `Maneuver` in which variants may differ; the road, the start and the script are those of all."""
 
 
 def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: Unpack[SetUpOptions]) -> Setup[Vehicle]:
     """Builds one simulation with a world for each variant of a manoeuvre.
 
-    Variants differ in the driver's path and speed, in the speed at the start, the intervention's amplitudes and place,
-    the lanes and the duration; the driver's steering law is that of the first one. All run until the last one is over.
+    Each world has its own driver with path, speed, steering law and gains, its own intervention, lanes and speed at the
+    start: it is the world of `set_up` with this variant alone. All run until the last one is over.
 
     Args:
         spec: of the vehicle, on wheels.
         variants: of one manoeuvre that has a driver on a path, one for each world.
-        options: those of `set_up` but `worlds`.
+        options: those of `set_up` but `worlds` and `variants`.
 
     Raises:
         SpecError: there is no variant, they differ in something else, or they have no driver on a path.
     """
     _check_alike(variants)
-    first = variants[0]
-    assert first.follow is not None
-    paths = tuple(each.follow.paths[0] for each in variants if each.follow is not None)
-    follow = dataclasses.replace(first.follow, paths=paths)
     longest = max(each.duration for each in variants)
-    merged = dataclasses.replace(first, follow=follow, duration=longest)
-    options["worlds"] = len(variants)
+    merged = dataclasses.replace(variants[0], duration=longest)
+    options["worlds"], options["variants"] = len(variants), variants
     setup = set_up(spec, merged, **options)
-    driver = setup.driver
-    assert isinstance(driver, PathTracker)
-    driver.path.assign(np.arange(len(variants), dtype=np.int32))
-    driver.target_speed.assign(np.array([each.follow.speed for each in variants if each.follow], np.float32))
-    for element in setup.simulation.elements:
-        if isinstance(element, Intervening):
-            acts = [each.intervention for each in variants if each.intervention is not None]
-            element.amplitude.assign(np.array([act.amplitude for act in acts], np.float32))
-            element.brakes.assign(np.array([act.brakes for act in acts], np.float32))
-            element.beyond.assign(np.array([act.beyond for act in acts], np.float32))
     _start_rolling(setup, [each.initial_speed for each in variants])
     return setup
 
@@ -70,22 +52,22 @@ def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: 
 def _check_alike(variants: Sequence[Maneuver]) -> None:
     if not variants:
         raise SpecError("variants: must be one or more, got none")
-    first = _without_varied(variants[0])
+    first = variants[0]
     for index, each in enumerate(variants):
         if each.follow is None:
             raise SpecError(f"variants: {each.name}: must have a driver on a path, got a script; drive them one by one")
-        if repr(_without_varied(each)) != repr(first):
-            rule = "must be alike but in path, speed, amplitudes, lanes and duration"
+        names = [field.name for field in dataclasses.fields(Maneuver) if field.name not in VARIED]
+        other = next((name for name in names if not _same(getattr(each, name), getattr(first, name))), None)
+        if other is not None:
+            rule = f"must have the {other} of the first one, which all worlds share"
             raise SpecError(f"variants: number {index} ({each.name}): {rule}; drive it alone")
 
 
-def _without_varied(maneuver: Maneuver) -> tuple[Any, ...]:
-    """What has to be the same in all variants."""
-    follow, act = maneuver.follow, maneuver.intervention
-    others = dataclasses.replace(maneuver, follow=None, initial_speed=0.0, intervention=None, course=None, duration=1.0)
-    driver = None if follow is None else (type(follow.steering), follow.start, follow.ramp, follow.speed_gains)
-    test = None if act is None else dataclasses.replace(act, amplitude=0.0, brakes=0.0, beyond=0.0)
-    return others, driver, test
+def _same(one: object, other: object) -> bool:
+    """Whether values are equal; NaN is equal to itself here."""
+    if isinstance(one, float) and isinstance(other, float) and math.isnan(one):
+        return math.isnan(other)
+    return one == other
 
 
 def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
