@@ -83,7 +83,7 @@ def test_variants_must_be_alike():
         set_up_variants(SEDAN, [])
     with pytest.raises(SpecError, match="must have a driver on a path, got a script"):
         set_up_variants(SEDAN, [maneuver("acceleration", SEDAN)])
-    with pytest.raises(SpecError, match=r"number 1 \(split-braking\): must be alike"):
+    with pytest.raises(SpecError, match=r"number 1 \(split-braking\): must have the name of the first one"):
         set_up_variants(SEDAN, [maneuver("braking", SEDAN), maneuver("split-braking", SEDAN)])
 
 

@@ -121,7 +121,7 @@ class Intervening(ForceElement):
         )
         self._tables = _tables(vehicle, specs)
         rows = [_row(each, 2 * index, start) for index, each in enumerate(specs)]
-        self._rows = wp.array(rows, dtype=InterventionRow, device=device)
+        self._rows: wp.array = wp.array(rows, dtype=InterventionRow, device=device)
         self._state = InterventionState()
         self._state.begun = wp.zeros(worlds, dtype=int, device=device)
         for name in ("since", "clock", "steering", "throttle"):

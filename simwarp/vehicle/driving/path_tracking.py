@@ -204,7 +204,8 @@ class PathTracker(ForceElement):
         self.path = writable_from(per_world(first.tolist(), worlds).astype(np.int32), wp.int32, device)
         self.target_speed = writable_from(per_world([each.speed for each in specs], worlds), wp.float32, device)
         self._tables = path_tables(paths, device)
-        self._trackers = wp.array([_tracker(vehicle, each) for each in specs], dtype=PathTrackerTables, device=device)
+        tables = [_tracker(vehicle, each) for each in specs]
+        self._trackers: wp.array = wp.array(tables, dtype=PathTrackerTables, device=device)
         self._state = PathTrackerState()
         self._state.segment = wp.full(worlds, -1, dtype=int, device=device)
         names = ("steering_error", "steering_sum", "speed_error", "speed_sum", "throttle", "distance", "arc")

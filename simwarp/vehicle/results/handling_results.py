@@ -15,6 +15,7 @@ from simwarp.vehicle.results.run_result import Result, crossing, lateral_acceler
 from simwarp.vehicle.results.verdict import Verdict, at_least, at_most
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 GRAVITY: Final = 9.81
 LINEAR: Final = (1.0, 4.0)
@@ -63,7 +64,7 @@ def steady_state(run: Run, maneuver: Maneuver) -> list[Result]:
     ]  # fmt: skip
 
 
-def linear_range(lateral: Array) -> Array:
+def linear_range(lateral: Array) -> Flags:
     """Rows between the bounds of `LINEAR`, before the greatest acceleration is reached."""
     top = float(lateral.max())
     high = min(LINEAR[1], 0.9 * top)
@@ -222,7 +223,7 @@ LIFT_ROWS: Final = 3
 """For so many rows both wheels of a side are lifted at least."""
 
 
-def lifted_sides(run: Run) -> Array:
+def lifted_sides(run: Run) -> Flags:
     """(n, 2) bool: both wheels of the left and of the right side bear nothing."""
     lifted = {wheel: run[f"Fz_{wheel}_N"] < LIFT_SHARE * max(run[f"Fz_{wheel}_N"][0], 1e-6) for wheel in WHEELS}
     return np.stack([lifted["FL"] & lifted["RL"], lifted["FR"] & lifted["RR"]], axis=1)
@@ -250,7 +251,7 @@ def lift_verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
     return [lifted, _roll_verdict(run)]
 
 
-def _longest(flags: Array) -> int:
+def _longest(flags: Flags) -> int:
     """Length of the longest run of True."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return int((ends[1::2] - ends[::2]).max()) if ends.size else 0

@@ -79,19 +79,24 @@ class SetUpOptions(TypedDict, total=False):
     on_soil: bool
     solver: SolverOptions | None
     joint_reactions: bool
-    variants: Sequence[Maneuver]
 
 
 @overload
-def set_up(spec: VehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[Vehicle]: ...
+def set_up(
+    spec: VehicleSpec, maneuver: Maneuver, *, variants: Sequence[Maneuver] = (), **options: Unpack[SetUpOptions]
+) -> Setup[Vehicle]: ...
 
 
 @overload
-def set_up(spec: TrackedVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[TrackedVehicle]: ...
+def set_up(
+    spec: TrackedVehicleSpec, maneuver: Maneuver, *, variants: Sequence[Maneuver] = (), **options: Unpack[SetUpOptions]
+) -> Setup[TrackedVehicle]: ...
 
 
 @overload
-def set_up(spec: AnyVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[AnyVehicle]: ...
+def set_up(
+    spec: AnyVehicleSpec, maneuver: Maneuver, *, variants: Sequence[Maneuver] = (), **options: Unpack[SetUpOptions]
+) -> Setup[AnyVehicle]: ...
 
 
 def set_up(

@@ -61,10 +61,15 @@ def travelled(run: Run) -> Array:
 
 
 def ground_speed(run: Run) -> Array:
-    """(n,) size of the frame's horizontal velocity, wherever the vehicle points [m/s]."""
-    if len(run["t_s"]) < 2:
+    """(n,) size of the frame's horizontal velocity, wherever the vehicle points [m/s].
+
+    Differences of second order also at the ends: those of first order are half a row late, by which a stop of 8 m/s²
+    would begin 4 cm/s too slow.
+    """
+    if len(run["t_s"]) < 3:
         return np.abs(run["speed_mps"])
-    return np.hypot(np.gradient(run["x_m"], run["t_s"]), np.gradient(run["y_m"], run["t_s"]))
+    t = run["t_s"]
+    return np.hypot(np.gradient(run["x_m"], t, edge_order=2), np.gradient(run["y_m"], t, edge_order=2))
 
 
 def braking_results(run: Run, maneuver: Maneuver) -> list[Result]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Unpack
 
 import numpy as np
+import warp as wp
 
 from simwarp.core.types import WorldStatus
 from simwarp.model.builder import ModelBuilder
@@ -35,7 +36,7 @@ def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: 
     Args:
         spec: of the vehicle, on wheels.
         variants: of one manoeuvre that has a driver on a path, one for each world.
-        options: those of `set_up` but `worlds` and `variants`.
+        options: those of `set_up` but `worlds`.
 
     Raises:
         SpecError: there is no variant, they differ in something else, or they have no driver on a path.
@@ -43,8 +44,8 @@ def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: 
     _check_alike(variants)
     longest = max(each.duration for each in variants)
     merged = dataclasses.replace(variants[0], duration=longest)
-    options["worlds"], options["variants"] = len(variants), variants
-    setup = set_up(spec, merged, **options)
+    options["worlds"] = len(variants)
+    setup = set_up(spec, merged, variants=variants, **options)
     _start_rolling(setup, [each.initial_speed for each in variants])
     return setup
 
@@ -76,8 +77,10 @@ def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
     if len(set(speeds)) == 1:
         return
     state = simulation.state
-    velocity, omega, rates = (array.numpy() for array in (state.body_v, state.body_omega, state.joint_qd))
-    memory = {name: vehicle.memory[name] for name in ("gear", "engine_speed", "last_input", "last_drive")}
+    moving: tuple[wp.array, ...] = (state.body_v, state.body_omega, state.joint_qd)
+    velocity, omega, rates = (array.numpy() for array in moving)
+    names = ("gear", "engine_speed", "last_input", "last_drive")
+    memory: dict[str, wp.array] = {name: vehicle.memory[name] for name in names}
     values = {name: array.numpy() for name, array in memory.items()}
     for world, speed in enumerate(speeds):
         builder = ModelBuilder()
@@ -90,7 +93,7 @@ def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
         values["gear"][world] = start.gear
         values["engine_speed"][world] = abs(start.motor_speed)
         values["last_input"][world], values["last_drive"][world] = start.motor_speed, start.drive_speed
-    for array, rows in ((state.body_v, velocity), (state.body_omega, omega), (state.joint_qd, rates)):
+    for array, rows in zip(moving, (velocity, omega, rates), strict=True):
         array.assign(rows)
     for name, array in memory.items():
         array.assign(values[name])

@@ -122,7 +122,7 @@ def test_yaw_rates_after_the_dwell_are_over_the_peak_of_the_second_half(decay, k
     assert found["yaw_ratio_2"] == pytest.approx(100.0 * math.exp(-1.75 * decay), rel=0.02)
     assert found["displacement"] == pytest.approx(2.5 * 1.07, abs=1e-6)
     judged = verdicts(run, what)
-    # 0.2 is more than five times the sedan's steering at 0.3 g: the displacement of 2.675 m counts, 1.83 m are asked for
+    # 0.2 is more than five times the sedan's steering at 0.3 g: the displacement of 2.675 m counts, 1.83 m suffice
     assert [item.passed for item in judged] == [kept, kept, True, True]
     small = verdicts(run, maneuver("sine-with-dwell", SEDAN, steering=0.05))
     assert len(small) == 3
