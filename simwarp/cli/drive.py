@@ -15,11 +15,11 @@ import tyro
 import warp as wp
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.drive_batch import Batch, parse_values, run_batch, verdict_table
+from simwarp.cli.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
+from simwarp.cli.drive_progress import DriveProgress
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
@@ -51,8 +51,6 @@ if TYPE_CHECKING:
     from simwarp.cli.view.scene_film import DriveSceneFilm
 
 PICTURES = (".png", ".pdf", ".svg")
-TOLD_EVERY = 10.0
-"""Between lines of progress where there is no terminal [s]."""
 CHAINS_TIME: Final = 1.0
 """Over which the plot of --chains takes means [s]."""
 MOST_STEPS: Final = 10**9
@@ -244,7 +242,7 @@ def run(arguments: list[str]) -> int:
     return FELL_SHORT if outcome.broken else DONE
 
 
-ALONE: Final = ("soil", "spacing", "csv", "chains", "video", "export_scene")
+ALONE: Final = ("soil", "soil_normal", "spacing", "channels", "csv", "chains", "video", "export_scene")
 """Options of one run, which a batch of many does not have."""
 
 
@@ -258,6 +256,8 @@ def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
     for name in ALONE:
         if getattr(options, name) is not None:
             raise UsageError(f"--{name.replace('_', '-')}: is of one run, not of many {key}s; leave out one of them")
+    if any(axle.tire.template == "soil-rigid" for axle in spec.axles):
+        raise UsageError(f"--{key}s: must be driven on a road, got tires on soil; leave out --tire soil-rigid")
     if options.view or options.worlds != 1:
         rule = "--view shows one run" if options.view else "--worlds: follows from the values"
         raise UsageError(f"{rule}; leave it out beside --{key}s")
@@ -266,12 +266,14 @@ def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
     if options.maneuver is None:
         raise UsageError(f"--{key}s: needs a --maneuver that has a {key}, such as iso-3888-1")
     values = parse_values(f"{key}s", options.speeds or options.steerings or "")
-    device = str(resolve_device(None if options.device == "auto" else options.device))
     batch = Batch(
         vehicle=spec, name=options.maneuver, key=key, values=values, chosen=options.chosen, dt=options.dt,
-        friction=options.friction, device=device, plot=options.plot,
+        friction=options.friction, device=str(resolve_device(None if options.device == "auto" else options.device)),
+        plot=options.plot,
     )  # fmt: skip
-    code, content = run_batch(batch, options.console())
+    variants = batch_variants(batch)
+    _check_effort(options, max(each.start + each.duration for each in variants), len(variants))
+    code, content = run_batch(batch, variants, options.console())
     options.emit(content)
     return code
 
@@ -311,7 +313,7 @@ def _check(name: str, options: DriveOptions) -> None:
             raise UsageError(f"cannot write '{picture}': the name must end in {', '.join(PICTURES)}")
 
 
-def _check_effort(options: DriveOptions, time: float) -> None:
+def _check_effort(options: DriveOptions, time: float, recorded: int = 1) -> None:
     """Refuse runs that would take weeks, or whose record no memory holds."""
     steps = time / options.dt
     if steps > MOST_STEPS:
@@ -320,7 +322,7 @@ def _check_effort(options: DriveOptions, time: float) -> None:
             "raise --dt or shorten --duration"
         )
     rows = steps if row_steps(options.dt) == 0 else time / SAMPLE_TIME
-    check_fits("the rows of the record", round(ROW_BYTES * rows), wp.get_device("cpu"), "shorten --duration")
+    check_fits("the rows of the record", round(ROW_BYTES * rows * recorded), wp.get_device("cpu"), "shorten --duration")
 
 
 def _vehicle(name: str, options: DriveOptions) -> AnyVehicleSpec:
@@ -395,7 +397,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
         outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
-    with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
+    with DriveProgress(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
             shown: Callable[[float], None] = bar.advance
             for film in films:
@@ -467,35 +469,6 @@ def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: 
         webbrowser.open(page.view.url)
         page.wait()
     return page
-
-
-class _Bar:
-    """Progress: a bar on a terminal, elsewhere a line now and then."""
-
-    def __init__(self, console: Console, title: str, what: Maneuver) -> None:
-        self.console, self.title, self.what = console, title, what
-        self._told = time.perf_counter()
-        columns = (
-            TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[t]}"),
-            TimeRemainingColumn(),
-        )  # fmt: skip
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
-
-    def __enter__(self) -> _Bar:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        self._progress.stop()
-
-    def advance(self, t: float) -> None:
-        """To a time of the manoeuvre [s]."""
-        if self.console.is_terminal:
-            self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
-        elif time.perf_counter() - self._told > TOLD_EVERY:
-            self._told = time.perf_counter()
-            self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)
 
 
 def _print_results(

@@ -15,10 +15,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from simwarp.cli import DONE, FELL_SHORT, UsageError
+from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from simwarp.cli.drive_progress import DriveProgress
+from simwarp.core.object_repr import plural
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.results.course_plot import draw_course
-from simwarp.vehicle.results.variants import Outcome, drive_variants, highest_passed
+from simwarp.vehicle.results.runs import Drive, SetUpOptions
+from simwarp.vehicle.results.variants import Outcome, highest_passed, outcomes, set_up_variants
 from simwarp.vehicle.results.verdict import Verdict
 from simwarp.vehicle.results.verdicts import verdict_rows
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
@@ -83,22 +87,41 @@ def parse_values(name: str, text: str) -> list[float]:
     raise UsageError(f"--{name}: must be {rule}, got '{text}'")
 
 
-def run_batch(batch: Batch, console: Console) -> tuple[int, dict[str, Any]]:
-    """Drives all variants, prints their table and returns the exit code with what --json writes.
+def batch_variants(batch: Batch) -> list[Maneuver]:
+    """The manoeuvre at each value.
 
     Raises:
         UsageError: the plot cannot be drawn of this manoeuvre.
-        SpecError: the variants cannot be driven together.
+        SpecError: there is no such manoeuvre or option, or a value cannot be used.
     """
     variants = [maneuver(batch.name, batch.vehicle, **batch.chosen, **{batch.key: value}) for value in batch.values]
     if batch.plot is not None and variants[0].course is None:
         raise UsageError(f"--plot: {batch.name} has no lanes to draw for many {batch.key}s; drive one")
+    return variants
+
+
+def run_batch(batch: Batch, variants: Sequence[Maneuver], console: Console) -> tuple[int, dict[str, Any]]:
+    """Drives all variants, prints their table and returns the exit code with what --json writes.
+
+    An interruption leaves what was recorded.
+
+    Raises:
+        SpecError: the variants cannot be driven together.
+    """
     begin = time.perf_counter()
-    found = drive_variants(
-        batch.vehicle, variants, device=batch.device, dt=batch.dt, friction=batch.friction
-    )  # fmt: skip
+    options: SetUpOptions = {"device": batch.device, "dt": batch.dt, "friction": batch.friction}
+    drive = Drive(set_up_variants(batch.vehicle, variants, **options), worlds=slice(0, len(variants)))
+    interrupted = False
+    title = f"{batch.vehicle.name}, {batch.name}, {plural(len(variants), 'world')}"
+    with DriveProgress(console, title, drive.setup.maneuver) as bar:
+        try:
+            drive.run(bar.advance)
+        except KeyboardInterrupt:
+            if not drive.recorder.rows:
+                raise
+            interrupted = True
+    found = outcomes(drive, variants)
     wall = time.perf_counter() - begin
-    title = f"{batch.vehicle.name}, {batch.name}, {len(found)} worlds"
     console.print(title, style="bold", highlight=False, soft_wrap=True)
     console.print(_table(batch, found))
     best = highest_passed(found)
@@ -106,11 +129,16 @@ def run_batch(batch: Batch, console: Console) -> tuple[int, dict[str, Any]]:
     if judged and batch.key == "speed":
         told = "none of these speeds is passed" if math.isnan(best) else f"highest speed passed: {best:g} m/s"
         console.print(told, highlight=False, soft_wrap=True)
-    console.print(f"{len(found)} worlds, {wall:.1f} s", highlight=False, soft_wrap=True)
+    if interrupted:
+        console.print("interrupted: the last rows are missing", highlight=False, soft_wrap=True)
+    console.print(f"{plural(len(found), 'world')}, {wall:.1f} s", highlight=False, soft_wrap=True)
     if batch.plot is not None:
         draw_course(found, batch.plot, title)
         console.print(f"wrote {batch.plot}", highlight=False, markup=False, soft_wrap=True)
-    return FELL_SHORT if all(each.broken for each in found) else DONE, _content(batch, found, best, wall)
+    content = _content(batch, found, best, wall) | {"interrupted": interrupted}
+    if interrupted:
+        return INTERRUPTED, content
+    return FELL_SHORT if all(each.broken for each in found) else DONE, content
 
 
 def _table(batch: Batch, found: Sequence[Outcome]) -> Table:

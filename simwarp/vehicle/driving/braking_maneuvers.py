@@ -20,8 +20,10 @@ BRAKING_SPEEDS: Final = {"hmmwv": 20.0, "hmmwv-reduced": 20.0, "gator": 7.0, "ar
 FULL_SPEED: Final = 100.0 / 3.6
 BRAKE_TIME: Final = 0.1
 """In which a foot comes down on the brakes [s]."""
-ROAD: Final = 400.0
-"""Length and half width of a patch of road that stands for one without an end [m]."""
+SLIPPERY_ROAD: Final = (-50.0, 950.0)
+"""X of a patch of road that stands for one without an end [m], the same at all speeds."""
+SLIPPERY_WIDTH: Final = 50.0
+"""[m]"""
 
 
 def braking_speed(spec: VehicleSpec) -> float:
@@ -57,8 +59,7 @@ def split_braking(
     """A stop (ISO 14512) with the steering kept where the road's left side has a share of the friction."""
     target = 0.75 * braking_speed(spec) if speed is None else speed
     total = 2.0 * _stop_time(target) if duration is None else duration
-    begin = LEAD * target
-    patch = FrictionPatch(x=(begin - 1.0, begin + ROAD), y=(0.0, 0.5 * ROAD), factor=left)
+    patch = FrictionPatch(x=SLIPPERY_ROAD, y=(0.0, SLIPPERY_WIDTH), factor=left)
     return rolling(
         spec, "split-braking", speed=target, duration=total, intervention=_brakes(brakes), patches=(patch,)
     )  # fmt: skip
