@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Final
 
@@ -150,6 +151,7 @@ def obstacle_avoidance_course(outline: Outline, start: float) -> LaneCourse:
     return LaneCourse(standard="ISO 3888-2", lanes=lanes, outline=outline)
 
 
+@functools.lru_cache(maxsize=64)
 def driven_line(course: LaneCourse, begin: float, end: float, *, share: float = 0.5) -> Path:
     """The line of least curvature on which the outline, seen along the line, stays between the cones.
 

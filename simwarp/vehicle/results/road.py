@@ -14,6 +14,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
+from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.tires.tires import ground
 
 Array = npt.NDArray[np.float64]
@@ -30,14 +31,22 @@ CELL: Final = 0.25
 """Of a map of friction [m]."""
 
 
-def check_even(maneuver: Maneuver, spec: VehicleSpec) -> None:
-    """Refuses roads that only tires which are force laws read.
+def check_road(maneuver: Maneuver, spec: VehicleSpec, on_soil: bool) -> None:
+    """Refuses bumps and patches of friction below tires that do not read them.
+
+    Args:
+        maneuver: with its road.
+        spec: of the vehicle with its tires.
+        on_soil: True if it drives on soil.
 
     Raises:
-        SpecError: there is a bump or a patch of friction.
+        SpecError: there is a bump or a patch, and a tire is no force law on a road.
     """
-    if maneuver.bump is not None or maneuver.patches:
-        template = spec.axles[0].tire.template
+    if maneuver.bump is None and not maneuver.patches:
+        return
+    template = next((axle.tire.template for axle in spec.axles if axle.tire.template not in MODELS), None)
+    template = "soil" if template is None and on_soil else template
+    if template is not None:
         rule = f"must be driven on tires that are force laws, got {template}; leave out --tire and --soil"
         raise SpecError(f"maneuver: {maneuver.name}: {rule}")
 

@@ -23,7 +23,7 @@ from simwarp.vehicle.driving.intervention import Intervening, no_intervention
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
-from simwarp.vehicle.results.road import add_bump, check_even, tire_ground
+from simwarp.vehicle.results.road import add_bump, check_road, tire_ground
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
@@ -166,8 +166,7 @@ def set_up(
         meets_shapes = any(side.meets_shapes for side in parts.sides)
         if not on_soil and meets_shapes:
             add_ground(builder, None, rotation, Material(friction=friction))
-        if meets_shapes or on_soil:
-            check_even(maneuver, parts.spec)
+        check_road(maneuver, parts.spec, on_soil)
         asset = add_bump(builder, maneuver)
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))

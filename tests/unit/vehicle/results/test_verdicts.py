@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,8 +111,9 @@ def test_the_pattern_is_a_sine_whose_second_peak_lasts():
 def test_yaw_rates_after_the_dwell_are_over_the_peak_of_the_second_half(decay, kept):
     """A yaw rate that decays from its peak at the end of the steering by exp(-decay t)."""
     t = np.arange(-200, 601) * 0.01
-    pattern = np.interp(t, *np.array(sine_pattern()).T, left=0.0, right=0.0)
-    rate = np.where(t < SINE_END, 0.5 * pattern, -0.6 * np.exp(-decay * (t - SINE_END)))
+    times, heights = np.array(sine_pattern()).T
+    pattern = np.interp(t, times, heights, left=0.0, right=0.0)
+    rate: Any = np.where(t < SINE_END, 0.5 * pattern, -0.6 * np.exp(-decay * (t - SINE_END)))
     lateral = 2.5 * np.clip(t, 0.0, None)
     run = made_up(t, steer=0.2 * pattern, yawrate_radps=rate, x_m=20.0 * t, y_m=lateral)
     what = maneuver("sine-with-dwell", SEDAN, steering=0.2)
@@ -214,6 +216,50 @@ def test_a_stop_with_constant_deceleration_has_its_distance():
     assert passed(verdicts(run, what)) is True
     turned = Run(run.columns | {"yaw_rad": math.radians(20.0) * part})
     assert [item.passed for item in verdicts(turned, what)] == [True, False, True]
+
+
+def test_a_vehicle_that_brakes_on_its_circle_keeps_its_yaw_rate_over_speed():
+    """On a circle of 40 m to the right, from 12 m/s with 5 m/s²: 1.0 is the ratio of one that stays on it."""
+    t = np.arange(0, 401) * 0.01
+    end = np.minimum(t, 12.0 / 5.0)
+    speed, way = 12.0 - 5.0 * end, 12.0 * end - 2.5 * end**2
+    yaw = -way / 40.0
+    run = made_up(
+        t, speed_mps=speed, yawrate_radps=-speed / 40.0, yaw_rad=yaw, x_m=-40.0 * np.sin(yaw),
+        y_m=40.0 * (np.cos(yaw) - 1.0), latacc_com_mps2=-(speed**2) / 40.0,
+    )  # fmt: skip
+    found = values(results(run, maneuver("brake-in-turn", SEDAN)))
+    assert found["steady_radius"] == pytest.approx(-40.0)
+    assert found["yaw_rate_ratio"] == pytest.approx(1.0, abs=1e-6)
+    assert found["mean_deceleration"] == pytest.approx(5.0, abs=1e-9)
+    # differences of rows 10 ms apart are an angle of 1.5e-3 rad off at the ends
+    assert abs(found["path_deviation"]) < 0.02
+    assert found["peak_sideslip"] < 0.2
+
+
+def test_times_of_a_constant_acceleration():
+    """3 m/s² from rest: 100 km/h after v / a, the quarter mile after sqrt(2 s / a)."""
+    t = np.arange(0, 2001) * 0.01
+    run = made_up(t, speed_mps=3.0 * t, x_m=1.5 * t**2)
+    found = values(results(run, maneuver("acceleration", SEDAN)))
+    assert found["time_to_100_kmh"] == pytest.approx(100.0 / 3.6 / 3.0, abs=1e-6)
+    assert found["quarter_mile"] == pytest.approx(math.sqrt(2.0 * 402.336 / 3.0), abs=1e-4)
+    assert found["quarter_mile_speed"] == pytest.approx(math.sqrt(2.0 * 402.336 * 3.0), abs=1e-3)
+    assert found["greatest_acceleration"] == pytest.approx(3.0)
+
+
+def test_peaks_over_a_bump_are_those_of_a_sine():
+    """Height 0.05 sin(6 t): accelerations of 1.8 m/s²; loads and pitch as they are given."""
+    t = np.arange(0, 401) * 0.01
+    wave = np.sin(6.0 * t)
+    loads = {f"Fz_{wheel}_N": 4e3 * (1.0 + share * wave) for wheel, share in
+             (("FL", 0.5), ("FR", 0.4), ("RL", 0.2), ("RR", 0.1))}  # fmt: skip
+    found = values(results(made_up(t, z_m=0.05 * wave, pitch_rad=0.01 * wave, **loads), maneuver("bump", SEDAN)))
+    # second differences of rows 10 ms apart: 1 - (6 x 0.01)² / 3
+    assert (found["peak_up"], found["peak_down"]) == (pytest.approx(1.8, rel=2e-3), pytest.approx(1.8, rel=2e-3))
+    assert found["pitch_range"] == pytest.approx(math.degrees(0.02), rel=1e-3)
+    assert (found["front_load"], found["rear_load"]) == (pytest.approx(1.5, rel=1e-3), pytest.approx(1.2, rel=1e-3))
+    assert found["least_load"] == pytest.approx(0.5, rel=1e-3)
 
 
 def test_a_hill_start_that_rolls_back_has_not_passed():
