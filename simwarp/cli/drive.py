@@ -235,7 +235,7 @@ def run(arguments: list[str]) -> int:
     found = results(outcome.run, what)
     judged = [] if isinstance(spec, TrackedVehicleSpec) else verdicts(outcome.run, what)
     _print_results(console, spec, options, outcome, found, judged)
-    _write(console, spec, options, outcome, found)
+    _write(console, spec, options, outcome, found, judged)
     options.emit(_content(spec, options, outcome, found) | {"passed": passed(judged), "verdicts": verdict_rows(judged)})
     if outcome.interrupted:
         return INTERRUPTED
@@ -527,6 +527,7 @@ def _write(
     options: DriveOptions,
     outcome: Outcome,
     found: list[Result],
+    judged: list[Verdict],
 ) -> None:
     """The files that were asked for."""
     what = outcome.maneuver
@@ -535,7 +536,7 @@ def _write(
         console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
     if options.plot is not None:
         path = None if what.follow is None else what.follow.paths[0]
-        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
+        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path, what, judged)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
     if options.chains is not None and outcome.chains is not None and outcome.chains.samples:
         draw_chains(outcome.chains, options.chains, _title(spec, options, what))

@@ -45,6 +45,7 @@ def test_every_vehicle_drives_every_manoeuvre(command, tmp_path, monkeypatch, ve
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_verdicts_are_printed_and_written(command, tmp_path, monkeypatch):
     """A hill start of the Gator that ends before it has climbed: two rules are kept, one is not."""
     monkeypatch.chdir(tmp_path)

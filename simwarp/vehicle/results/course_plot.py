@@ -7,18 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from simwarp.core.files import replacing
-from simwarp.vehicle.results.lane_verdicts import outline_corners
+from simwarp.vehicle.results.maneuver_panels import draw_lanes
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, title_of
 from simwarp.vehicle.results.variants import Outcome
 
-SPACING: Final = 6.0
-"""Between drawn outlines, along the way [m]."""
 LANE_COLOURS: Final = (BLUE, ORANGE, GREY)
 
 
@@ -69,20 +65,7 @@ def _draw_way(axes: Any, outcome: Outcome) -> None:
     assert course is not None
     word = "passed" if outcome.passed else "failed"
     title_of(axes, f"{course.standard} at {speed_of(outcome):g} m/s: {word}, from above [m]")
-    cones = course.cones()
-    axes.plot([cone.x for cone in cones], [cone.y for cone in cones], "^", color=ORANGE, markersize=5)
-    corners = outline_corners(outcome.run, course)
-    middle = corners.mean(axis=1)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
-    picked = np.searchsorted(way, np.arange(0.0, way[-1], SPACING))
-    for corner in corners[picked]:
-        axes.add_patch(Polygon(corner, closed=True, facecolor=BLUE, edgecolor=BLUE, alpha=0.25))
-    for k in range(4):
-        axes.plot(*corners[:, k].T, color=BLUE if k in (0, 1) else INK, linewidth=0.7)
-    axes.set_xlim(course.start - 10.0, course.end + 10.0)
-    low, high = min(lane.right for lane in course.lanes), max(lane.left for lane in course.lanes)
-    axes.set_ylim(low - 1.5, high + 1.5)
-    axes.set_aspect("equal")
+    draw_lanes(axes, outcome.run, course)
 
 
 def _draw_verdicts(axes: Any, found: Sequence[Outcome]) -> None:
