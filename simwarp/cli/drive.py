@@ -89,7 +89,7 @@ DURATION_HINT: Final = (
     "(default: 5 to 20 on tracks, 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the"
     " end of the course of double-lane-change, to the last row of a .csv file)"
 )
-BRAKES_HINT: Final = "(default: 0.5, at which no wheel of the shipped cars locks)"
+BRAKES_HINT = "(default: 0.5)"
 BUMP_HINT: Final = "(default: by the tires)"
 DWELL_HINT: Final = "(default: until the roll rate is below 1.5°/s)"
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.patches import Polygon
 
 from simwarp.vehicle.driving.braking_maneuvers import HOLD
@@ -33,6 +34,9 @@ from simwarp.vehicle.results.straight_results import (
     ground_speed,
     travelled,
 )
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 SPACING: Final = 6.0
 """Between drawn outlines of a vehicle, along the way [m]."""
@@ -82,15 +86,16 @@ def draw_lanes(axes: Any, run: Run, course: LaneCourse) -> None:
 
 
 def _understeer(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "angle of the front wheels less wheelbase / radius [deg] over lateral acceleration [m/s²]")
+    title_of(axes, "front wheels' angle less wheelbase / radius [deg]")
     lateral, rate = (smoothed(values, FIT_WINDOW) for values in (lateral_acceleration(run), run["yawrate_radps"]))
     speed = smoothed(run["speed_mps"], FIT_WINDOW)
     angle = smoothed(0.5 * (run["steerangle_FL_rad"] + run["steerangle_FR_rad"]), FIT_WINDOW)
     sign = 1.0 if lateral.sum() >= 0.0 else -1.0
     lateral, beyond = sign * lateral, np.degrees(sign * (angle - maneuver.wheelbase * rate / np.maximum(speed, 0.1)))
-    rolling = speed > 0.2 * speed.max()
-    axes.plot(lateral[rolling], beyond[rolling], color=INK, linewidth=1.2)
-    used = linear_range(lateral) & rolling
+    shown = _rising(lateral) & (speed > 0.2 * speed.max())
+    axes.plot(lateral[shown], beyond[shown], color=INK, linewidth=1.2)
+    _under(axes, "lateral acceleration [m/s²]")
+    used = linear_range(lateral) & shown
     if used.sum() > FIT_WINDOW:
         line = np.polyfit(lateral[used], beyond[used], 1)
         ends = np.array([lateral[used].min(), lateral[used].max()])
@@ -99,15 +104,28 @@ def _understeer(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _steering(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "steering input, and roll [deg], over lateral acceleration [m/s²]")
+    title_of(axes, "steering [%], roll [deg]")
     lateral = smoothed(lateral_acceleration(run), FIT_WINDOW)
-    axes.plot(lateral, run["steer"], color=INK, linewidth=1.2, label="steering")
-    axes.plot(lateral, np.degrees(smoothed(run["roll_rad"], FIT_WINDOW)), color=ORANGE, linewidth=1.2, label="roll")
+    shown = _rising(np.abs(lateral))
+    roll = np.degrees(smoothed(run["roll_rad"], FIT_WINDOW))
+    axes.plot(lateral[shown], 100.0 * run["steer"][shown], color=INK, linewidth=1.2, label="steering")
+    axes.plot(lateral[shown], roll[shown], color=ORANGE, linewidth=1.2, label="roll")
+    _under(axes, "lateral acceleration [m/s²]")
     legend(axes)
 
 
+def _rising(lateral: Array) -> Flags:
+    """Rows up to the greatest acceleration: what comes behind is a slide, a spin or a roll-over."""
+    return np.arange(len(lateral)) <= int(np.argmax(lateral))
+
+
+def _under(axes: Any, text: str) -> None:
+    axes.set_xlabel(text, fontsize=9, color=INK)
+
+
 def _step(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "share of the steady value over time [s]")
+    title_of(axes, "share of the steady value")
+    _under(axes, "time [s]")
     t = run["t_s"]
     late = t > t[-1] - 1.0
     lateral = lateral_acceleration(run)
@@ -123,7 +141,8 @@ def _step(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _dwell_rates(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "yaw rate over its second peak [%], limits of FMVSS 126, over time [s]")
+    title_of(axes, "yaw rate over its second peak [%]")
+    _under(axes, "time [s]")
     axes.plot(run["t_s"], 100.0 * run["yawrate_radps"] / dwell_peak(run), color=INK, linewidth=1.2, label="yaw rate")
     largest = max(float(np.abs(run["steer"]).max()), 1e-6)
     axes.plot(run["t_s"], -100.0 * run["steer"] / largest, color=GREY, linewidth=1.0, label="- steering")
@@ -133,7 +152,8 @@ def _dwell_rates(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _dwell_way(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "lateral displacement [m] over time [s]")
+    title_of(axes, "lateral displacement [m]")
+    _under(axes, "time [s]")
     off, _ = course_deviation(run)
     axes.plot(run["t_s"], np.abs(off), color=INK, linewidth=1.2)
     axes.plot([1.07], [LEAST_DISPLACEMENT], "^", color=ORANGE, markersize=7, label="at least")
@@ -143,7 +163,8 @@ def _dwell_way(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _sides(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "load of a side over that at the start [%], over time [s]")
+    title_of(axes, "load of a side over that at the start [%]")
+    _under(axes, "time [s]")
     for side, name, colour in (("L", "left", BLUE), ("R", "right", ORANGE)):
         load = run[f"Fz_F{side}_N"] + run[f"Fz_R{side}_N"]
         axes.plot(run["t_s"], 100.0 * load / max(load[0], 1e-6), color=colour, linewidth=1.2, label=name)
@@ -152,7 +173,8 @@ def _sides(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _roll_rate(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "roll rate [deg/s] and steering [%], over time [s]")
+    title_of(axes, "roll rate [deg/s], steering [%]")
+    _under(axes, "time [s]")
     t = run["t_s"]
     axes.plot(t, np.degrees(np.gradient(run["roll_rad"], t)), color=INK, linewidth=1.2, label="roll rate")
     axes.plot(t, 100.0 * run["steer"], color=GREY, linewidth=1.0, label="steering")
@@ -160,7 +182,8 @@ def _roll_rate(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _over_way(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "speed over the ground [m/s] over the way [m]")
+    title_of(axes, "speed over the ground [m/s]")
+    _under(axes, "way [m]")
     axes.plot(travelled(run), ground_speed(run), color=INK, linewidth=1.2)
     if maneuver.name == "acceleration" and travelled(run)[-1] > QUARTER_MILE:
         axes.axvline(QUARTER_MILE, color=ORANGE, linewidth=0.8, linestyle="--", label="quarter mile")
@@ -169,7 +192,8 @@ def _over_way(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _heading(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "heading [deg] and distance from the line [m], over time [s]")
+    title_of(axes, "heading [deg], distance from the line [m]")
+    _under(axes, "time [s]")
     off, yaw = course_deviation(run)
     axes.plot(run["t_s"], np.degrees(yaw), color=INK, linewidth=1.2, label="heading")
     axes.plot(run["t_s"], off, color=ORANGE, linewidth=1.2, label="distance")
@@ -178,13 +202,15 @@ def _heading(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _pull(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "longitudinal acceleration [m/s²], means of half a second, over speed [m/s]")
+    title_of(axes, "acceleration, means of half a second [m/s²]")
+    _under(axes, "speed [m/s]")
     axes.plot(run["speed_mps"], smoothed(np.gradient(run["speed_mps"], run["t_s"]), 51), color=INK, linewidth=1.2)
     spanned(axes, 0.1)
 
 
 def _uphill(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "place along the slope [m] over time [s]")
+    title_of(axes, "place along the slope [m]")
+    _under(axes, "time [s]")
     way, t = climbed(run, maneuver), run["t_s"]
     held = float(np.interp(min(HOLD, t[-1]), t, way))
     axes.plot(t, way - held, color=INK, linewidth=1.2)
@@ -197,6 +223,7 @@ def _uphill(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 def _hold(axes: Any, run: Run, maneuver: Maneuver) -> None:
     title_of(axes, "the same on the brakes [mm]")
+    _under(axes, "time [s]")
     t = run["t_s"]
     held = t <= HOLD
     way = 1e3 * climbed(run, maneuver)
@@ -205,7 +232,8 @@ def _hold(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _over_bump(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "height of the frame less that at the start, and of the road, over the way [mm]")
+    title_of(axes, "rise of the frame, and the road [mm]")
+    _under(axes, "x [m]")
     axes.plot(run["x_m"], 1e3 * (run["z_m"] - run["z_m"][0]), color=INK, linewidth=1.2, label="frame")
     across = maneuver.bump
     if across is not None:
@@ -216,7 +244,8 @@ def _over_bump(axes: Any, run: Run, maneuver: Maneuver) -> None:
 
 
 def _jolt(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "vertical acceleration of the frame [m/s²] over the way [m]")
+    title_of(axes, "vertical acceleration of the frame [m/s²]")
+    _under(axes, "x [m]")
     t = run["t_s"]
     axes.plot(run["x_m"], np.gradient(np.gradient(run["z_m"], t), t), color=INK, linewidth=1.0)
 
