@@ -15,10 +15,11 @@ import tyro
 import warp as wp
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from simwarp.cli.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
+from simwarp.cli.drive_progress import DriveProgress
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
@@ -33,8 +34,11 @@ from simwarp.vehicle.results.chain_record import ChainRecord
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
-from simwarp.vehicle.results.results import Result, results
+from simwarp.vehicle.results.results import results
+from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
+from simwarp.vehicle.results.verdict import Verdict
+from simwarp.vehicle.results.verdicts import passed, verdict_rows, verdicts
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.tires.soil_tires import SoilTires
@@ -47,8 +51,6 @@ if TYPE_CHECKING:
     from simwarp.cli.view.scene_film import DriveSceneFilm
 
 PICTURES = (".png", ".pdf", ".svg")
-TOLD_EVERY = 10.0
-"""Between lines of progress where there is no terminal [s]."""
 CHAINS_TIME: Final = 1.0
 """Over which the plot of --chains takes means [s]."""
 MOST_STEPS: Final = 10**9
@@ -65,7 +67,10 @@ MANEUVER_HELP: Final = (
     " time, t) [s] and any of steering (or steer), throttle, braking (or brake) and speed_target [m/s], such as a file"
     " of --csv."
 )
-UNITS: Final = {"speed": " m/s", "steering": "", "radius": " m", "slope": "", "width": " m", "duration": " s"}
+UNITS: Final = {
+    "speed": " m/s", "steering": "", "radius": " m", "slope": "", "width": " m", "duration": " s", "brakes": "",
+    "left": "", "height": " m", "length": " m", "dwell": " s",
+}  # fmt: skip
 """Of the options of manoeuvres."""
 OWN: Final = "(default: the vehicle's own)"
 MANEUVER_HINT: Final = "(default: reference-accel, on tracks accelerate)"
@@ -73,7 +78,10 @@ SPEEDS_HINT: Final = (
     "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar, 0.5 or 0.8 of skid-steer,"
     " 4, 2 or 1 on tracks)"
 )
-STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot)"
+STEERING_HINT: Final = (
+    "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot, 0.5 of slow-steer at its end,"
+    " multiples of that at 0.3 g of step-input, sine-with-dwell and fishhook)"
+)
 RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar, 2 of skid-steer; 0.2 of obstacle)"
 SLOPE_HINT: Final = "(default: 0.2, on tracks 0.3)"
 WIDTH_HINT: Final = "(default: 1.2)"
@@ -81,6 +89,9 @@ DURATION_HINT: Final = (
     "(default: 5 to 20 on tracks, 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the"
     " end of the course of double-lane-change, to the last row of a .csv file)"
 )
+BRAKES_HINT = "(default: 0.5)"
+BUMP_HINT: Final = "(default: by the tires)"
+DWELL_HINT: Final = "(default: until the roll rate is below 1.5°/s)"
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
 NORMAL_HINT: Final = "(default: ground)"
@@ -139,17 +150,31 @@ class DriveOptions(CommonOptions):
     """Of the page; the next free one is taken."""
     open: bool = True
     """Open a browser."""
+    speeds: Annotated[str | None, tyro.conf.arg(metavar="A:B:STEP", help_behavior_hint="(default: one run)")] = None
+    """Drives the manoeuvre at many speeds at once, each in a world of its own, and prints a table with verdicts: from A
+    to B by STEP, or numbers with commas [m/s]."""
+    steerings: Annotated[str | None, tyro.conf.arg(metavar="A:B:STEP", help_behavior_hint="(default: one run)")] = None
+    """The same with many steering amplitudes, of slow-steer, step-input, sine-with-dwell and fishhook."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="m/s", help_behavior_hint=SPEEDS_HINT)] = None
-    """To hold, of step-steer, sine-sweep, double-lane-change and constant-radius; of brake, steady-turn, obstacle and
-    trench on tracks."""
+    """To hold, of manoeuvres with steering and of stops; of brake, steady-turn, obstacle and trench on tracks."""
     steering: Annotated[float | None, tyro.conf.arg(metavar="-1..1", help_behavior_hint=STEERING_HINT)] = None
-    """Of step-steer, sine-sweep, steady-turn and pivot, positive to the left."""
+    """Of step-steer, sine-sweep, handling tests, steady-turn and pivot, positive to the left."""
     radius: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=RADIUS_HINT)] = None
-    """Of constant-radius, negative to the right; of the half round of obstacle."""
+    """Of circles, negative to the right; of the half round of obstacle."""
     slope: Annotated[float | None, tyro.conf.arg(metavar="rise/run", help_behavior_hint=SLOPE_HINT)] = None
-    """Of slope-hold, and of slope on tracks."""
+    """Of slope-hold and hill-start, and of slope on tracks."""
     width: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=WIDTH_HINT)] = None
     """Of trench."""
+    brakes: Annotated[float | None, tyro.conf.arg(metavar="0..1", help_behavior_hint=BRAKES_HINT)] = None
+    """Of braking, split-braking and brake-in-turn."""
+    left: Annotated[float | None, tyro.conf.arg(metavar="SHARE", help_behavior_hint="(default: 0.3)")] = None
+    """Of the friction on the left side, in split-braking."""
+    height: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=BUMP_HINT)] = None
+    """Of bump."""
+    length: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=BUMP_HINT)] = None
+    """Of bump."""
+    dwell: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DWELL_HINT)] = None
+    """Of fishhook, between its turns of the wheel."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
     """Of the manoeuvre after t = 0; reference-* have their own."""
 
@@ -189,6 +214,8 @@ def run(arguments: list[str]) -> int:
     spec = _vehicle(name, options)
     if options.duration is not None:
         _check_effort(options, options.duration)  # a table of a manoeuvre is as long as it lasts
+    if options.speeds is not None or options.steerings is not None:
+        return _run_batch(spec, options)
     usual = "accelerate" if isinstance(spec, TrackedVehicleSpec) else "reference-accel"
     what = maneuver(usual if options.maneuver is None else options.maneuver, spec, **options.chosen)
     _check_effort(options, what.start + what.duration)
@@ -206,12 +233,49 @@ def run(arguments: list[str]) -> int:
         return DONE
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
-    _print_results(console, spec, options, outcome, found)
-    _write(console, spec, options, outcome, found)
-    options.emit(_content(spec, options, outcome, found))
+    judged = [] if isinstance(spec, TrackedVehicleSpec) else verdicts(outcome.run, what)
+    _print_results(console, spec, options, outcome, found, judged)
+    _write(console, spec, options, outcome, found, judged)
+    options.emit(_content(spec, options, outcome, found) | {"passed": passed(judged), "verdicts": verdict_rows(judged)})
     if outcome.interrupted:
         return INTERRUPTED
     return FELL_SHORT if outcome.broken else DONE
+
+
+ALONE: Final = ("soil", "soil_normal", "spacing", "channels", "csv", "chains", "video", "export_scene")
+"""Options of one run, which a batch of many does not have."""
+
+
+def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
+    """Drives a manoeuvre at many speeds or steerings."""
+    key = "speed" if options.speeds is not None else "steering"
+    if options.speeds is not None and options.steerings is not None:
+        raise UsageError("--steerings: cannot be given beside --speeds; vary one of them")
+    if isinstance(spec, TrackedVehicleSpec):
+        raise UsageError(f"--{key}s: '{spec.name}' has tracks; many worlds at once are for vehicles on wheels")
+    for name in ALONE:
+        if getattr(options, name) is not None:
+            raise UsageError(f"--{name.replace('_', '-')}: is of one run, not of many {key}s; leave out one of them")
+    if any(axle.tire.template == "soil-rigid" for axle in spec.axles):
+        raise UsageError(f"--{key}s: must be driven on a road, got tires on soil; leave out --tire soil-rigid")
+    if options.view or options.worlds != 1:
+        rule = "--view shows one run" if options.view else "--worlds: follows from the values"
+        raise UsageError(f"{rule}; leave it out beside --{key}s")
+    if key in options.chosen:
+        raise UsageError(f"--{key}: cannot be given beside --{key}s; leave it out")
+    if options.maneuver is None:
+        raise UsageError(f"--{key}s: needs a --maneuver that has a {key}, such as iso-3888-1")
+    values = parse_values(f"{key}s", options.speeds or options.steerings or "")
+    batch = Batch(
+        vehicle=spec, name=options.maneuver, key=key, values=values, chosen=options.chosen, dt=options.dt,
+        friction=options.friction, device=str(resolve_device(None if options.device == "auto" else options.device)),
+        plot=options.plot,
+    )  # fmt: skip
+    variants = batch_variants(batch)
+    _check_effort(options, max(each.start + each.duration for each in variants), len(variants))
+    code, content = run_batch(batch, variants, options.console())
+    options.emit(content)
+    return code
 
 
 def _split_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
@@ -249,7 +313,7 @@ def _check(name: str, options: DriveOptions) -> None:
             raise UsageError(f"cannot write '{picture}': the name must end in {', '.join(PICTURES)}")
 
 
-def _check_effort(options: DriveOptions, time: float) -> None:
+def _check_effort(options: DriveOptions, time: float, recorded: int = 1) -> None:
     """Refuse runs that would take weeks, or whose record no memory holds."""
     steps = time / options.dt
     if steps > MOST_STEPS:
@@ -258,7 +322,7 @@ def _check_effort(options: DriveOptions, time: float) -> None:
             "raise --dt or shorten --duration"
         )
     rows = steps if row_steps(options.dt) == 0 else time / SAMPLE_TIME
-    check_fits("the rows of the record", round(ROW_BYTES * rows), wp.get_device("cpu"), "shorten --duration")
+    check_fits("the rows of the record", round(ROW_BYTES * rows * recorded), wp.get_device("cpu"), "shorten --duration")
 
 
 def _vehicle(name: str, options: DriveOptions) -> AnyVehicleSpec:
@@ -333,7 +397,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
         outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
-    with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
+    with DriveProgress(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
             shown: Callable[[float], None] = bar.advance
             for film in films:
@@ -407,41 +471,13 @@ def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: 
     return page
 
 
-class _Bar:
-    """Progress: a bar on a terminal, elsewhere a line now and then."""
-
-    def __init__(self, console: Console, title: str, what: Maneuver) -> None:
-        self.console, self.title, self.what = console, title, what
-        self._told = time.perf_counter()
-        columns = (
-            TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[t]}"),
-            TimeRemainingColumn(),
-        )  # fmt: skip
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
-
-    def __enter__(self) -> _Bar:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        self._progress.stop()
-
-    def advance(self, t: float) -> None:
-        """To a time of the manoeuvre [s]."""
-        if self.console.is_terminal:
-            self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
-        elif time.perf_counter() - self._told > TOLD_EVERY:
-            self._told = time.perf_counter()
-            self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)
-
-
 def _print_results(
     console: Console,
     spec: AnyVehicleSpec,
     options: DriveOptions,
     outcome: Outcome,
     found: list[Result],
+    judged: list[Verdict],
 ) -> None:
     console.print(_title(spec, options, outcome.maneuver), style="bold", highlight=False, soft_wrap=True)
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
@@ -451,6 +487,8 @@ def _print_results(
     for item in found:
         table.add_row(item.label, item.value_text, item.unit_text)
     console.print(table)
+    if judged:
+        console.print(verdict_table(judged))
     end = float(outcome.run["t_s"][-1])
     if outcome.broken:
         console.print(
@@ -489,6 +527,7 @@ def _write(
     options: DriveOptions,
     outcome: Outcome,
     found: list[Result],
+    judged: list[Verdict],
 ) -> None:
     """The files that were asked for."""
     what = outcome.maneuver
@@ -497,7 +536,7 @@ def _write(
         console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
     if options.plot is not None:
         path = None if what.follow is None else what.follow.paths[0]
-        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
+        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path, what, judged)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
     if options.chains is not None and outcome.chains is not None and outcome.chains.samples:
         draw_chains(outcome.chains, options.chains, _title(spec, options, what))

@@ -41,7 +41,7 @@ class Gains:
 
 @wp.struct
 class PathTrackerTables:
-    """Constant data of a driver, shared by all worlds."""
+    """Constant data of a driver."""
 
     law: int  # SteeringLaw
     chassis: int
@@ -150,7 +150,7 @@ def follow_path(
     # inputs
     worlds: WorldRange,
     dt: float,
-    tracker: PathTrackerTables,
+    trackers: wp.array[PathTrackerTables],  # (1 or W,)
     paths: PathTables,
     path: wp.array[int],  # (1 or W,)
     target_speed: wp.array[float],  # (1 or W,) [m/s]
@@ -161,6 +161,7 @@ def follow_path(
 ):
     """Steering, throttle and braking of all worlds; the clutch is left alone."""
     world = worlds.first + wp.tid()
+    tracker = trackers[world_row(world, trackers.shape[0])]
     q = state.body_rot[world, tracker.chassis]
     ahead = tracker.reference + wp.vec3(tracker.ahead, 0.0, 0.0)
     offset = wp.quat_rotate(q, wp.vec3d(wp.float64(ahead[0]), wp.float64(ahead[1]), wp.float64(ahead[2])))

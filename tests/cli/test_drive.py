@@ -265,7 +265,7 @@ def test_help_lists_vehicles_and_manoeuvres(drive):
     assert code == 0
     assert "--friction" in out
     words = " ".join(out.replace("│", " ").split())
-    assert "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot)" in words
+    assert "(default: 0.3 of step-steer, 0.1 of sine-sweep, 1 of steady-turn and pivot, 0.5 of slow-steer" in words
     assert "speed_target [m/s]" in words
     assert words.count("(default: None)") == 1  # of --json, which all commands have
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 from typing import Final
 
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.drivers import ScriptSpec
+from simwarp.vehicle.driving.intervention import Intervention
+from simwarp.vehicle.driving.lane_courses import LaneCourse
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec
 
 SETTLING: Final = 1.0
@@ -44,6 +47,36 @@ class Crossing:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class FrictionPatch:
+    """A rectangle of the road on which the friction is another one.
+
+    Attributes:
+        x: its first and last x [m].
+        y: its first and last y [m].
+        factor: of the road's friction.
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    factor: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bump:
+    """A bump across the road: the height of half a sine wave.
+
+    Attributes:
+        start: x of its near edge [m].
+        length: along x [m].
+        height: in its middle [m].
+    """
+
+    start: float
+    length: float
+    height: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Maneuver:
     """A script over time from the start of the simulation, or a path to follow.
 
@@ -66,6 +99,20 @@ class Maneuver:
     """What lies across the way of a tracked vehicle."""
     gyration: bool = False
     """A simple driveline of tracks turns the inner side's torque around at full steering."""
+    initial_speed: float = 0.0
+    """With which a vehicle on wheels begins, all its parts in motion [m/s]."""
+    intervention: Intervention | None = None
+    """What the test does to the driver's inputs from a moment on; on wheels."""
+    course: LaneCourse | None = None
+    """Lanes between cones that a vehicle on wheels must not leave."""
+    patches: tuple[FrictionPatch, ...] = ()
+    """Of the road below a vehicle on wheels with another friction."""
+    bump: Bump | None = None
+    """Across the road of a vehicle on wheels."""
+    wheelbase: float = math.nan
+    """Of the vehicle, from which an understeer gradient is reckoned [m]."""
+    steering_unit: float = math.nan
+    """Steering input at a lateral acceleration of 0.3 g at this speed, to which amplitudes refer."""
 
 
 def after_settling(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
@@ -13,50 +14,41 @@ import numpy as np
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.schema import fault_text
 from simwarp.core.wording import suggestions
-from simwarp.vehicle.driving.drawbar import DrawbarSpec
-from simwarp.vehicle.driving.drivers import HELD, ScriptSpec, read_script
-from simwarp.vehicle.driving.maneuver_spec import SETTLING, Maneuver, after_settling
-from simwarp.vehicle.driving.path_tracking import (
-    LookAhead,
-    PathTrackingSpec,
-    PIDGains,
-    Unicycle,
-    full_speed,
-    look_ahead_for,
-    unicycle_for,
+from simwarp.vehicle.driving.braking_maneuvers import (
+    acceleration,
+    brake_in_turn,
+    braking,
+    bump,
+    hill_start,
+    split_braking,
 )
+from simwarp.vehicle.driving.drawbar import DrawbarSpec
+from simwarp.vehicle.driving.driver_choices import (
+    SPEEDS,
+    needs_axles,
+    scripted,
+    speed_gains,
+    steering_for,
+    usual_speed,
+)
+from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
+from simwarp.vehicle.driving.handling_maneuvers import (
+    fishhook,
+    sine_with_dwell,
+    slow_steer,
+    steady_state_circle,
+    step_input,
+)
+from simwarp.vehicle.driving.lane_courses import double_lane_change_course
+from simwarp.vehicle.driving.lane_maneuvers import LANE_SPEEDS, iso_3888_1, iso_3888_2
+from simwarp.vehicle.driving.maneuver_spec import SETTLING, Maneuver, after_settling
+from simwarp.vehicle.driving.path_tracking import PathTrackingSpec
 from simwarp.vehicle.driving.paths import Path, circle
 from simwarp.vehicle.driving.track_maneuvers import DRAWBAR_HOLD, DRAWBAR_RAMP, TRACK_MANEUVERS
-from simwarp.vehicle.spec.parts import SPECS, Points
+from simwarp.vehicle.driving.vehicle_outline import outline_of
+from simwarp.vehicle.spec.parts import SPECS
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
-from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
-
-SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7), "skid-steer": (0.5, 0.8)}
-"""Speeds of the reference runs that are not the usual 12 and 15 m/s: of the steer and of the brake run [m/s]."""
-
-
-def _speed_gains(spec: VehicleSpec) -> PIDGains:
-    """Of the pedals that hold a speed: the reference runs' own, or of a throttle that is a speed."""
-    if isinstance(spec.driveline, DifferentialDrive):
-        share = 1.0 / full_speed(spec)
-        return PIDGains(proportional=0.5 * share, integral=2.0 * share)
-    return PIDGains(proportional=0.5, integral=0.1)
-
-
-def _script(spec: VehicleSpec, *, speed: Points, braking: Points, steering: Points = HELD) -> ScriptSpec:
-    """A script that holds its speeds by the vehicle's gains."""
-    gains = _speed_gains(spec)
-    return ScriptSpec(
-        steering=steering, braking=braking, speed=speed, proportional=gains.proportional, integral=gains.integral
-    )
-
-
-def _steering_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) -> LookAhead | Unicycle:
-    """Steering along a path: by yaw rate where it turns on the spot, else by a point ahead."""
-    if isinstance(spec.driveline, DifferentialDrive):
-        return unicycle_for(spec)
-    return look_ahead_for(spec, seconds, speed)
-
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 
 SETTLE_BRAKE: Final = after_settling((0.0, 0.0), before=1.0)
 
@@ -70,7 +62,7 @@ def reference_accel(spec: VehicleSpec) -> Maneuver:
 def reference_steer(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest; at 15 s the steering goes to 0.3 in 0.2 s; until 25 s."""
     target, _ = SPEEDS.get(spec.name, (12.0, 15.0))
-    script = _script(
+    script = scripted(
         spec,
         steering=after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
         braking=SETTLE_BRAKE,
@@ -82,7 +74,7 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
 def reference_brake(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest until 20 s, then full brakes for 4 s."""
     _, target = SPEEDS.get(spec.name, (12.0, 15.0))
-    script = _script(
+    script = scripted(
         spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
         speed=after_settling((0.0, target), (20.0, target), (20.0, -1.0), before=-1.0),
@@ -97,10 +89,6 @@ def reference_soil(spec: VehicleSpec) -> Maneuver:
     return Maneuver(name="reference-soil", script=script, duration=5.0, place=(-15.0, 0.0, height))
 
 
-def _usual_speed(spec: VehicleSpec) -> float:
-    return SPEEDS.get(spec.name, (12.0, 15.0))[0]
-
-
 STEP: Final = 15.0
 """Start time of the steering of step-steer and sine-sweep [s]: by then the speed is held."""
 
@@ -109,10 +97,10 @@ def step_steer(
     spec: VehicleSpec, *, speed: float | None = None, steering: float = 0.3, duration: float = 25.0
 ) -> Maneuver:
     """A speed [m/s] held from rest; at 15 s the steering goes to its value (-1..1) in 0.2 s."""
-    target = _usual_speed(spec) if speed is None else speed
+    target = usual_speed(spec) if speed is None else speed
     if duration <= STEP:
         raise SpecError(f"duration: must be above {STEP:g} s, where the step begins, got {duration!r}")
-    script = _script(
+    script = scripted(
         spec,
         steering=after_settling((STEP, 0.0), (STEP + 0.2, steering), before=0.0),
         braking=SETTLE_BRAKE,
@@ -131,7 +119,7 @@ def sine_sweep(
     spec: VehicleSpec, *, speed: float | None = None, steering: float = 0.1, duration: float = 50.0
 ) -> Maneuver:
     """A speed [m/s] held; from 15 s on the steering swings by its amplitude (0..1), from 0.2 to 3 Hz at the end."""
-    target = _usual_speed(spec) if speed is None else speed
+    target = usual_speed(spec) if speed is None else speed
     if duration <= STEP:
         raise SpecError(f"duration: must be above {STEP:g} s, where the sweep begins, got {duration!r}")
     if duration > LONGEST_SWEEP:
@@ -141,7 +129,7 @@ def sine_sweep(
     # the frequency grows by the same share every second
     phase = 2.0 * math.pi * SWEEP[0] * np.expm1(growth * time) / growth
     swing = zip((STEP + time).tolist(), (steering * np.sin(phase)).tolist(), strict=True)
-    script = _script(
+    script = scripted(
         spec,
         steering=after_settling(*swing, before=0.0),
         braking=SETTLE_BRAKE,
@@ -159,40 +147,39 @@ SHORTEST: Final = 0.01
 RADII: Final = {"gator": 15.0, "artcar": 3.0, "skid-steer": 2.0}
 """Of the circle of vehicles that do not take the usual 30 m [m]."""
 
-LANE_SPEEDS: Final = {"gator": 6.0, "artcar": 1.7, "skid-steer": 0.8}
-"""Through the lane change where it is not the usual 15 m/s."""
-
-
-def _needs_axles(spec: VehicleSpec) -> None:
-    if len(spec.axles) < 2:
-        raise SpecError("axles: must be two or more for a driver who follows a path, got 1; take another manoeuvre")
-
 
 def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:
     """A path tracker on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
     turn = RADII.get(spec.name, 30.0) if radius is None else radius
-    _needs_axles(spec)
+    needs_axles(spec)
     # 4 m/s² across: well below what a dry road takes
-    target = min(_usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
+    target = min(usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
-        paths=(circle(turn),), speed=target, steering=_steering_for(spec), speed_gains=_speed_gains(spec),
+        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=speed_gains(spec),
         start=SETTLING, ramp=10.0,
     )  # fmt: skip
     return Maneuver(name="constant-radius", follow=follow, duration=duration)
 
 
-LANE_CHANGE: Final = ((15.0, 0.0), (45.0, 3.5), (70.0, 3.5), (95.0, 0.0), (125.0, 0.0))
-"""ISO 3888-1: middle of the course, (length along it, offset to the left) where its sections meet [m]. 15 m straight,
-30 m across, 25 m in the other lane, 25 m back, 30 m straight.
+LANE_CHANGE: Final = (15.0, 45.0, 70.0, 95.0, 125.0)
+"""ISO 3888-1: length along the course where its sections meet [m]. 15 m straight, 30 m across, 25 m in the other lane,
+25 m back, 30 m straight.
 """
 
 
-def lane_change_path(approach: float) -> Path:
-    """The middle of the double lane change's course, `approach` metres ahead; between lanes without a jerk's jump."""
+def lane_change_path(approach: float, middles: tuple[float, float] = (3.5, 0.0)) -> Path:
+    """The middle of the double lane change's course, `approach` metres ahead; between lanes without a jerk's jump.
+
+    Args:
+        approach: length before the first lane, whose middle is y = 0 [m].
+        middles: y of the second and the third lane's middles [m].
+    """
+    second, third = middles
+    corners = list(zip((0.0, *LANE_CHANGE), (0.0, 0.0, second, second, third, third), strict=True))
     points = [(0.0, 0.0), (approach, 0.0)]
-    for (x0, y0), (x1, y1) in zip(((0.0, 0.0), *LANE_CHANGE), LANE_CHANGE, strict=False):
+    for (x0, y0), (x1, y1) in itertools.pairwise(corners):
         part = np.linspace(0.0, 1.0, 2 if y0 == y1 else 61)[1:]
         blend = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
         points += zip((approach + x0 + part * (x1 - x0)).tolist(), (y0 + blend * (y1 - y0)).tolist(), strict=True)
@@ -200,17 +187,22 @@ def lane_change_path(approach: float) -> Path:
 
 
 def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duration: float | None = None) -> Maneuver:
-    """A path tracker through the course of ISO 3888-1 at a speed [m/s], behind an approach of ten seconds of it."""
+    """A path tracker from rest along the lanes' middles of ISO 3888-1 at a speed [m/s], after ten seconds of approach.
+
+    `iso_3888_1` begins in motion and takes the line of least curvature.
+    """
     target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
-    _needs_axles(spec)
+    needs_axles(spec)
     approach = 10.0 * target
+    course = double_lane_change_course(outline_of(spec), approach)
+    _, second, third = course.lanes
     follow = PathTrackingSpec(
-        paths=(lane_change_path(approach),), speed=target, steering=_steering_for(spec, 0.5, target),
-        speed_gains=_speed_gains(spec), start=SETTLING,
+        paths=(lane_change_path(approach, (second.middle, third.middle)),), speed=target,
+        steering=steering_for(spec, 0.5, target), speed_gains=speed_gains(spec), start=SETTLING,
     )  # fmt: skip
     # a quarter more than at full speed: it starts from rest
-    total = 1.25 * (approach + LANE_CHANGE[-1][0]) / target + 3.0 if duration is None else duration
-    return Maneuver(name="double-lane-change", follow=follow, duration=total)
+    total = 1.25 * (approach + LANE_CHANGE[-1]) / target + 3.0 if duration is None else duration
+    return Maneuver(name="double-lane-change", follow=follow, duration=total, course=course)
 
 
 def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0) -> Maneuver:
@@ -243,6 +235,19 @@ MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
     "constant-radius": constant_radius,
     "slope-hold": slope_hold,
     "drawbar": drawbar,
+    "iso-3888-1": iso_3888_1,
+    "iso-3888-2": iso_3888_2,
+    "steady-state-circle": steady_state_circle,
+    "slow-steer": slow_steer,
+    "step-input": step_input,
+    "sine-with-dwell": sine_with_dwell,
+    "fishhook": fishhook,
+    "braking": braking,
+    "split-braking": split_braking,
+    "brake-in-turn": brake_in_turn,
+    "acceleration": acceleration,
+    "hill-start": hill_start,
+    "bump": bump,
 }
 
 
@@ -255,6 +260,11 @@ class ManeuverOptions(TypedDict, total=False):
     radius: Annotated[float, Meaning("metres, negative to the right")]
     slope: Annotated[float, Ge(-1.0), Le(1.0), Meaning("rise per run")]
     width: Annotated[float, Ge(SHORTEST), Le(FASTEST), Meaning("metres")]
+    brakes: Annotated[float, Ge(0.0), Le(1.0), Meaning("a share of full braking")]
+    left: Annotated[float, Ge(0.01), Le(1.0), Meaning("a share of the friction")]
+    height: Annotated[float, Ge(0.0), Le(1.0), Meaning("metres")]
+    length: Annotated[float, Ge(SHORTEST), Le(100.0), Meaning("metres")]
+    dwell: Annotated[float, Ge(0.0), Le(10.0), Meaning("seconds")]
 
 
 Maneuvers: TypeAlias = Mapping[str, Callable[..., Maneuver]]

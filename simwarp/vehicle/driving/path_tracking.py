@@ -17,6 +17,7 @@ from simwarp.model.rules import instance_of
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.vehicle.driving.paths import Path, path_tables
+from simwarp.vehicle.driving.specs_of_worlds import per_world, specs_of_worlds
 from simwarp.vehicle.path_tracking_kernels import (
     Gains,
     PathTrackerState,
@@ -182,23 +183,29 @@ class PathTracker(ForceElement):
 
     Args:
         vehicle: whose `input` it writes.
-        spec: paths, speed and gains.
+        spec: paths, speed and gains of all worlds, or one for each, along whose first path it begins.
+
+    Raises:
+        SpecError: there are neither one nor as many specs as worlds.
 
     Attributes:
-        path: (W,) which of the paths; write it before the first step or at a reset.
+        path: (W,) which of the paths, those of all specs in their order; write it before the first step or at a reset.
         target_speed: (W,) [m/s]; write it at any time.
         distance: (W,) of the steered point from the path [m], positive to the left of it.
         arc: (W,) its place along the path [m].
     """
 
-    def __init__(self, vehicle: AnyVehicle, spec: PathTrackingSpec) -> None:
+    def __init__(self, vehicle: AnyVehicle, spec: PathTrackingSpec | Sequence[PathTrackingSpec]) -> None:
         worlds, device = vehicle.model.world_count, vehicle.model.device
         self.vehicle = vehicle
-        self.spec = spec
-        self.path = writable((worlds,), wp.int32, device)
-        self.target_speed = writable_from(np.full(worlds, spec.speed), wp.float32, device)
-        self._tables = path_tables(spec.paths, device)
-        self._tracker = _tracker(vehicle, spec)
+        self.specs = specs = specs_of_worlds(spec, PathTrackingSpec, worlds)
+        paths = [path for each in specs for path in each.paths]
+        first = np.cumsum([0] + [len(each.paths) for each in specs])[:-1]
+        self.path = writable_from(per_world(first.tolist(), worlds).astype(np.int32), wp.int32, device)
+        self.target_speed = writable_from(per_world([each.speed for each in specs], worlds), wp.float32, device)
+        self._tables = path_tables(paths, device)
+        tables = [_tracker(vehicle, each) for each in specs]
+        self._trackers: wp.array = wp.array(tables, dtype=PathTrackerTables, device=device)
         self._state = PathTrackerState()
         self._state.segment = wp.full(worlds, -1, dtype=int, device=device)
         names = ("steering_error", "steering_sum", "speed_error", "speed_sum", "throttle", "distance", "arc")
@@ -208,7 +215,7 @@ class PathTracker(ForceElement):
         self._memory = {name: getattr(self._state, name) for name in ("segment", "started", *names)}
 
     def _readable_title(self) -> str:
-        return f" of vehicle '{self.vehicle.parts.spec.name}', along {plural(len(self.spec.paths), 'path')}"
+        return f" of vehicle '{self.vehicle.parts.spec.name}', along {plural(len(self._tables.closed), 'path')}"
 
     @property
     def distance(self) -> wp.array:
@@ -244,7 +251,7 @@ class PathTracker(ForceElement):
         return [
             simulation.shares.record(
                 follow_path,
-                inputs=[dt, self._tracker, self._tables, self.path, self.target_speed, simulation.state.arrays],
+                inputs=[dt, self._trackers, self._tables, self.path, self.target_speed, simulation.state.arrays],
                 outputs=[self._state, self.vehicle.input],
             )
         ]  # fmt: skip

@@ -11,11 +11,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.results.maneuver_panels import draw_lanes, draw_special, has_special
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, spanned, title_of
-from simwarp.vehicle.results.results import ON_TRACKS, Result
+from simwarp.vehicle.results.results import ON_TRACKS
+from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.track_panels import arms, ground_or_pins, tensions, track_speeds
+from simwarp.vehicle.results.verdict import Verdict
 
 WHEELS: Final = {"FL": BLUE, "FR": "#5bb5d5", "RL": ORANGE, "RR": "#f0a35e"}
 """Front wheels blue, rear ones orange; the left ones darker."""
@@ -24,7 +28,10 @@ LINE: Final = 120
 NAMES: Final = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}
 
 
-def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] = (), path: Path | None = None) -> None:
+def draw_run(
+    run: Run, target: FilePath, title: str, results: Iterable[Result] = (), path: Path | None = None,
+    maneuver: Maneuver | None = None, verdicts: Iterable[Verdict] = (),
+) -> None:  # fmt: skip
     """Writes a picture in the format of the file's suffix.
 
     Args:
@@ -33,18 +40,23 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
         title: the heading.
         results: numbers told below it.
         path: that the vehicle should follow.
+        maneuver: that was driven, whose cones and panels of its own are drawn, too.
+        verdicts: told behind the results.
 
     Raises:
         FileError: the target cannot be written to.
         OutputError: the disk did not take it.
     """
-    figure = Figure(figsize=(12.0, 11.0))
+    special = maneuver is not None and has_special(maneuver)
+    figure = Figure(figsize=(12.0, 13.0 if special else 11.0))
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
     told = [f"{item.label} {item.value_text} {item.unit_text}".rstrip() for item in results]
+    told += [f"{item.rule} {item.value_text} {item.unit}: {'pass' if item.passed else 'FAIL'}" for item in verdicts]
     lines = joined(told)
-    grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
+    heights = [0.01 + 0.13 * len(lines), 1, 1, 1, 1, *([1.3] if special else []), 1.5]
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     note = figure.add_subplot(grid[0, :])
     note.axis("off")
     note.text(0.0, 1.0, "\n".join(lines), fontsize=10, color=INK, va="top", linespacing=1.6)
@@ -58,9 +70,15 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
         if index >= len(panels) - 2:
             axes.set_xlabel("time [s]", fontsize=9, color=INK)
     first.set_xlim(run["t_s"][0], max(run["t_s"][-1], run["t_s"][0] + 0.01))
-    above = figure.add_subplot(grid[5, :])
+    above = figure.add_subplot(grid[-1, :])
     dress(above)
-    _draw_way(above, run, path)
+    if maneuver is not None and maneuver.course is not None:
+        title_of(above, f"cones of {maneuver.course.standard} and the vehicle's outline, from above [m]")
+        draw_lanes(above, run, maneuver.course)
+    else:
+        _draw_way(above, run, path)
+    if maneuver is not None and special:
+        draw_special(figure, (grid[5, 0], grid[5, 1]), run, maneuver)
     with replacing(target) as draft:
         figure.savefig(draft, dpi=120)
 

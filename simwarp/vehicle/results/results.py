@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import Final
@@ -13,6 +12,29 @@ import numpy.typing as npt
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.results.handling_results import (
+    dwell_results,
+    fishhook_results,
+    steady_state,
+    step_input_response,
+)
+from simwarp.vehicle.results.lane_verdicts import lane_results
+from simwarp.vehicle.results.run_result import (
+    STANDSTILL,
+    STEADY,
+    Result,
+    crossing,
+    last_mean,
+    lateral_acceleration,
+    since_zero,
+)
+from simwarp.vehicle.results.straight_results import (
+    acceleration_times,
+    braking_results,
+    bump_results,
+    hill_results,
+    turn_braking_results,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -23,44 +45,17 @@ CLIMBED: Final = 0.5
 """Way up a slope from which on a vehicle has climbed it [m]."""
 ON_TRACKS: Final = "track_speed_L_mps"
 """A column that only runs on tracks have."""
-STANDSTILL: Final = 0.05
-"""[m/s]."""
-STEADY: Final = 3.0
-"""At the end of a run, over which steady values are means [s]."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Result:
-    """One number of a run; NaN where the run did not come to it."""
-
-    key: str
-    label: str
-    value: float
-    unit: str = ""
-    missing: str = "not reached"
-    """Text in place of NaN."""
-
-    @property
-    def unit_text(self) -> str:
-        """The unit of a number, nothing where there is none."""
-        return "" if math.isnan(self.value) else self.unit
-
-    @property
-    def value_text(self) -> str:
-        """The value for people; what is below any meaning is 0."""
-        if math.isnan(self.value):
-            return self.missing
-        return "0" if abs(self.value) < 5e-5 else f"{self.value:.4g}"
 
 
 def results(run: Run, maneuver: Maneuver) -> list[Result]:
     """The numbers that fit a manoeuvre, then those of every run."""
-    t = run["t_s"]
-    moving = Run({name: values[t >= -1e-9] for name, values in run.columns.items()})
+    moving = since_zero(run)
     if len(moving["t_s"]) < 2:
         return []
     special = _SPECIAL.get(maneuver.name)
     found = [] if special is None else special(moving, maneuver)
+    if maneuver.course is not None:
+        found = [*lane_results(run, maneuver.course), *found]
     return [*found, *_missed_speed(moving, maneuver), *_common(moving), *_energy(moving)]
 
 
@@ -84,18 +79,6 @@ def _common(run: Run) -> list[Result]:
     ]
 
 
-def crossing(t: Array, values: Array, mark: float) -> float:
-    """First time at which the values reach a mark from below, between samples; NaN if never."""
-    above = np.flatnonzero(values >= mark)
-    if above.size == 0:
-        return math.nan
-    index = int(above[0])
-    if index == 0:
-        return float(t[0])
-    part = (mark - values[index - 1]) / (values[index] - values[index - 1])
-    return float(t[index - 1] + part * (t[index] - t[index - 1]))
-
-
 def acceleration(run: Run, maneuver: Maneuver) -> list[Result]:
     """Times to speeds."""
     marks = TRACK_MARKS if ON_TRACKS in run.columns else MARKS
@@ -104,19 +87,15 @@ def acceleration(run: Run, maneuver: Maneuver) -> list[Result]:
     return [Result(f"time_to_{mark:g}", f"time to {mark:g} m/s", time, "s") for mark, time in reached]
 
 
-def _mean(run: Run, name: str, last: float = STEADY) -> float:
-    return float(run[name][run["t_s"] > run["t_s"][-1] - last].mean())
-
-
 def steady_turn(run: Run, maneuver: Maneuver) -> list[Result]:
     """Steady values: means of the last three seconds."""
-    speed, yaw_rate = _mean(run, "speed_mps"), _mean(run, "yawrate_radps")
+    speed, yaw_rate = last_mean(run, "speed_mps"), last_mean(run, "yawrate_radps")
     radius = speed / yaw_rate if abs(yaw_rate) > 1e-3 else math.nan
     return [
         Result("steady_speed", "steady speed", speed, "m/s"),
         Result("steady_yaw_rate", "steady yaw rate", yaw_rate, "rad/s"),
         Result("steady_radius", "steady radius", radius, "m", "it goes straight on"),
-        Result("steady_lateral", "steady speed x yaw rate", speed * yaw_rate, "m/s²"),
+        Result("steady_lateral", "steady lateral acceleration", last_mean(run, "latacc_com_mps2"), "m/s²"),
     ]
 
 
@@ -181,22 +160,28 @@ def deviation(run: Run, path: Path) -> Array:
 
 
 def path_deviation(run: Run, maneuver: Maneuver) -> list[Result]:
-    """Deviation of a path tracker from its path, and the peaks of its yaw rate and of speed x yaw rate."""
+    """Deviation of a path tracker from its path, and the peaks of its yaw rate and lateral acceleration.
+
+    On a course between cones the peaks are those there (`lane_results`).
+    """
     if maneuver.follow is None:
         return []
     off = deviation(run, maneuver.follow.paths[0])
-    lateral = np.abs(run["v_times_yawrate_mps2"])
+    found = [Result("largest_deviation", "largest distance from the path", float(off.max()), "m")]
+    if maneuver.course is not None:
+        return found
+    lateral = np.abs(lateral_acceleration(run))
     return [
-        Result("largest_deviation", "largest distance from the path", float(off.max()), "m"),
+        *found,
         Result("peak_yaw_rate", "peak yaw rate", float(np.abs(run["yawrate_radps"]).max()), "rad/s"),
-        Result("peak_lateral", "peak speed x yaw rate", float(lateral.max()), "m/s²"),
+        Result("peak_lateral", "peak lateral acceleration", float(lateral.max()), "m/s²"),
     ]
 
 
 def steady_circle(run: Run, maneuver: Maneuver) -> list[Result]:
     """Steady values on a circle, with the steering they take."""
     found = steady_turn(run, maneuver)
-    found.append(Result("steady_steering", "steady steering input", _mean(run, "steer")))
+    found.append(Result("steady_steering", "steady steering input", last_mean(run, "steer")))
     if maneuver.follow is not None:
         off = deviation(run, maneuver.follow.paths[0])
         late = off[run["t_s"] > run["t_s"][-1] - STEADY]
@@ -287,8 +272,8 @@ def _energy(run: Run) -> list[Result]:
 def track_turn(run: Run, maneuver: Maneuver) -> list[Result]:
     """Steady values of a turn on tracks, with the speeds of both."""
     tracks = [
-        Result(f"steady_track_speed_{side}", f"steady speed of the {name} track", _mean(run, f"track_speed_{side}_mps"),
-               "m/s")
+        Result(f"steady_track_speed_{side}", f"steady speed of the {name} track",
+               last_mean(run, f"track_speed_{side}_mps"), "m/s")
         for side, name in (("L", "left"), ("R", "right"))
     ]  # fmt: skip
     return [*step_response(run, maneuver), *tracks]
@@ -304,7 +289,7 @@ def turn_on_the_spot(run: Run, maneuver: Maneuver) -> list[Result]:
         Result("turned", "turned", float(turned[-1]), "deg"),
         Result("quarter_turn", "a quarter turn after", quarter, "s", "not reached"),
         Result("peak_yaw_rate", "peak yaw rate", float(np.abs(rate).max()), "rad/s"),
-        Result("steady_yaw_rate", "steady yaw rate", _mean(run, "yawrate_radps", 1.0), "rad/s"),
+        Result("steady_yaw_rate", "steady yaw rate", last_mean(run, "yawrate_radps", 1.0), "rad/s"),
         Result("moved", "moved meanwhile", moved, "m"),
     ]
 
@@ -364,6 +349,19 @@ _SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
     "constant-radius": steady_circle,
     "slope-hold": standstill_drift,
     "drawbar": drawbar_pull,
+    "iso-3888-1": path_deviation,
+    "iso-3888-2": path_deviation,
+    "steady-state-circle": steady_state,
+    "slow-steer": steady_state,
+    "step-input": step_input_response,
+    "sine-with-dwell": dwell_results,
+    "fishhook": fishhook_results,
+    "braking": braking_results,
+    "split-braking": braking_results,
+    "brake-in-turn": turn_braking_results,
+    "acceleration": acceleration_times,
+    "hill-start": hill_results,
+    "bump": bump_results,
     "accelerate": acceleration,
     "brake": stop,
     "steady-turn": track_turn,

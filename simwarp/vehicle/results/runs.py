@@ -19,9 +19,11 @@ from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drawbar import Drawbar, with_locks
 from simwarp.vehicle.driving.drivers import ScriptedDriver
+from simwarp.vehicle.driving.intervention import Intervening, no_intervention
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
+from simwarp.vehicle.results.road import add_bump, check_road, tire_ground
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
@@ -80,15 +82,21 @@ class SetUpOptions(TypedDict, total=False):
 
 
 @overload
-def set_up(spec: VehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[Vehicle]: ...
+def set_up(
+    spec: VehicleSpec, maneuver: Maneuver, *, variants: Sequence[Maneuver] = (), **options: Unpack[SetUpOptions]
+) -> Setup[Vehicle]: ...
 
 
 @overload
-def set_up(spec: TrackedVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[TrackedVehicle]: ...
+def set_up(
+    spec: TrackedVehicleSpec, maneuver: Maneuver, *, variants: Sequence[Maneuver] = (), **options: Unpack[SetUpOptions]
+) -> Setup[TrackedVehicle]: ...
 
 
 @overload
-def set_up(spec: AnyVehicleSpec, maneuver: Maneuver, **options: Unpack[SetUpOptions]) -> Setup[AnyVehicle]: ...
+def set_up(
+    spec: AnyVehicleSpec, maneuver: Maneuver, *, variants: Sequence[Maneuver] = (), **options: Unpack[SetUpOptions]
+) -> Setup[AnyVehicle]: ...
 
 
 def set_up(
@@ -104,6 +112,7 @@ def set_up(
     on_soil: bool = False,
     solver: SolverOptions | None = None,
     joint_reactions: bool = False,
+    variants: Sequence[Maneuver] = (),
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -119,6 +128,8 @@ def set_up(
         on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
         joint_reactions: record those of all joints; chains of tracks always do.
+        variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
+            `maneuver`'s; see `set_up_variants`.
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -150,13 +161,17 @@ def set_up(
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
-        parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
-        if not on_soil and any(side.meets_shapes for side in parts.sides):
+        driven = spec if maneuver.drawbar is None else with_locks(spec)
+        parts = add_vehicle(builder, driven, at=start, speed=maneuver.initial_speed)
+        meets_shapes = any(side.meets_shapes for side in parts.sides)
+        if not on_soil and meets_shapes:
             add_ground(builder, None, rotation, Material(friction=friction))
+        check_road(maneuver, parts.spec, on_soil)
+        asset = add_bump(builder, maneuver)
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-        vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
+        vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))
         vehicle.tires.ground_friction.fill_(friction)
-    driver, acting = _acting(vehicle, maneuver, elements(vehicle))
+    driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
     simulation = Simulation(
@@ -167,16 +182,21 @@ def set_up(
 
 
 def _acting(
-    vehicle: AnyVehicle, maneuver: Maneuver, further: Sequence[ForceElement]
+    vehicle: AnyVehicle, maneuvers: Sequence[Maneuver], further: Sequence[ForceElement]
 ) -> tuple[ForceElement, list[ForceElement]]:
-    """The driver of a manoeuvre, and all force elements in the order in which they act."""
-    driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
-    if maneuver.follow is not None and not isinstance(vehicle, TrackedVehicle):
-        driver = PathTracker(vehicle, maneuver.follow)
-    if maneuver.drawbar is not None:
+    """The driver of a manoeuvre, or of one for each world, and all force elements in the order in which they act."""
+    first = maneuvers[0]
+    driver: ForceElement = ScriptedDriver(vehicle, first.script)
+    if first.follow is not None and not isinstance(vehicle, TrackedVehicle):
+        driver = PathTracker(vehicle, [each.follow for each in maneuvers if each.follow is not None])
+    if first.drawbar is not None:
         # it adds to the forces that the vehicle writes
-        driver = Drawbar(vehicle, maneuver.drawbar)
+        driver = Drawbar(vehicle, first.drawbar)
         return driver, [vehicle, driver, *further]
+    tests = [each.intervention for each in maneuvers]
+    if any(tests) and not isinstance(vehicle, TrackedVehicle):
+        acts = [no_intervention() if test is None else test for test in tests]
+        return driver, [driver, Intervening(vehicle, acts, first.start), vehicle, *further]
     return driver, [driver, vehicle, *further]
 
 
@@ -225,7 +245,7 @@ class Drive(Readable):
         return f" of vehicle '{self.setup.vehicle.parts.spec.name}': {self.setup.maneuver.duration:g} s"
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Steps to the end of the manoeuvre, or until the first world breaks down.
+        """Steps to the end of the manoeuvre, or until all recorded worlds have broken down.
 
         An interruption leaves what was recorded: `result`.
         """
@@ -248,9 +268,9 @@ class Drive(Readable):
         return self.result()
 
     def broken(self) -> bool:
-        """True if the first recorded world is not finite any more."""
-        world = self.recorder.worlds.start or 0
-        return bool(self.setup.simulation.state.world_status.numpy()[world] & WorldStatus.NON_FINITE)
+        """True if no recorded world is finite any more."""
+        status = self.setup.simulation.state.world_status.numpy()[self.recorder.worlds]
+        return bool(np.all(status & WorldStatus.NON_FINITE))
 
     def result(self, world: int = 0) -> Run:
         """Recorded run of one of the recorder's worlds, at multiples of 10 ms."""

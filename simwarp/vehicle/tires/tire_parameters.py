@@ -66,8 +66,8 @@ class CommonParameters(Spec):
     """Method by which the ground is sampled (patch_kernels.py)."""
     reference_friction: Positive = 0.8
     """Friction of the road on which the parameters were measured."""
-    friction_limits: PositivePair = (0.1, 1.0)
-    """The road's friction is clamped to them."""
+    friction_limits: PositivePair = (1.0e-4, 1.0)
+    """The road's friction is clamped to them; by default as low as a road of a manoeuvre can have."""
     camber_limit: Annotated[Positive, Angle(0.5 * math.pi)] | None = None
     """Camber beyond it counts as it [rad]; None: 4° for TMeasy and TMsimple, 3° for the others."""
     rolling_resistance: NotNegative | None = None

@@ -70,7 +70,7 @@ def test_reference_manoeuvres_are_those_of_the_recorded_runs(spec, speeds):
 
 
 def test_lane_change_has_the_geometry_of_the_standard():
-    assert np.diff([0.0, *(x for x, _ in LANE_CHANGE)]).tolist() == [15.0, 30.0, 25.0, 25.0, 30.0]
+    assert np.diff([0.0, *LANE_CHANGE]).tolist() == [15.0, 30.0, 25.0, 25.0, 30.0]
     path = lane_change_path(50.0)
     y = np.interp([50, 65, 80, 95, 120, 132.5, 145, 175], *path.points.T)
     assert y == pytest.approx([0, 0, 1.75, 3.5, 3.5, 1.75, 0, 0], abs=1e-9)

@@ -1,0 +1,49 @@
+"""How far a manoeuvre has come, for people."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+
+TOLD_EVERY: Final = 10.0
+"""Between lines of progress where there is no terminal [s]."""
+
+
+class DriveProgress:
+    """Progress: a bar on a terminal, elsewhere a line now and then.
+
+    Args:
+        console: for people.
+        title: what runs.
+        what: its manoeuvre.
+    """
+
+    def __init__(self, console: Console, title: str, what: Maneuver) -> None:
+        self.console, self.title, self.what = console, title, what
+        self._told = time.perf_counter()
+        columns = (
+            TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[t]}"),
+            TimeRemainingColumn(),
+        )  # fmt: skip
+        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
+
+    def __enter__(self) -> DriveProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        self._progress.stop()
+
+    def advance(self, t: float) -> None:
+        """To a time of the manoeuvre [s]."""
+        if self.console.is_terminal:
+            self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
+        elif time.perf_counter() - self._told > TOLD_EVERY:
+            self._told = time.perf_counter()
+            self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)

@@ -1,0 +1,110 @@
+"""The road of a manoeuvre below tires that are force laws: a plane or slope, with bumps and patches of friction."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.core.types import ShapeType
+from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.tires.ground_kernels import TerrainTables
+from simwarp.vehicle.tires.parameter_vector import MODELS
+from simwarp.vehicle.tires.tires import ground
+
+Array = npt.NDArray[np.float64]
+
+BUMP_CELLS: Final = 40
+"""Of a height field along a bump."""
+ROAD_AHEAD: Final = 50.0
+"""Before the origin and behind the bump [m], beside what the manoeuvre covers."""
+ROAD_SIDE: Final = 20.0
+"""To either side of a bump [m]."""
+MOST_CELLS: Final = 200_000
+"""Of a height field along the road."""
+CELL: Final = 0.25
+"""Of a map of friction [m]."""
+
+
+def check_road(maneuver: Maneuver, spec: VehicleSpec, on_soil: bool) -> None:
+    """Refuses bumps and patches of friction below tires that do not read them.
+
+    Args:
+        maneuver: with its road.
+        spec: of the vehicle with its tires.
+        on_soil: True if it drives on soil.
+
+    Raises:
+        SpecError: there is a bump or a patch, and a tire is no force law on a road.
+    """
+    if maneuver.bump is None and not maneuver.patches:
+        return
+    template = next((axle.tire.template for axle in spec.axles if axle.tire.template not in MODELS), None)
+    template = "soil" if template is None and on_soil else template
+    if template is not None:
+        rule = f"must be driven on tires that are force laws, got {template}; leave out --tire and --soil"
+        raise SpecError(f"maneuver: {maneuver.name}: {rule}")
+
+
+def add_bump(builder: ModelBuilder, maneuver: Maneuver) -> int:
+    """The height field of the road with a manoeuvre's bump, as an asset; -1 where there is no bump.
+
+    Raises:
+        SpecError: the bump is too short beside the road.
+    """
+    bump = maneuver.bump
+    if bump is None:
+        return -1
+    reach = _reach(maneuver)
+    step = bump.length / BUMP_CELLS
+    cells = 2 * math.ceil(reach / step)
+    if cells > MOST_CELLS:
+        least = 2.0 * reach * BUMP_CELLS / MOST_CELLS
+        raise SpecError(f"length: must be at least {least:.3g} m of a bump on this road, got {bump.length!r}")
+    part = (step * (np.arange(cells + 1) - cells // 2) - bump.start) / bump.length
+    heights = np.where((part > 0.0) & (part < 1.0), bump.height * np.sin(np.pi * np.clip(part, 0.0, 1.0)), 0.0)
+    return builder.add_height_field_asset(np.tile(heights, (2, 1)), size=(step * cells, 2.0 * ROAD_SIDE))
+
+
+def _reach(maneuver: Maneuver) -> float:
+    """Half length of the road, about the origin [m]."""
+    assert maneuver.bump is not None
+    way = maneuver.initial_speed * (maneuver.start + maneuver.duration)
+    return max(way, maneuver.bump.start + maneuver.bump.length) + ROAD_AHEAD
+
+
+def tire_ground(maneuver: Maneuver, device: wp.DeviceLike, rotation: Array, asset: int) -> TerrainTables:
+    """Terrain for the tires of a manoeuvre.
+
+    Args:
+        maneuver: with its slope, bump and patches.
+        device: of the arrays.
+        rotation: of the plane, xyzw.
+        asset: of `add_bump`.
+    """
+    options: dict[str, Any] = {}
+    if maneuver.patches:
+        options |= _friction_map(maneuver.patches)
+    if asset >= 0:
+        return ground(device, kind=ShapeType.HEIGHT_FIELD, asset=asset, **options)
+    return ground(device, rotation=rotation, **options)
+
+
+def _friction_map(patches: tuple[FrictionPatch, ...]) -> dict[str, Any]:
+    """Cells around all patches, with a rim of ordinary road; later patches lie on earlier ones."""
+    x0, x1 = min(patch.x[0] for patch in patches), max(patch.x[1] for patch in patches)
+    y0, y1 = min(patch.y[0] for patch in patches), max(patch.y[1] for patch in patches)
+    columns, rows = (math.ceil((high - low) / CELL - 1e-9) + 2 for low, high in ((x0, x1), (y0, y1)))
+    origin = (x0 - CELL, y0 - CELL)
+    x, y = (start + CELL * (0.5 + np.arange(count)) for start, count in zip(origin, (columns, rows), strict=True))
+    factors = np.ones((rows, columns))
+    for patch in patches:
+        along = (x > patch.x[0]) & (x < patch.x[1])
+        across = (y > patch.y[0]) & (y < patch.y[1])
+        factors[np.ix_(across, along)] = patch.factor
+    return {"friction_map": factors, "friction_origin": origin, "friction_cell": (CELL, CELL)}
