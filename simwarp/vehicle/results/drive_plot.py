@@ -115,9 +115,9 @@ def _loads(axes: Any, run: Run) -> None:
 
 
 def _wheels(axes: Any, run: Run) -> None:
-    title_of(axes, "wheel speeds [rad/s], forwards positive")
+    title_of(axes, "wheel speeds [rad/s]")
     for wheel, colour in WHEELS.items():
-        axes.plot(run["t_s"], -run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
+        axes.plot(run["t_s"], run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
     spanned(axes, 0.1)
 
 
