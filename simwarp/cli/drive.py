@@ -23,6 +23,8 @@ from simwarp.cli.drive_batch import Batch, parse_values, run_batch, verdict_tabl
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
+from simwarp.exporters.run_report import check_report
+from simwarp.exporters.run_tables import check_run_file, write_run
 from simwarp.importers.chrono_json import without_comments
 from simwarp.model.model import resolve_device
 from simwarp.soil import Soil, soil_under
@@ -31,6 +33,7 @@ from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
 from simwarp.vehicle.results.chain_plot import draw_chains
 from simwarp.vehicle.results.chain_record import ChainRecord
+from simwarp.vehicle.results.channel_samples import Channel
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
@@ -51,7 +54,7 @@ if TYPE_CHECKING:
     from simwarp.cli.view.scene_film import DriveSceneFilm
 
 PICTURES = (".png", ".pdf", ".svg")
-TOLD_EVERY = 10.0
+PROGRESS_INTERVAL = 10.0
 """Between lines of progress where there is no terminal [s]."""
 CHAINS_TIME: Final = 1.0
 """Over which the plot of --chains takes means [s]."""
@@ -128,12 +131,20 @@ class DriveOptions(CommonOptions):
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
     """Writes the run to this file."""
+    output: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = (
+        None
+    )
+    """Writes the run to this file, .csv or .parquet, which holds units and sources too."""
     channels: Annotated[
         str | None, tyro.conf.arg(metavar="NAMES", help_behavior_hint="(default: the usual columns)")
     ] = None
     """Further columns: names or patterns with commas between, such as "Fx_*,travel_*"; list prints all names."""
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
+    report: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = (
+        None
+    )
+    """Writes a page of HTML with verdicts, figures, plots and the vehicle's data, which opens without a network."""
     chains: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a plot of the tension round the tracks and the load under their shoes, means of the last second."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is made)")] = None
@@ -206,6 +217,7 @@ class Outcome:
     broken: bool = False
     films: tuple[DriveFilm | DriveSceneFilm, ...] = ()
     chains: ChainRecord | None = None
+    channels: tuple[Channel, ...] = ()
 
 
 def run(arguments: list[str]) -> int:
@@ -237,14 +249,14 @@ def run(arguments: list[str]) -> int:
     found = results(outcome.run, what)
     judged = [] if isinstance(spec, TrackedVehicleSpec) else verdicts(outcome.run, what)
     _print_results(console, spec, options, outcome, found, judged)
-    _write(console, spec, options, outcome, found)
+    _write(console, spec, options, outcome, found, judged)
     options.emit(_content(spec, options, outcome, found) | {"passed": passed(judged), "verdicts": verdict_rows(judged)})
     if outcome.interrupted:
         return INTERRUPTED
     return FELL_SHORT if outcome.broken else DONE
 
 
-ALONE: Final = ("soil", "spacing", "csv", "chains", "video", "export_scene")
+ALONE: Final = ("soil", "spacing", "csv", "output", "report", "chains", "video", "export_scene")
 """Options of one run, which a batch of many does not have."""
 
 
@@ -294,9 +306,13 @@ def _check(name: str, options: DriveOptions) -> None:
     words = [name, options.maneuver, options.tire, options.driveline, *(options.powertrain or "").split(",")]
     files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
     options.check(
-        *files, csv=options.csv, plot=options.plot, chains=options.chains, video=options.video,
-        export_scene=options.export_scene,
+        *files, csv=options.csv, output=options.output, plot=options.plot, report=options.report,
+        chains=options.chains, video=options.video, export_scene=options.export_scene,
     )  # fmt: skip
+    if options.output is not None:
+        check_run_file(options.output, "--output")
+    if options.report is not None:
+        check_report(options.report, "--report")
     resolve_device(None if options.device == "auto" else options.device)
     for key in ("dt", "friction"):
         value = getattr(options, key)
@@ -410,7 +426,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
                 raise
             outcome.interrupted = True
     outcome.wall = time.perf_counter() - begin - sum(film.seconds for film in films)
-    outcome.run = drive.result()
+    outcome.run, outcome.channels = drive.result(), drive.recorder.channels
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
     outcome.broken = drive.broken()
     return outcome
@@ -493,7 +509,7 @@ class _Bar:
         """To a time of the manoeuvre [s]."""
         if self.console.is_terminal:
             self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
-        elif time.perf_counter() - self._told > TOLD_EVERY:
+        elif time.perf_counter() - self._told > PROGRESS_INTERVAL:
             self._told = time.perf_counter()
             self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)
 
@@ -554,22 +570,47 @@ def _write(
     options: DriveOptions,
     outcome: Outcome,
     found: list[Result],
+    judged: list[Verdict],
 ) -> None:
     """The files that were asked for."""
-    what = outcome.maneuver
+    what, title = outcome.maneuver, _title(spec, options, outcome.maneuver)
+    if options.output is not None:
+        sources = {"vehicle": spec.name, "maneuver": what.name, **_told(spec, options)}
+        write_run(outcome.run, options.output, sources, {each.name: each.meaning for each in outcome.channels})
+        console.print(f"wrote {options.output}", highlight=False, markup=False, soft_wrap=True)
+    if options.report is not None:
+        from simwarp.cli.drive_report import Driven, write_drive_report
+
+        driven = Driven(
+            title=title, vehicle=spec, maneuver=what, run=outcome.run, results=found, verdicts=judged,
+            options=_told(spec, options), broken=outcome.broken, interrupted=outcome.interrupted,
+        )  # fmt: skip
+        write_drive_report(driven, options.report)
+        console.print(f"wrote {options.report}", highlight=False, markup=False, soft_wrap=True)
     if options.csv is not None:
         outcome.run.write(options.csv)
         console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
     if options.plot is not None:
         path = None if what.follow is None else what.follow.paths[0]
-        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
+        draw_run(outcome.run, options.plot, title, found, path)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
     if options.chains is not None and outcome.chains is not None and outcome.chains.samples:
-        draw_chains(outcome.chains, options.chains, _title(spec, options, what))
+        draw_chains(outcome.chains, options.chains, title)
         console.print(f"wrote {options.chains}", highlight=False, markup=False, soft_wrap=True)
     for film in outcome.films:
         film.write()
         console.print(f"wrote {film.path}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _told(spec: AnyVehicleSpec, options: DriveOptions) -> dict[str, str]:
+    """What was chosen, for files: options of the manoeuvre with their units, parts, ground and step."""
+    found = {key: f"{value:g}{UNITS[key]}" for key, value in options.chosen.items()}
+    for kind in ("tire", "powertrain", "driveline", "soil", "soil_normal"):
+        if getattr(options, kind) is not None:
+            found[kind] = str(getattr(options, kind))
+    if "tire" not in found and not isinstance(spec, TrackedVehicleSpec):
+        found["tire"] = spec.axles[0].tire.template
+    return found | {"friction": f"{options.friction:g}", "dt": f"{options.dt:g} s"}
 
 
 def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
@@ -589,7 +630,9 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         "results": {item.key: item.value for item in found},
         "final": outcome.run.final(),
         "csv": None if options.csv is None else str(options.csv),
+        "output": None if options.output is None else str(options.output),
         "plot": None if options.plot is None else str(options.plot),
+        "report": None if options.report is None else str(options.report),
         "chains": None if options.chains is None else str(options.chains),
         "video": None if options.video is None else str(options.video),
         "file": None if options.export_scene is None else str(options.export_scene),

@@ -116,6 +116,8 @@ class Recorder(Readable):
         self._named = NamedReadings(simulation, vehicle, channels, usual)
         self.names = (*usual, *(channel.name for channel in self._named.channels))
         """Of the columns."""
+        self.channels = self._named.channels
+        """Those that were chosen by name."""
         self.rows: list[Array] = []
 
     def _readable_title(self) -> str:

@@ -20,6 +20,7 @@ from simwarp.vehicle.results.track_panels import arms, ground_or_pins, tensions,
 
 WHEELS: Final = {"FL": BLUE, "FR": "#5bb5d5", "RL": ORANGE, "RR": "#f0a35e"}
 """Front wheels blue, rear ones orange; the left ones darker."""
+DPI: Final = 120
 LINE: Final = 120
 """Characters of results side by side."""
 NAMES: Final = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}
@@ -31,7 +32,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     Args:
         run: recorded channels.
         target: .png, .pdf or .svg.
-        title: the heading.
+        title: the heading; empty: none.
         results: numbers told below it.
         path: that the vehicle should follow.
 
@@ -39,10 +40,18 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
         FileError: the target cannot be written to.
         OutputError: the disk did not take it.
     """
+    figure = run_figure(run, title, results, path)
+    with replacing(target) as draft:
+        figure.savefig(draft, dpi=DPI)
+
+
+def run_figure(run: Run, title: str, results: Iterable[Result] = (), path: Path | None = None) -> Figure:
+    """The page of `draw_run`, not written."""
     figure = Figure(figsize=(12.0, 11.0))
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
+    if title:
+        figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
     told = [f"{item.label} {item.value_text} {item.unit_text}".rstrip() for item in results]
     lines = joined(told)
     grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
@@ -62,8 +71,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     above = figure.add_subplot(grid[5, :])
     dress(above)
     _draw_way(above, run, path)
-    with replacing(target) as draft:
-        figure.savefig(draft, dpi=120)
+    return figure
 
 
 def joined(told: Iterable[str]) -> list[str]:
