@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +68,7 @@ def write_drive_report(driven: Driven, path: Path) -> None:
     notes += [f"Interrupted at t = {end:.2f} s."] if driven.interrupted else []
     report = Report(
         title=driven.title, passed=False if driven.broken else passed(driven.verdicts), verdicts=driven.verdicts,
-        results=driven.results, parameters=driven.options | _parameters(driven.maneuver),
+        results=driven.results, parameters={**driven.options, **_parameters(driven.maneuver)},
         vehicle=vehicle_sheet(driven.vehicle), portrait=vehicle_picture(driven.vehicle), figures=_figures(driven),
         notes=notes,
     )  # fmt: skip
@@ -104,7 +103,7 @@ def _figures(driven: Driven) -> dict[str, Figure]:
 
 def _parameters(what: Maneuver) -> dict[str, str]:
     """What a manoeuvre is made of, where it differs from driving on level ground."""
-    found: dict[str, Any] = {
+    found = {
         "duration": number_text(what.duration, "s"),
         "settling before": number_text(what.start, "s"),
     }

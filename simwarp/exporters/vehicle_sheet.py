@@ -22,7 +22,7 @@ MOST_PARAMETERS: Final = 24
 """Of a tire that are listed; longer tables are counted."""
 LEFT_OUT: Final = ("template", "inertia_axes", "name")
 """Fields of parts that the sheet tells in another place, or not."""
-OWN_UNITS: Final = {
+OWN_UNITS: Final[dict[tuple[type[Spec], str], str]] = {
     (AntirollBar, "stiffness"): "N·m/rad", (AntirollBar, "damping"): "N·m·s/rad",
 }  # fmt: skip
 """Where the last word of a key does not tell the unit."""

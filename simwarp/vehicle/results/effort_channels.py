@@ -36,15 +36,18 @@ def effort_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
     if not vehicle.parts.steerings:
         return found
 
+    first = vehicle.parts.steerings[0]
+    column = simulation.model.joint_dof_start[first.joint]
+
     def angle(s: Sample) -> Array:
-        return FULL_TURN * np.clip(s.of(vehicle.input)[:, 0], -1.0, 1.0)
+        return np.asarray(s.of(simulation.state.joint_q)[:, column] * (FULL_TURN / first.travel))
 
     def torque(s: Sample) -> Array:
         # by virtual work: the steering's coordinate moves by its travel where the wheel turns by FULL_TURN
         parts = (along_axis(s, simulation, each.joint) * each.travel for each in vehicle.parts.steerings)
         return np.asarray(sum(parts, np.zeros(1)) / FULL_TURN)
 
-    meaning = f"turn of the steering wheel, {HANDWHEEL:g}° at full input, positive to the left"
+    meaning = f"turn of the steering wheel where the steering stands, {HANDWHEEL:g}° at its end, positive to the left"
     held = "that holds and moves the steering, at the steering wheel without assistance, positive to the left"
     return [
         *found, Channel("steeringwheel_rad", "rad", meaning, angle),

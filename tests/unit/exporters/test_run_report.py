@@ -50,7 +50,7 @@ class Page(HTMLParser):
 
     @property
     def pictures(self) -> list[Image.Image]:
-        found = []
+        found: list[Image.Image] = []
         for tag, attributes in self.tags:
             if tag == "img":
                 head, _, data = str(attributes["src"]).partition(",")
