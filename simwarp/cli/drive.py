@@ -15,17 +15,16 @@ import tyro
 import warp as wp
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.drive_batch import Batch, parse_values, run_batch, verdict_table
+from simwarp.cli.drive_progress import ManeuverBar
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
-from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
 from simwarp.exporters.run_report import check_report
 from simwarp.exporters.run_tables import check_run_file, write_run
-from simwarp.importers.chrono_json import without_comments
+from simwarp.importers.chrono_json import vehicle_template
 from simwarp.model.model import resolve_device
 from simwarp.soil import Soil, soil_under
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
@@ -54,8 +53,6 @@ if TYPE_CHECKING:
     from simwarp.cli.view.scene_film import DriveSceneFilm
 
 PICTURES = (".png", ".pdf", ".svg")
-PROGRESS_INTERVAL = 10.0
-"""Between lines of progress where there is no terminal [s]."""
 CHAINS_TIME: Final = 1.0
 """Over which the plot of --chains takes means [s]."""
 MOST_STEPS: Final = 10**9
@@ -341,7 +338,7 @@ def _check_effort(options: DriveOptions, time: float) -> None:
 
 def _vehicle(name: str, options: DriveOptions) -> AnyVehicleSpec:
     """The vehicle with its options: a shipped one, one of our JSON files, or one of Chrono's."""
-    chrono = _chrono_template(Path(name))
+    chrono = vehicle_template(Path(name))
     if chrono == "TrackedVehicle":
         from simwarp.importers.chrono_tracks import load_chrono_tracked_vehicle
 
@@ -375,18 +372,6 @@ def _on_tracks(spec: TrackedVehicleSpec, options: DriveOptions) -> TrackedVehicl
     return with_options(spec, powertrain=options.powertrain, driveline=options.driveline)
 
 
-def _chrono_template(path: Path) -> str | None:
-    """The template of a file that declares itself a vehicle of Chrono's; None of others and unreadable ones."""
-    if path.suffix != ".json":
-        return None
-    try:
-        content = parse_json(without_comments(read_text(path)), path.name)
-    except FileError:
-        return None
-    found = isinstance(content, dict) and content.get("Type") == "Vehicle"
-    return str(content.get("Template")) if found else None
-
-
 def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
     """Names, units and meanings of all channels, for people and for scripts."""
     setup = set_up(spec, what, device="cpu", elements=lambda v: _soil(v, options), on_soil=options.soil is not None)
@@ -411,7 +396,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
         outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
-    with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
+    with ManeuverBar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
             shown: Callable[[float], None] = bar.advance
             for film in films:
@@ -483,35 +468,6 @@ def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: 
         webbrowser.open(page.view.url)
         page.wait()
     return page
-
-
-class _Bar:
-    """Progress: a bar on a terminal, elsewhere a line now and then."""
-
-    def __init__(self, console: Console, title: str, what: Maneuver) -> None:
-        self.console, self.title, self.what = console, title, what
-        self._told = time.perf_counter()
-        columns = (
-            TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[t]}"),
-            TimeRemainingColumn(),
-        )  # fmt: skip
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
-
-    def __enter__(self) -> _Bar:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        self._progress.stop()
-
-    def advance(self, t: float) -> None:
-        """To a time of the manoeuvre [s]."""
-        if self.console.is_terminal:
-            self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
-        elif time.perf_counter() - self._told > PROGRESS_INTERVAL:
-            self._told = time.perf_counter()
-            self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)
 
 
 def _print_results(
