@@ -19,11 +19,12 @@ from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
-from simwarp.cli.drive_progress import DriveProgress
+from simwarp.cli.drive_progress import ManeuverBar
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
-from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
-from simwarp.importers.chrono_json import without_comments
+from simwarp.exporters.run_report import check_report
+from simwarp.exporters.run_tables import check_run_file, write_run
+from simwarp.importers.chrono_json import vehicle_template
 from simwarp.model.model import resolve_device
 from simwarp.soil import Soil, soil_under
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
@@ -31,6 +32,7 @@ from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
 from simwarp.vehicle.results.chain_plot import draw_chains
 from simwarp.vehicle.results.chain_record import ChainRecord
+from simwarp.vehicle.results.channel_samples import Channel
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
@@ -126,12 +128,20 @@ class DriveOptions(CommonOptions):
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
     """Writes the run to this file."""
+    output: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = (
+        None
+    )
+    """Writes the run to this file, .csv or .parquet, which holds units and sources too."""
     channels: Annotated[
         str | None, tyro.conf.arg(metavar="NAMES", help_behavior_hint="(default: the usual columns)")
     ] = None
     """Further columns: names or patterns with commas between, such as "Fx_*,travel_*"; list prints all names."""
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
+    report: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = (
+        None
+    )
+    """Writes a page of HTML with verdicts, figures, plots and the vehicle's data, which opens without a network."""
     chains: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a plot of the tension round the tracks and the load under their shoes, means of the last second."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is made)")] = None
@@ -204,6 +214,7 @@ class Outcome:
     broken: bool = False
     films: tuple[DriveFilm | DriveSceneFilm, ...] = ()
     chains: ChainRecord | None = None
+    channels: tuple[Channel, ...] = ()
 
 
 def run(arguments: list[str]) -> int:
@@ -242,7 +253,9 @@ def run(arguments: list[str]) -> int:
     return FELL_SHORT if outcome.broken else DONE
 
 
-ALONE: Final = ("soil", "soil_normal", "spacing", "channels", "csv", "chains", "video", "export_scene")
+ALONE: Final = (
+    "soil", "soil_normal", "spacing", "channels", "csv", "output", "report", "chains", "video", "export_scene",
+)  # fmt: skip
 """Options of one run, which a batch of many does not have."""
 
 
@@ -296,9 +309,13 @@ def _check(name: str, options: DriveOptions) -> None:
     words = [name, options.maneuver, options.tire, options.driveline, *(options.powertrain or "").split(",")]
     files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
     options.check(
-        *files, csv=options.csv, plot=options.plot, chains=options.chains, video=options.video,
-        export_scene=options.export_scene,
+        *files, csv=options.csv, output=options.output, plot=options.plot, report=options.report,
+        chains=options.chains, video=options.video, export_scene=options.export_scene,
     )  # fmt: skip
+    if options.output is not None:
+        check_run_file(options.output, "--output")
+    if options.report is not None:
+        check_report(options.report, "--report")
     resolve_device(None if options.device == "auto" else options.device)
     for key in ("dt", "friction"):
         value = getattr(options, key)
@@ -327,7 +344,7 @@ def _check_effort(options: DriveOptions, time: float, recorded: int = 1) -> None
 
 def _vehicle(name: str, options: DriveOptions) -> AnyVehicleSpec:
     """The vehicle with its options: a shipped one, one of our JSON files, or one of Chrono's."""
-    chrono = _chrono_template(Path(name))
+    chrono = vehicle_template(Path(name))
     if chrono == "TrackedVehicle":
         from simwarp.importers.chrono_tracks import load_chrono_tracked_vehicle
 
@@ -361,18 +378,6 @@ def _on_tracks(spec: TrackedVehicleSpec, options: DriveOptions) -> TrackedVehicl
     return with_options(spec, powertrain=options.powertrain, driveline=options.driveline)
 
 
-def _chrono_template(path: Path) -> str | None:
-    """The template of a file that declares itself a vehicle of Chrono's; None of others and unreadable ones."""
-    if path.suffix != ".json":
-        return None
-    try:
-        content = parse_json(without_comments(read_text(path)), path.name)
-    except FileError:
-        return None
-    found = isinstance(content, dict) and content.get("Type") == "Vehicle"
-    return str(content.get("Template")) if found else None
-
-
 def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
     """Names, units and meanings of all channels, for people and for scripts."""
     setup = set_up(spec, what, device="cpu", elements=lambda v: _soil(v, options), on_soil=options.soil is not None)
@@ -397,7 +402,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
         outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
-    with DriveProgress(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
+    with ManeuverBar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
             shown: Callable[[float], None] = bar.advance
             for film in films:
@@ -412,7 +417,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
                 raise
             outcome.interrupted = True
     outcome.wall = time.perf_counter() - begin - sum(film.seconds for film in films)
-    outcome.run = drive.result()
+    outcome.run, outcome.channels = drive.result(), drive.recorder.channels
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
     outcome.broken = drive.broken()
     return outcome
@@ -522,32 +527,54 @@ def _title(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
 
 
 def _write(
-    console: Console,
-    spec: AnyVehicleSpec,
-    options: DriveOptions,
-    outcome: Outcome,
-    found: list[Result],
+    console: Console, spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result],
     judged: list[Verdict],
-) -> None:
+) -> None:  # fmt: skip
     """The files that were asked for."""
-    what = outcome.maneuver
+    what, title = outcome.maneuver, _title(spec, options, outcome.maneuver)
+    if options.output is not None:
+        sources = {"vehicle": spec.name, "maneuver": what.name, **_choices(spec, options)}
+        write_run(outcome.run, options.output, sources, {each.name: each.meaning for each in outcome.channels})
+        console.print(f"wrote {options.output}", highlight=False, markup=False, soft_wrap=True)
+    if options.report is not None:
+        from simwarp.cli.drive_report import Driven, write_drive_report
+
+        driven = Driven(
+            title=title, vehicle=spec, maneuver=what, run=outcome.run, results=found, verdicts=judged,
+            options=_choices(spec, options), broken=outcome.broken, interrupted=outcome.interrupted,
+        )  # fmt: skip
+        write_drive_report(driven, options.report)
+        console.print(f"wrote {options.report}", highlight=False, markup=False, soft_wrap=True)
     if options.csv is not None:
         outcome.run.write(options.csv)
         console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
     if options.plot is not None:
         path = None if what.follow is None else what.follow.paths[0]
-        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path, what, judged)
+        draw_run(outcome.run, options.plot, title, found, path, what, judged)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
     if options.chains is not None and outcome.chains is not None and outcome.chains.samples:
-        draw_chains(outcome.chains, options.chains, _title(spec, options, what))
+        draw_chains(outcome.chains, options.chains, title)
         console.print(f"wrote {options.chains}", highlight=False, markup=False, soft_wrap=True)
     for film in outcome.films:
         film.write()
         console.print(f"wrote {film.path}", highlight=False, markup=False, soft_wrap=True)
 
 
+def _choices(spec: AnyVehicleSpec, options: DriveOptions) -> dict[str, str]:
+    """What was chosen, for files: options of the manoeuvre with their units, parts, ground and step."""
+    found = {key: f"{value:g}{UNITS[key]}" for key, value in options.chosen.items()}
+    for kind in ("tire", "powertrain", "driveline", "soil", "soil_normal"):
+        if getattr(options, kind) is not None:
+            found[kind] = str(getattr(options, kind))
+    if "tire" not in found and not isinstance(spec, TrackedVehicleSpec):
+        found["tire"] = spec.axles[0].tire.template
+    return found | {"friction": f"{options.friction:g}", "dt": f"{options.dt:g} s"}
+
+
 def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
     """For scripts: what ran, its results, and the last value of every column."""
+    files = {name: getattr(options, name) for name in ("csv", "output", "plot", "report", "chains", "video")}
+    files["file"] = options.export_scene
     return {
         "vehicle": spec.name,
         "maneuver": outcome.maneuver.name,
@@ -562,11 +589,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         "worlds": options.worlds,
         "results": {item.key: item.value for item in found},
         "final": outcome.run.final(),
-        "csv": None if options.csv is None else str(options.csv),
-        "plot": None if options.plot is None else str(options.plot),
-        "chains": None if options.chains is None else str(options.chains),
-        "video": None if options.video is None else str(options.video),
-        "file": None if options.export_scene is None else str(options.export_scene),
+        **{name: None if path is None else str(path) for name, path in files.items()},
         "interrupted": outcome.interrupted,
         "broken": outcome.broken,
         "wall_s": outcome.wall,

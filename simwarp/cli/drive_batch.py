@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.drive_progress import DriveProgress
+from simwarp.cli.drive_progress import ManeuverBar
 from simwarp.core.object_repr import plural
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver
@@ -113,7 +113,7 @@ def run_batch(batch: Batch, variants: Sequence[Maneuver], console: Console) -> t
     drive = Drive(set_up_variants(batch.vehicle, variants, **options), worlds=slice(0, len(variants)))
     interrupted = False
     title = f"{batch.vehicle.name}, {batch.name}, {plural(len(variants), 'world')}"
-    with DriveProgress(console, title, drive.setup.maneuver) as bar:
+    with ManeuverBar(console, title, drive.setup.maneuver) as bar:
         try:
             drive.run(bar.advance)
         except KeyboardInterrupt:

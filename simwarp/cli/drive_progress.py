@@ -1,4 +1,4 @@
-"""How far a manoeuvre has come, for people."""
+"""Progress of a manoeuvre that is driven: a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -10,18 +10,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 
-TOLD_EVERY: Final = 10.0
+PROGRESS_INTERVAL: Final = 10.0
 """Between lines of progress where there is no terminal [s]."""
 
 
-class DriveProgress:
-    """Progress: a bar on a terminal, elsewhere a line now and then.
-
-    Args:
-        console: for people.
-        title: what runs.
-        what: its manoeuvre.
-    """
+class ManeuverBar:
+    """Progress: a bar on a terminal, elsewhere a line now and then."""
 
     def __init__(self, console: Console, title: str, what: Maneuver) -> None:
         self.console, self.title, self.what = console, title, what
@@ -33,7 +27,7 @@ class DriveProgress:
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
 
-    def __enter__(self) -> DriveProgress:
+    def __enter__(self) -> ManeuverBar:
         self._progress.start()
         return self
 
@@ -44,6 +38,6 @@ class DriveProgress:
         """To a time of the manoeuvre [s]."""
         if self.console.is_terminal:
             self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
-        elif time.perf_counter() - self._told > TOLD_EVERY:
+        elif time.perf_counter() - self._told > PROGRESS_INTERVAL:
             self._told = time.perf_counter()
             self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)

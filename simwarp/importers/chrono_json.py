@@ -43,6 +43,18 @@ def without_comments(text: str) -> str:
     return STRING_OR_COMMENT.sub(blank, text)
 
 
+def vehicle_template(path: Path) -> str | None:
+    """The template of a file that declares itself a vehicle of Chrono's; None of others and unreadable ones."""
+    if path.suffix != ".json":
+        return None
+    try:
+        content = parse_json(without_comments(read_text(path)), path.name)
+    except SpecError:
+        return None
+    found = isinstance(content, dict) and content.get("Type") == "Vehicle"
+    return str(content.get("Template")) if found else None
+
+
 class Node:
     """An object of a file. Reading a key marks it; `finish` refuses keys that are neither marked nor visual."""
 

@@ -15,6 +15,7 @@ from simwarp.vehicle import load_vehicle, with_options
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.verify.recorded_signs import with_iso_signs
 
 RECORD = Path(__file__).parents[3] / "shared" / "reference" / "chrono" / "g_full_RIGID_scm.csv.gz"
 WHEELS = ("FL", "FR", "RL", "RR")
@@ -39,7 +40,7 @@ def recorded() -> dict[str, np.ndarray]:
         pytest.skip("the recorded runs are not here")
     with gzip.open(RECORD, "rt") as file:
         rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    return with_iso_signs({name: np.array([float(row[name]) for row in rows]) for name in rows[0]})
 
 
 @pytest.fixture(scope="module")

@@ -49,7 +49,10 @@ NOT_RUN = {
     r"(?!simwarp)": "other programs: scripts of benchmarks have tests in tests/benchmarks, examples in test_docs.py",
 }
 """Commands that are parsed and not run, as patterns of how they begin -> why."""
-NEEDS = {r"simwarp sweep .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser"}
+NEEDS = {
+    r"simwarp sweep .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser",
+    r"simwarp .*\.parquet": "pyarrow",
+}  # fmt: skip
 """Commands that are run only where an extra is installed, as patterns of how they begin -> its module."""
 
 

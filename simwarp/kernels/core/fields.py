@@ -316,7 +316,8 @@ class ReportFields(FieldGroup):
         wp.vec3, Size.REACTION_WORLDS, Size.JOINTS, text="force on the second body [N], world axes"
     )
     joint_reaction_torque: wp.array = field(
-        wp.vec3, Size.REACTION_WORLDS, Size.JOINTS, text="torque on the second body about anchor 1 [N·m], world axes"
+        wp.vec3, Size.REACTION_WORLDS, Size.JOINTS,
+        text="torque on the second body about anchor 1 [N·m], world axes; along a shaft in x",
     )
     joint_qdd: wp.array = field(
         wp.float32, Size.ACCELERATION_WORLDS, Size.DOFS,

@@ -7,11 +7,11 @@ from simwarp.kernels.core.face_tables import face_of, face_side, has_face_code
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.core.vector_math import contact_frame, matrix_to_float, to_float
-from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
+from simwarp.kernels.dynamics.bilateral_rows import coefficient_of, link_of, row_geometry
 from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, distance_dof, gyroscopic_torque
 from simwarp.kernels.dynamics.contact_points import corner_arm
 from simwarp.kernels.dynamics.efforts import applied_effort, dof_effort
-from simwarp.kernels.dynamics.joints import FREE, joint_frames
+from simwarp.kernels.dynamics.joints import FREE, SHAFT, joint_frames
 
 wp.set_module_options({"enable_backward": False})
 
@@ -52,8 +52,10 @@ def subtract_contact(contact: int, world: int, topology: Topology, contacts: Con
 
 
 @wp.func
-def subtract_relative_rotations(coupling: int, topology: Topology, work: Work):
-    """A coupling's impulses on the bodies that its RELATIVE_ROTATION terms name, off the account of their joints."""
+def subtract_relative_rotations(coupling: int, dt: float, topology: Topology, work: Work, world: int, reports: Reports):
+    """A coupling's impulses on the bodies that its RELATIVE_ROTATION terms name: reactions of those joints, off the
+    account of the bodies' own.
+    """
     for term in range(topology.coupling_wrench.shape[1]):
         entry = topology.coupling_wrench[coupling, term]
         if entry >= 0:
@@ -63,6 +65,35 @@ def subtract_relative_rotations(coupling: int, topology: Topology, work: Work):
             link1 = link_of(topology.joint_body1[joint], topology)
             subtract_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
             subtract_wrench(link1, work.j1_ang[entry], work.j1_lin[entry], impulse, work)
+            torque = work.j1_ang[entry] * (impulse / dt)
+            reports.joint_reaction_torque[world, joint] = reports.joint_reaction_torque[world, joint] + torque
+
+
+@wp.func
+def subtract_from_shafts(
+    coupling: int, impulse: float, world: int, dt: float, topology: Topology, parameters: Parameters, reports: Reports
+):
+    """What a coupling or combination gives to its shafts, off their account."""
+    for term in range(topology.coupling_dof.shape[1]):
+        dof = topology.coupling_dof[coupling, term]
+        if dof >= 0:
+            joint = topology.dof_joint[dof]
+            if topology.joint_type[joint] == SHAFT:
+                torque = wp.vec3(coefficient_of(coupling, term, world, parameters) * (impulse / dt), 0.0, 0.0)
+                reports.joint_reaction_torque[world, joint] = reports.joint_reaction_torque[world, joint] - torque
+
+
+@wp.func
+def unexplained_torque(
+    joint: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
+) -> wp.vec3:
+    """Change of a shaft's momentum over the step's time, in x [N·m]; zero of other joints."""
+    if topology.joint_type[joint] != SHAFT:
+        return wp.vec3()
+    dof = topology.joint_dof[joint]
+    inertia = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
+    change = work.qd[topology.dof_to_tree_dof[dof]] - state.joint_qd[world, dof]
+    return wp.vec3(inertia * (change / dt), 0.0, 0.0)
 
 
 @wp.func
@@ -150,11 +181,15 @@ def record_reactions(
     control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
     reports: Reports,
 ):  # fmt: skip
-    """Reaction of each joint on its second body, at anchor 1, world axes: drives and limits included."""
+    """Reaction of each joint on its second body, at anchor 1, world axes: drives and limits included. Of shafts the
+    torque along them, in x: drives, prescribed motions, springs, friction, limits and `joint_force`, not couplings.
+    """
     unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
     for joint in range(topology.joint_count):
         reports.joint_reaction_force[world, joint] = wp.vec3()
-        reports.joint_reaction_torque[world, joint] = wp.vec3()
+        reports.joint_reaction_torque[world, joint] = unexplained_torque(
+            joint, world, dt, topology, parameters, state, work
+        )
     for index in range(topology.loop_joint_count):
         joint = topology.loop_joint[index]
         link0 = link_of(topology.joint_body0[joint], topology)
@@ -171,7 +206,9 @@ def record_reactions(
         reports.joint_reaction_force[world, joint] = force / dt
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
     for coupling in range(topology.row_count - topology.joint_row_count):
-        subtract_relative_rotations(coupling, topology, work)
+        subtract_relative_rotations(coupling, dt, topology, work, world, reports)
+        row = topology.coupling_row[coupling]
+        subtract_from_shafts(coupling, work.row_impulse[row], world, dt, topology, parameters, reports)
     for index in range(topology.distance_count):
         subtract_distance_spring(index, world, topology, parameters, state, control, config, work, reports)
     for block in range(blocks):
@@ -180,9 +217,11 @@ def record_reactions(
             subtract_contact(index - topology.box_count, world, topology, contacts, work)
         else:
             dof = topology.box_dof[index]
+            impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
             # what bounds a combination acts along coordinates of the tree, as drives and limits of these do
-            if topology.dof_to_tree_dof[dof] < 0 and topology.dof_sum[dof] < 0:
-                impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
+            if topology.dof_sum[dof] >= 0:
+                subtract_from_shafts(topology.dof_sum[dof], impulse, world, dt, topology, parameters, reports)
+            elif topology.dof_to_tree_dof[dof] < 0:
                 subtract_dof_impulse(dof, impulse, world, dt, topology, parameters, work, reports)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]

@@ -13,13 +13,12 @@ from simwarp.vehicle.driving.paths import circle
 from simwarp.vehicle.driving.rolling_start import rolling
 from simwarp.vehicle.spec.parts import Points
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
+from simwarp.vehicle.suspensions.steerings import HANDWHEEL
 
 HANDLING_SPEED: Final = 80.0 / 3.6
 """[m/s]."""
 SLOWER: Final = {"hmmwv": 18.0, "hmmwv-reduced": 18.0, "gator": 6.0, "artcar": 1.5, "skid-steer": 0.8}
 """Speeds of vehicles that do not reach it [m/s]."""
-HANDWHEEL: Final = 540.0
-"""Turn of a steering wheel at full steering that rates and limits of the standards are taken by [deg]."""
 CIRCLES: Final = {"gator": (15.0, 7.0), "artcar": (3.0, 1.7), "skid-steer": (2.0, 0.8)}
 """Radius [m] and last speed [m/s] of the steady-state circle, where it is not 40 m and 5 m/s² across."""
 CIRCLE: Final = (40.0, 5.0)

@@ -37,9 +37,7 @@ COLUMNS: Final = (
     "gear", "Fz_FL_N", "Fz_FR_N", "Fz_RL_N", "Fz_RR_N", "throttle", "brake", "steer", "steerangle_FL_rad",
     "steerangle_FR_rad",
 )  # fmt: skip
-"""Of the first and the last axle. Wheel speeds are negative in forward drive; position and speed are those of the
-vehicle's frame of reference, pitch is positive nose down, the lateral acceleration is the chassis' centre of mass's.
-"""
+"""Of the first and the last axle, in the axes and signs of ISO 8855 (docs/vehicles.md#the-usual-columns)."""
 WHEELS: Final = ("FL", "FR", "RL", "RR")
 SINKAGES: Final = ("sink_FL_m", "sink_FR_m", "sink_RL_m", "sink_RR_m")
 """Further columns of a vehicle on soil: depth of the soil below the wheels' centres."""
@@ -68,10 +66,10 @@ class WheelReadings:
             acceleration = (motion.velocity - self._last_v) / np.maximum(motion.time - self._last_t, 1e-9)[:, None]
         self._last_v, self._last_t = motion.velocity, motion.time
         starts = self._simulation.model.joint_dof_start
-        spins = -state.joint_qd.numpy()[w][:, [starts[parts.sides[k].turn] for k in self._wheels]]
+        spins = state.joint_qd.numpy()[w][:, [starts[parts.sides[k].turn] for k in self._wheels]]
         loads, inputs = vehicle.tires.load.numpy()[w][:, self._wheels], vehicle.input.numpy()[w]
         found = {
-            "latacc_com_mps2": np.einsum("wi,wi->w", acceleration, motion.rotation[:, :, 1]),
+            "latacc_com_mps2": np.einsum("wi,wi->w", acceleration, motion.level_axes[:, :, 1]),
             "v_times_yawrate_mps2": motion.speed * motion.yaw_rate,
             "engine_radps": vehicle.engine_speed.numpy()[w], "gear": vehicle.gear.numpy()[w].astype(float),
             "throttle": inputs[:, 1], "brake": inputs[:, 2], "steer": inputs[:, 0],
@@ -118,6 +116,8 @@ class Recorder(Readable):
         self._named = NamedReadings(simulation, vehicle, channels, usual)
         self.names = (*usual, *(channel.name for channel in self._named.channels))
         """Of the columns."""
+        self.channels = self._named.channels
+        """Those that were chosen by name."""
         self.rows: list[Array] = []
 
     def _readable_title(self) -> str:

@@ -64,6 +64,14 @@ class ChassisMotion:
             yaw_rate=np.einsum("wi,wi->w", omega, rotation[:, :, 2]),
         )  # fmt: skip
 
+    @property
+    def level_axes(self) -> Array:
+        """(n, 3, 3): x of the chassis laid level, y to the left and z up as columns: ISO 8855's intermediate axes."""
+        x = self.rotation[:, :, 0] * (1.0, 1.0, 0.0)
+        x /= np.linalg.norm(x, axis=1)[:, None]
+        z = np.broadcast_to((0.0, 0.0, 1.0), x.shape)
+        return np.stack([x, np.cross(z, x), z], axis=-1)
+
     def columns(self) -> dict[str, Array]:
         """(n,) by the names of a record."""
         x, rotation = self.position, self.rotation

@@ -32,9 +32,7 @@ def draw_course(found: Sequence[Outcome], target: Path, title: str) -> None:
         OutputError: the disk did not take it.
     """
     shown = shown_outcomes(found)
-    figure = Figure(figsize=(12.0, 2.6 * len(shown) + 3.6))
-    figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
-    FigureCanvasAgg(figure)
+    figure = _figure(2.6 * len(shown) + 3.6)
     figure.suptitle(title, x=0.012, ha="left", fontsize=15, fontweight="bold", color=INK)
     grid = figure.add_gridspec(len(shown) + 1, 1, height_ratios=[1.0] * len(shown) + [1.5])
     for row, outcome in enumerate(shown):
@@ -46,6 +44,13 @@ def draw_course(found: Sequence[Outcome], target: Path, title: str) -> None:
     _draw_verdicts(axes, found)
     with replacing(target) as draft:
         figure.savefig(draft, dpi=120)
+
+
+def _figure(height: float) -> Figure:
+    figure = Figure(figsize=(12.0, height))
+    figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def shown_outcomes(found: Sequence[Outcome]) -> list[Outcome]:

@@ -23,6 +23,7 @@ from simwarp.vehicle.results.verdict import Verdict
 
 WHEELS: Final = {"FL": BLUE, "FR": "#5bb5d5", "RL": ORANGE, "RR": "#f0a35e"}
 """Front wheels blue, rear ones orange; the left ones darker."""
+DPI: Final = 120
 LINE: Final = 120
 """Characters of results side by side."""
 NAMES: Final = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}
@@ -37,7 +38,7 @@ def draw_run(
     Args:
         run: recorded channels.
         target: .png, .pdf or .svg.
-        title: the heading.
+        title: the heading; empty: none.
         results: numbers told below it.
         path: that the vehicle should follow.
         maneuver: that was driven, whose cones and panels of its own are drawn, too.
@@ -47,11 +48,22 @@ def draw_run(
         FileError: the target cannot be written to.
         OutputError: the disk did not take it.
     """
+    figure = run_figure(run, title, results, path, maneuver, verdicts)
+    with replacing(target) as draft:
+        figure.savefig(draft, dpi=DPI)
+
+
+def run_figure(
+    run: Run, title: str, results: Iterable[Result] = (), path: Path | None = None, maneuver: Maneuver | None = None,
+    verdicts: Iterable[Verdict] = (),
+) -> Figure:  # fmt: skip
+    """The page of `draw_run`, not written."""
     special = maneuver is not None and has_special(maneuver)
     figure = Figure(figsize=(12.0, 13.0 if special else 11.0))
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
+    if title:
+        figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
     told = [f"{item.label} {item.value_text} {item.unit_text}".rstrip() for item in results]
     told += [f"{item.rule} {item.value_text} {item.unit}: {'pass' if item.passed else 'FAIL'}" for item in verdicts]
     lines = joined(told)
@@ -79,8 +91,7 @@ def draw_run(
         _draw_way(above, run, path)
     if maneuver is not None and special:
         draw_special(figure, (grid[5, 0], grid[5, 1]), run, maneuver)
-    with replacing(target) as draft:
-        figure.savefig(draft, dpi=120)
+    return figure
 
 
 def joined(told: Iterable[str]) -> list[str]:
@@ -132,9 +143,9 @@ def _loads(axes: Any, run: Run) -> None:
 
 
 def _wheels(axes: Any, run: Run) -> None:
-    title_of(axes, "wheel speeds [rad/s], forwards positive")
+    title_of(axes, "wheel speeds [rad/s]")
     for wheel, colour in WHEELS.items():
-        axes.plot(run["t_s"], -run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
+        axes.plot(run["t_s"], run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
     spanned(axes, 0.1)
 
 

@@ -2,97 +2,44 @@
 
 from __future__ import annotations
 
-import dataclasses
 import fnmatch
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from simwarp.core.types import formatted
+from simwarp.core.types import JointType, formatted
 from simwarp.core.wording import suggestions
 from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.results.channel_samples import Array, Channel, Sample, along, entry, wheel_names
 from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
+from simwarp.vehicle.results.effort_channels import effort_channels
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.soil_tires import SoilTires
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import Vehicle
 
-Array = npt.NDArray[np.float64]
-
 REACTION: Final = "reaction:"
 """Begins the names of joint reactions, before the joint's name."""
+RECORDED: Final = (REACTION, "torque_", "steeringwheel_")
+"""Begin names of channels from reactions of joints, which only patterns with the same beginning pick."""
 REACTION_PARTS: Final = ("Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
+ALONG_SHAFT: Final = 3
+"""The part that a shaft has."""
 WHEEL_PARTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-@dataclasses.dataclass(frozen=True)
-class Channel:
-    """One column: its name with the unit as its ending, the unit, what it means, and how a sample is read."""
-
-    name: str
-    unit: str
-    meaning: str
-    read: Callable[[Sample], Array]
-
-
-class Sample:
-    """The state at one time, with each array fetched from the device once.
-
-    Args:
-        simulation: of the vehicle.
-        motion: of the chassis.
-        worlds: that are recorded.
-        acceleration: (n, 3) of the chassis' centre of mass, world axes [m/s²].
-    """
-
-    def __init__(self, simulation: Simulation, motion: ChassisMotion, worlds: slice, acceleration: Array) -> None:
-        self.simulation, self.motion, self.worlds, self.acceleration = simulation, motion, worlds, acceleration
-        self._fetched: dict[int, tuple[Any, Array]] = {}
-
-    def of(self, array: Any) -> Array:
-        """An array's recorded worlds in double precision; a row that all worlds share stays one row."""
-        if id(array) not in self._fetched:
-            values = np.asarray(array.numpy(), float)
-            self._fetched[id(array)] = (array, values if values.shape[0] == 1 else values[self.worlds])
-        return self._fetched[id(array)][1]
-
-
-def wheel_names(axles: int) -> tuple[str, ...]:
-    """FL, FR of the first axle, RL, RR of the last, and 2L, 2R and so on of those between, from the front."""
-    ends = {0: "F", axles - 1: "R"} if axles > 1 else {0: "F"}
-    return tuple(f"{ends.get(axle, str(axle + 1))}{side}" for axle in range(axles) for side in "LR")
-
-
-def level_axes(motion: ChassisMotion) -> Array:
-    """(n, 3, 3): x of the chassis laid level, y to the left and z up as columns: ISO 8855's intermediate axes."""
-    x = motion.rotation[:, :, 0] * (1.0, 1.0, 0.0)
-    x /= np.linalg.norm(x, axis=1)[:, None]
-    z = np.broadcast_to((0.0, 0.0, 1.0), x.shape)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
-
-
-def _along(axes: Array, vector: Array, axis: int) -> Array:
-    return np.einsum("wi,wi->w", vector, axes[:, :, axis])
-
-
-def _entry(s: Sample, source: Any, field: str, index: int) -> Array:
-    """A column of an array that is looked up when it is read: soil puts its own in place of a tire's."""
-    return s.of(getattr(source, field))[:, index]
-
-
 def _level_acceleration(s: Sample, axis: int) -> Array:
-    return _along(level_axes(s.motion), s.acceleration, axis)
+    return along(s.motion.level_axes, s.acceleration, axis)
 
 
 def _chassis_acceleration(s: Sample, axis: int) -> Array:
-    return _along(s.motion.rotation, s.acceleration, axis)
+    return along(s.motion.rotation, s.acceleration, axis)
 
 
 def _rate(s: Sample, axis: int) -> Array:
-    return _along(s.motion.rotation, s.motion.omega, axis)
+    return along(s.motion.rotation, s.motion.omega, axis)
 
 
 def _chassis_channels() -> list[Channel]:
@@ -117,8 +64,8 @@ def _chassis_channels() -> list[Channel]:
         )  # fmt: skip
 
     def sideslip(s: Sample) -> Array:
-        axes = level_axes(s.motion)
-        return np.arctan2(_along(axes, s.motion.velocity, 1), _along(axes, s.motion.velocity, 0))
+        axes = s.motion.level_axes
+        return np.arctan2(along(axes, s.motion.velocity, 1), along(axes, s.motion.velocity, 0))
 
     meaning = "angle from the chassis' x, laid level, to the velocity of its centre of mass; positive to the left"
     return [Channel("sideslip_rad", "rad", meaning, sideslip), *found]
@@ -159,12 +106,12 @@ class _WheelAxes:
         tires = self._vehicle.tires
         force = s.of(tires.force_w)[:, self._wheel]
         if part < 3:
-            return _along(axes, force, part)
+            return along(axes, force, part)
         depth = 0.0 if isinstance(tires, SoilTires) else s.of(tires.deflection)[:, self._wheel, None]
         upwards = np.cross(axes[:, :, 0], axle)
         center = upwards * (self._radius - depth)
         moment = s.of(tires.torque_w)[:, self._wheel] + np.cross(center, force)
-        return _along(axes, moment, part - 3)
+        return along(axes, moment, part - 3)
 
 
 def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
@@ -188,7 +135,7 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
             found.append(
                 Channel(
                     f"{short}_{name}{ending}", unit, meaning,
-                    partial(_entry, source=tires, field=field, index=wheel),
+                    partial(entry, source=tires, field=field, index=wheel),
                 )
             )  # fmt: skip
         axes = _WheelAxes(simulation, vehicle, wheel)
@@ -205,7 +152,7 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
         found.append(
             Channel(
                 f"spin_{name}_radps", "rad/s", "of the wheel seen from the chassis, positive forwards",
-                partial(_entry, source=simulation.state, field="joint_qd", index=turn),
+                partial(entry, source=simulation.state, field="joint_qd", index=turn),
             )
         )  # fmt: skip
         found += _corner_channels(simulation, vehicle, wheel, name)
@@ -223,7 +170,7 @@ def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name:
 
     def travel(s: Sample) -> Array:
         places = s.of(state.body_x)
-        return _along(s.motion.rotation, places[:, side.spindle] - places[:, parts.chassis], 2) - zero[2]
+        return along(s.motion.rotation, places[:, side.spindle] - places[:, parts.chassis], 2) - zero[2]
 
     found = [Channel(f"travel_{name}_m", "m", "of the wheel's centre up along the chassis' z, from as built", travel)]
     place = "left" if side.side > 0.0 else "right"
@@ -234,7 +181,7 @@ def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name:
         found.append(
             Channel(
                 f"springlength{number}_{name}_m", "m", "between the ends of the spring",
-                partial(_entry, source=state, field="joint_q", index=dof),
+                partial(entry, source=state, field="joint_q", index=dof),
             )
         )  # fmt: skip
         found += _line_channels(simulation, joint, f"{number}_{name}_N")
@@ -281,18 +228,23 @@ def _tabled(table: Any, x: Array) -> Array:
 
 
 def _reaction_channels(simulation: Simulation) -> list[Channel]:
-    """Of every joint; they can be read in a Simulation with `joint_reactions=True`."""
-    found, diagnostics = [], simulation.diagnostics
+    """Of every joint; they can be read in a Simulation with `joint_reactions=True`. Of shafts the torque along them."""
+    found, diagnostics, joints = [], simulation.diagnostics, simulation.model.builder.joints
     for joint, name in enumerate(simulation.model.joint_names):
+        shaft = joints[joint].type is JointType.SHAFT
         for part, ending in enumerate(REACTION_PARTS):
+            if shaft and part != ALONG_SHAFT:
+                continue
             what = "force" if part < 3 else "torque about anchor 1"
             meaning = f"{what} of the joint on its second body, world {'xyz'[part % 3]}, at the last step's first pose"
+            if shaft:
+                meaning = "torque along the shaft of all but couplings: motors, prescribed motion, springs, friction"
 
             def read(s: Sample, joint: int = joint, part: int = part) -> Array:
                 reactions = diagnostics.joint_reaction_force if part < 3 else diagnostics.joint_reaction_torque
                 return s.of(reactions)[:, joint, part % 3]
 
-            found.append(Channel(f"{REACTION}{name}.{ending}", "N" if part < 3 else "N·m", meaning, read))
+            found.append(Channel(f"{REACTION}{name}.{ending}", "N" if part < 3 else "N·m", meaning, read, True))
     return found
 
 
@@ -301,27 +253,33 @@ def channels_of(simulation: Simulation, vehicle: AnyVehicle) -> tuple[Channel, .
     found = [*_chassis_channels(), *_powertrain_channels(vehicle)]
     if not isinstance(vehicle, TrackedVehicle):
         found += _wheel_channels(simulation, vehicle)
+        found += effort_channels(simulation, vehicle)
     return (*found, *_reaction_channels(simulation))
+
+
+def _names_recorded(pattern: str) -> bool:
+    """Whether a pattern may pick channels that are recorded with reactions: `*` alone does not."""
+    return pattern.startswith(RECORDED)
 
 
 def wants_reactions(patterns: Iterable[str]) -> bool:
     """Whether a Simulation needs `joint_reactions=True` for channels of these patterns."""
-    return any(pattern.startswith(REACTION) for pattern in patterns)
+    return any(_names_recorded(pattern) for pattern in patterns)
 
 
 def chosen(known: Iterable[Channel], patterns: Iterable[str], columns: Iterable[str] = ()) -> tuple[Channel, ...]:
     """Those that patterns as of file names (`Fx_*`) pick, each once, in the order of the patterns.
 
-    A joint's name behind `reaction:` picks all six of its parts. Channels that are columns already are left out.
+    A joint's name behind `reaction:` picks all of its parts. Channels that are columns already are left out.
 
     Raises:
         SpecError: a pattern picks nothing.
     """
     channels, usual = {channel.name: channel for channel in known}, set(columns)
+    recorded = {channel.name for channel in channels.values() if channel.recorded}
     found: dict[str, Channel] = {}
     for pattern in patterns:
-        # `*` alone leaves the joints out: they need a Simulation that records them
-        among = [name for name in (*channels, *usual) if pattern.startswith(REACTION) or not name.startswith(REACTION)]
+        among = [name for name in (*channels, *usual) if _names_recorded(pattern) or name not in recorded]
         names = [name for name in among if fnmatch.fnmatchcase(name, pattern)]
         if not names and pattern.startswith(REACTION):
             names = [name for name in among if fnmatch.fnmatchcase(name.rpartition(".")[0], pattern)]
@@ -346,7 +304,7 @@ class NamedReadings:
         self.channels = chosen(channels_of(simulation, vehicle), patterns, columns) if patterns else ()
         self._simulation = simulation
         self._last: ChassisMotion | None = None
-        reaction = next((each.name for each in self.channels if each.name.startswith(REACTION)), None)
+        reaction = next((each.name for each in self.channels if each.recorded), None)
         if reaction is not None and simulation.diagnostics.joint_reaction_force.size == 0:
             rule = "needs a Simulation with joint_reactions=True, got one without; make it with them"
             raise SpecError(f"channels: {reaction!r} {rule}")

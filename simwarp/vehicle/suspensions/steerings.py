@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Final
 
 from simwarp.core.types import PrescribedPosition
 from simwarp.vehicle.spec.vehicle_spec import PitmanArm, RackPinion, RotaryArm, SpecError, Steering
 from simwarp.vehicle.suspensions.corner import Frame
+
+HANDWHEEL: Final = 540.0
+"""Turn of a steering wheel at full steering that rates and limits of the standards are taken by [deg]."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,7 +17,7 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import SCRIPT_COLUMNS, TIMES
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver, maneuver_options
-from simwarp.vehicle.results.channels import Recorder
+from simwarp.vehicle.results.channels import COLUMNS, PULLS, SINKAGES, Recorder
 from simwarp.vehicle.spec import vehicle_spec as specs
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import Spec
@@ -133,6 +133,11 @@ def held_speed(what: Maneuver) -> float:
 def test_the_columns_of_scripts_are_listed():
     names = {name for row in table_rows("column") for cell in row[:2] for name in re.findall(r"`(\w+)`", cell)}
     assert names == {*TIMES, *SCRIPT_COLUMNS}
+
+
+def test_the_usual_columns_are_listed():
+    names = [name for row in table_rows("usual column") for name in re.findall(r"`(\w+)`", row[0])]
+    assert sorted(names) == sorted((*COLUMNS, *SINKAGES, *PULLS))
 
 
 def test_rigid_tires_are_listed():
