@@ -95,8 +95,16 @@ def steady_turn(run: Run, maneuver: Maneuver) -> list[Result]:
         Result("steady_speed", "steady speed", speed, "m/s"),
         Result("steady_yaw_rate", "steady yaw rate", yaw_rate, "rad/s"),
         Result("steady_radius", "steady radius", radius, "m", "it goes straight on"),
-        Result("steady_lateral", "steady lateral acceleration", last_mean(run, "latacc_com_mps2"), "m/s²"),
+        _steady_lateral(run),
     ]
+
+
+def _steady_lateral(run: Run) -> Result:
+    """Of the centre of mass; runs on tracks have speed times yaw rate, which is the same in a steady turn."""
+    name, label = "latacc_com_mps2", "steady lateral acceleration"
+    if name not in run.columns:
+        name, label = "v_times_yawrate_mps2", "steady speed x yaw rate"
+    return Result("steady_lateral", label, last_mean(run, name), "m/s²")
 
 
 def step_response(run: Run, maneuver: Maneuver) -> list[Result]:
