@@ -101,10 +101,10 @@ def steady_turn(run: Run, maneuver: Maneuver) -> list[Result]:
 
 def _steady_lateral(run: Run) -> Result:
     """Of the centre of mass; runs on tracks have speed times yaw rate, which is the same in a steady turn."""
-    name, label = "latacc_com_mps2", "steady lateral acceleration"
-    if name not in run.columns:
-        name, label = "v_times_yawrate_mps2", "steady speed x yaw rate"
-    return Result("steady_lateral", label, last_mean(run, name), "m/s²")
+    if "latacc_com_mps2" in run.columns:
+        return Result("steady_lateral", "steady lateral acceleration", last_mean(run, "latacc_com_mps2"), "m/s²")
+    product = last_mean(run, "speed_mps") * last_mean(run, "yawrate_radps")
+    return Result("steady_lateral", "steady speed x yaw rate", product, "m/s²")
 
 
 def step_response(run: Run, maneuver: Maneuver) -> list[Result]:
