@@ -10,12 +10,12 @@ import pytest
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.driving.path_tracking import wheelbase
+from simwarp.vehicle.results.maneuver_variants import drive_variants, highest_passed, outcomes, set_up_variants
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.road import tire_ground
 from simwarp.vehicle.results.run_result import lateral_acceleration, smoothed
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.results.straight_results import climbed
-from simwarp.vehicle.results.variants import drive_variants, highest_passed, outcomes, set_up_variants
 from simwarp.vehicle.results.verdicts import passed, verdicts
 from simwarp.vehicle.rigs import tire_forces
 from simwarp.vehicle.rigs.standing_loads import standing_loads

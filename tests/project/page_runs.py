@@ -27,6 +27,7 @@ OTHERS = {
     ("sweep", "--search"): {"--trials": "2"},
     ("drive", "soil-rigid"): {"--spacing": "0.1"},
     ("drive", "step-steer"): {"--duration": "15.1"},  # it steers at 15 s
+    ("drive", "--speeds"): {"--speeds": "12,15"},
     ("drive", "drawbar"): {"--duration": "5.5"},  # it pulls from 5 s on
 }
 """Further options, where a command has words that ask for them."""

@@ -47,6 +47,7 @@ TRAINED = {
 MEANT = {
     "driving.md": {"RUN": "runs/convoy/2026-01-31_12-00-00"},
     "velocity.md": {"RUN": "runs/quadruped-velocity/2026-01-31_12-00-00"},
+    "maneuvers.md": {"NAME": "braking"},
     "vehicles.md": {"NAME": "step-steer"},
     "write-a-task.md": {"RUN": "runs/my-task/2026-01-31_12-00-00"},
 }

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
 from simwarp.vehicle.results.maneuver_panels import draw_lanes
+from simwarp.vehicle.results.maneuver_variants import Outcome
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, title_of
-from simwarp.vehicle.results.variants import Outcome
 
 LANE_COLOURS: Final = (BLUE, ORANGE, GREY)
 

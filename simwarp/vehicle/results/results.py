@@ -95,8 +95,16 @@ def steady_turn(run: Run, maneuver: Maneuver) -> list[Result]:
         Result("steady_speed", "steady speed", speed, "m/s"),
         Result("steady_yaw_rate", "steady yaw rate", yaw_rate, "rad/s"),
         Result("steady_radius", "steady radius", radius, "m", "it goes straight on"),
-        Result("steady_lateral", "steady lateral acceleration", last_mean(run, "latacc_com_mps2"), "m/s²"),
+        _steady_lateral(run),
     ]
+
+
+def _steady_lateral(run: Run) -> Result:
+    """Of the centre of mass; runs on tracks have speed times yaw rate, which is the same in a steady turn."""
+    if "latacc_com_mps2" in run.columns:
+        return Result("steady_lateral", "steady lateral acceleration", last_mean(run, "latacc_com_mps2"), "m/s²")
+    product = last_mean(run, "speed_mps") * last_mean(run, "yawrate_radps")
+    return Result("steady_lateral", "steady speed x yaw rate", product, "m/s²")
 
 
 def step_response(run: Run, maneuver: Maneuver) -> list[Result]:
