@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Final, NoReturn
 
 import warp as wp
 
+from simwarp.core.array_devices import refuse_elsewhere
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.memory import check_layouts
@@ -30,7 +31,7 @@ from simwarp.kernels.dynamics.world import (
 )
 from simwarp.model.checks import whole_number
 from simwarp.model.effective_parameters import idle_changes
-from simwarp.model.identity import run_parts
+from simwarp.model.identity import WORLDS, Identity, run_parts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.model.parameters import PARAMETERS, non_finite_parameters
@@ -63,6 +64,7 @@ from simwarp.simulation.step_sizes import (
     step_layouts,
     step_sizes,
 )
+from simwarp.simulation.world_copies import CopyPlan, WorldCopies, checked_sources, row_difference, worlds_of
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 from simwarp.simulation.world_masks import mask_of_worlds
 
@@ -207,6 +209,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         ]
         self._measuring.launch()
         self._resetting = self._record_reset()
+        self._copies: WorldCopies | None = None
         self._program = self.program(())
         self.memory = (*self._element_memory, *(each for part in self.sensors for each in part.memory.values()))
         """State of force elements and sensors; `Snapshot.memory` holds a copy."""
@@ -342,11 +345,26 @@ class Simulation(Readable, Readings, FixedAttributes):
         most = self.model.world_count - 1
         return self._state_check.of(whole_number("check_state", "world", world, 0, most, "count from 0"))
 
-    def snapshot(self) -> Snapshot:
-        """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
-        snapshot = self.empty_snapshot()
+    def snapshot(self, world: int | None = None) -> Snapshot:
+        """A copy of the state and the control; restoring it and stepping repeats the run bit by bit.
+
+        Args:
+            world: the only one that is copied, to be restored into any worlds; None: all.
+
+        Raises:
+            ModelError: there is no such world, or the copy does not fit into memory.
+        """
+        if world is None:
+            snapshot = self.empty_snapshot()
+            for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
+                wp.copy(kept, present)
+            return snapshot
+        count = self.model.world_count
+        first = whole_number("snapshot", "world", world, 0, count - 1, "count from 0")
+        snapshot = self._empty_snapshot_of_one()
         for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
-            wp.copy(kept, present)
+            own = kept.size < present.size  # all worlds share the others
+            wp.copy(kept, present, src_offset=first * kept.size if own else 0, count=kept.size)
         return snapshot
 
     def empty_snapshot(self) -> Snapshot:
@@ -356,22 +374,40 @@ class Simulation(Readable, Readings, FixedAttributes):
             memory=self.memory, identity=self.identity,
         )  # fmt: skip
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: Snapshot, worlds: Any = None) -> None:
         """Brings back what `snapshot` held, in place: views and captured steps stay valid.
 
         It must be of a Simulation with the same `identity`: worlds, bodies, joints, couplings, shapes with their
         geometries, capacities, force elements and sensors. Parameters of the model and options of the solver may
-        differ: they are not part of a snapshot.
+        differ: they are not part of a snapshot. That of one world goes into as many as you like, of any Simulation that
+        differs in the number of worlds alone.
+
+        Args:
+            snapshot: of all worlds, or of one.
+            worlds: that get it, as indices or a (W,) bool mask; None: all. Others do not change by a bit.
 
         Raises:
-            ModelError: it is that of another simulation; says what differs. Nothing has changed then.
+            ModelError: it is that of another simulation; says what differs. Or there are no such worlds. Nothing has
+                changed then.
         """
         if not isinstance(snapshot, Snapshot):
             raise ModelError(
                 f"restore: snapshot must be a Snapshot, got {formatted(snapshot)}; pass what snapshot() made"
             )
+        kept, count = list(snapshot.arrays().values()), self.model.world_count
+        spread = snapshot.world_count == 1 < count
+        if spread or worlds is not None:
+            what = "the snapshot must be of a Simulation with the same model, force elements and sensors, but they"
+            self._refuse_other(f"restore: {what}", snapshot.identity, kept, snapshot.world_count, same=not spread)
+            source: Any = 0
+            if not spread:
+                source = worlds = worlds_of("restore", worlds, self.model)
+            plan = checked_sources("restore", source, worlds, self.model, snapshot.world_count, name="worlds")
+            self._copy("restore", plan, kept, snapshot.world_count)
+            self.read_interval.begin_from_clocks()
+            return
         difference = self.identity.difference(snapshot.identity)
-        kept, present = list(snapshot.arrays().values()), self._arrays()
+        present = self._arrays()
         if not difference and [(a.shape, a.dtype) for a in kept] != [(a.shape, a.dtype) for a in present]:
             difference = "shapes of its arrays"
         if difference:
@@ -379,10 +415,48 @@ class Simulation(Readable, Readings, FixedAttributes):
                 "restore: the snapshot must be of a Simulation with the same model, force elements and sensors, but "
                 f"they differ ({difference}); make it in this Simulation"
             )
-        for target, source in zip(present, kept, strict=True):
-            wp.copy(target, source)
+        for target, each in zip(present, kept, strict=True):
+            wp.copy(target, each)
         self._run_in(self._all_worlds, self._publishing)
         self.read_interval.begin_from_clocks()
+
+    def copy_worlds(
+        self, source: Any, targets: Any = None, *, of: Simulation | None = None, parameters: Flag = True
+    ) -> None:
+        """Makes worlds copies of others, on the device: state, control, contacts with their warm starts, memory of
+        force elements and sensors, and parameters. They then go on alike, bit by bit; worlds that are not named do not
+        change by a bit.
+
+        Draws of noise that are still to come, and what a reset brings back, stay each world's own. For use while a
+        graph is captured, call it once before, and give a mask on the device.
+
+        Args:
+            source: the world to be copied; or one for each target.
+            targets: worlds that become copies, as indices, or as a (W,) bool mask (Warp, torch, NumPy); None: all. The
+                source may be among them.
+            of: Simulation that has the source; None: this one. It differs in the number of worlds alone, and in the
+                values of what may differ per world.
+            parameters: also copy what worlds have of their own in parameters of the model, force elements and sensors;
+                what all worlds share stays as it is.
+
+        Raises:
+            ModelError: a world does not exist, is named twice, or is both copied and overwritten; `of` is another
+                Simulation, or on another device. Nothing has changed then.
+        """
+        call = "copy_worlds"
+        origin = self if of is None else of
+        if not isinstance(origin, Simulation):
+            raise ModelError(f"{call}: of must be a Simulation, got {formatted(of)}; pass the one that has the source")
+        if not isinstance(parameters, bool):
+            raise ModelError(f"{call}: parameters must be True or False, got {formatted(parameters)}; True copies them")
+        same, count = origin is self, origin.model.world_count
+        arrays = origin._arrays() + (origin._parameter_arrays() if parameters else [])
+        if not same:
+            what = "of must be a Simulation with the same model, force elements and sensors, but they"
+            self._refuse_other(f"{call}: {what}", origin.identity, arrays, count)
+        plan = checked_sources(call, source, targets, self.model, count, same=same)
+        self._copy(call, plan, arrays, count, same=same)
+        self.read_interval.begin_like(origin.read_interval)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -542,6 +616,48 @@ class Simulation(Readable, Readings, FixedAttributes):
         """Arrays of a snapshot, in its order."""
         groups = (self.state, self.control, self.contacts)
         return [*(array for part in groups for array in part.in_files().values()), *self.memory]
+
+    def _parameter_arrays(self) -> list[wp.array]:
+        """What worlds may have of their own beside a snapshot: of the model, then of force elements and sensors."""
+        parts: tuple[ForceElement | Sensor, ...] = (*self.elements, *self.sensors)
+        own = (array for part in parts for array in part.world_parameters.values())
+        return [*(getattr(self.model, name) for name in PARAMETERS), *own]
+
+    def _empty_snapshot_of_one(self) -> Snapshot:
+        """A snapshot of one world, as that of a Simulation with no more."""
+        count = self.model.world_count
+        one = [
+            wp.zeros((array.shape[0] // count, *array.shape[1:]), dtype=array.dtype, device=array.device)
+            for array in self.memory
+        ]
+        parts = run_parts(self.elements, self.sensors, self._config.dt, share=count)
+        return Snapshot.empty(
+            self.model, elements=bool(self.elements), implicit=self.control.element_mass.shape[0] > 0, worlds=1,
+            memory=tuple(one), identity=self.model.identity.extended({WORLDS: ["1"], **parts}),
+        )  # fmt: skip
+
+    def _refuse_other(
+        self, rule: str, identity: Identity, arrays: Sequence[wp.array], worlds: int, *, same: bool = False
+    ) -> None:
+        """Raises a ModelError where worlds of another simulation cannot become worlds of this one.
+
+        `same`: the number of worlds has to be the same too.
+        """
+        mine, theirs = (self.identity, identity) if same else (self.identity.of_each_world(), identity.of_each_world())
+        difference = mine.difference(theirs)
+        present = [*self._arrays(), *self._parameter_arrays()][: len(arrays)]
+        difference = difference or row_difference(present, self.model.world_count, arrays, worlds)
+        if difference:
+            raise ModelError(f"{rule} differ ({difference}); make both of the same ModelBuilder")
+        refuse_elsewhere(f"{rule.partition(':')[0]}: the source must", arrays[0], self.model.device)
+
+    def _copy(self, call: str, plan: CopyPlan, arrays: Sequence[wp.array], worlds: int, *, same: bool = False) -> None:
+        """Copies worlds of some arrays, with parameters or without, and publishes outputs of the copies."""
+        if self._copies is None:
+            self._copies = WorldCopies(self.shares, [*self._arrays(), *self._parameter_arrays()])
+        self._copies.aim(call, plan, same=same)
+        self._copies.run(arrays, worlds)
+        self._run_in(self._copies.written, self._publishing)
 
     def _mask(self, call: str, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device; `call` is what errors name."""

@@ -56,8 +56,9 @@ class Snapshot(Readable):
 
     @classmethod
     def empty(
-        cls, model: Model, *, elements: bool, implicit: bool = False, memory: tuple[wp.array, ...], identity: Identity
-    ) -> Snapshot:
+        cls, model: Model, *, elements: bool, implicit: bool = False, memory: tuple[wp.array, ...], identity: Identity,
+        worlds: int | None = None,
+    ) -> Snapshot:  # fmt: skip
         """A snapshot whose state, control and contacts are zeros, with a copy of `memory`.
 
         Args:
@@ -66,16 +67,22 @@ class Snapshot(Readable):
             implicit: True if one of them is implicit.
             memory: arrays (W, ...) or (W·slots, ...) of force elements and sensors.
             identity: properties that a Simulation must have in common to be restored from it.
+            worlds: of the model; None: all.
 
         Raises:
             ModelError: it does not fit into the device's memory.
         """
         more = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in memory)
-        layouts = snapshot_layouts(model.sizes(elements=elements, implicit=implicit))
+        layouts = snapshot_layouts(model.sizes(elements=elements, implicit=implicit, worlds=worlds))
         check_layouts("snapshot: its arrays", layouts, model.device, "free memory or take fewer worlds", more)
         kept = tuple(wp.clone(array) for array in memory)
-        control = Control(model, elements=elements, implicit=implicit)
-        return cls(State(model), control, Contacts(model), kept, identity)
+        control = Control(model, elements=elements, implicit=implicit, worlds=worlds)
+        return cls(State(model, worlds=worlds), control, Contacts(model, worlds=worlds), kept, identity)
+
+    @property
+    def world_count(self) -> int:
+        """Worlds that it holds."""
+        return int(self.state.world_time.shape[0])
 
     def arrays(self) -> dict[str, wp.array]:
         """All arrays (W, ...) or (W·slots, ...) by the names that files have for them, such as `state.body_x`."""
