@@ -422,7 +422,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def copy_worlds(
         self, source: Any, targets: Any = None, *, of: Simulation | None = None, parameters: Flag = True
-    ) -> None:
+    ) -> wp.array:
         """Makes worlds copies of others, on the device: state, control, contacts with their warm starts, memory of
         force elements and sensors, and parameters. They then go on alike, bit by bit; worlds that are not named do not
         change by a bit.
@@ -438,6 +438,9 @@ class Simulation(Readable, Readings, FixedAttributes):
                 values of what may differ per world.
             parameters: also copy what worlds have of their own in parameters of the model, force elements and sensors;
                 what all worlds share stays as it is.
+
+        Returns:
+            (W,) int32: the world that each has become a copy of, -1 where it stayed; the same memory throughout.
 
         Raises:
             ModelError: a world does not exist, is named twice, or is both copied and overwritten; `of` is another
@@ -455,8 +458,9 @@ class Simulation(Readable, Readings, FixedAttributes):
             what = "of must be a Simulation with the same model, force elements and sensors, but they"
             self._refuse_other(f"{call}: {what}", origin.identity, arrays, count)
         plan = checked_sources(call, source, targets, self.model, count, same=same)
-        self._copy(call, plan, arrays, count, same=same)
+        copies = self._copy(call, plan, arrays, count, same=same)
         self.read_interval.begin_like(origin.read_interval)
+        return copies.source_of
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -651,13 +655,16 @@ class Simulation(Readable, Readings, FixedAttributes):
             raise ModelError(f"{rule} differ ({difference}); make both of the same ModelBuilder")
         refuse_elsewhere(f"{rule.partition(':')[0]}: the source must", arrays[0], self.model.device)
 
-    def _copy(self, call: str, plan: CopyPlan, arrays: Sequence[wp.array], worlds: int, *, same: bool = False) -> None:
+    def _copy(
+        self, call: str, plan: CopyPlan, arrays: Sequence[wp.array], worlds: int, *, same: bool = False
+    ) -> WorldCopies:
         """Copies worlds of some arrays, with parameters or without, and publishes outputs of the copies."""
         if self._copies is None:
             self._copies = WorldCopies(self.shares, [*self._arrays(), *self._parameter_arrays()])
         self._copies.aim(call, plan, same=same)
         self._copies.run(arrays, worlds)
         self._run_in(self._copies.written, self._publishing)
+        return self._copies
 
     def _mask(self, call: str, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device; `call` is what errors name."""

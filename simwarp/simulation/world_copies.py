@@ -47,12 +47,13 @@ class WorldCopies:
         targets: their arrays, (W, ...) or (W·n, ...); others are left alone.
 
     Attributes:
+        source_of: (W,) int32, the world that each became a copy of; -1: it stayed.
         written: (W,) bool, worlds that the last copies changed.
     """
 
     def __init__(self, shares: WorldShares, targets: Sequence[wp.array]) -> None:
         self._shares = shares
-        self._source_of: wp.array = wp.full(shares.worlds, -1, dtype=int, device=shares.device)
+        self.source_of: wp.array = wp.full(shares.worlds, -1, dtype=int, device=shares.device)
         self.written: wp.array = wp.zeros(shares.worlds, dtype=bool, device=shares.device)
         self._launches = [self._record(target) for target in targets]
 
@@ -69,14 +70,14 @@ class WorldCopies:
         """
         device = self._shares.device
         if isinstance(plan, OneSource):
-            outputs = [self._source_of, self.written]
+            outputs = [self.source_of, self.written]
             inputs = [plan.targets, plan.source, same]
             wp.launch(choose_source, self._shares.worlds, inputs=inputs, outputs=outputs, device=device)
             return
         if device.is_cuda:
             refuse_in_capture(f"{call}: targets must", device, "a list of worlds")
         moved = np.where(plan == np.arange(len(plan)), -1, plan) if same else plan
-        self._source_of.assign(moved.astype(np.int32))
+        self.source_of.assign(moved.astype(np.int32))
         self.written.assign(moved >= 0)
 
     def run(self, sources: Sequence[wp.array], worlds: int) -> None:
@@ -102,7 +103,7 @@ class WorldCopies:
         rows = _rows(target, worlds, not whole)
         threads = min(THREADS, rows.shape[1]) if self._shares.device.is_cuda else 1
         kernel = copy_words if whole else copy_bytes
-        return self._shares.record(kernel, threads, inputs=[threads, self._source_of, rows], outputs=[rows])
+        return self._shares.record(kernel, threads, inputs=[threads, self.source_of, rows], outputs=[rows])
 
 
 def row_difference(

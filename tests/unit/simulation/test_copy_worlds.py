@@ -107,6 +107,11 @@ def test_a_launch_recorded_once_copies_whatever_the_mask_says():
     assert content(sim)["state.body_x"].tobytes() == before[[0, 4, 2, 3, 4]].tobytes()
 
 
+def no_simulation(value: Any) -> Any:
+    """Something else than an argument should be."""
+    return value
+
+
 WRONG: dict[str, tuple[Callable[[sw.Simulation], object], str]] = {
     "no such source": (lambda sim: sim.copy_worlds(5), "source must be an integer >= 0 and <= 4, got 5"),
     "negative": (lambda sim: sim.copy_worlds(-1), "source must be an integer >= 0, got -1"),
@@ -119,8 +124,8 @@ WRONG: dict[str, tuple[Callable[[sw.Simulation], object], str]] = {
     "words": (lambda sim: sim.copy_worlds(0, "all"), "targets must be indices of worlds, got 'all'"),
     "short mask": (lambda sim: sim.copy_worlds(0, [True]), "targets must have shape (5,) (worlds), got (1,)"),
     "tensor of ints": (lambda sim: sim.copy_worlds(0, torch.tensor([1])), "targets must be of bool"),
-    "of no simulation": (lambda sim: sim.copy_worlds(0, of=3), "of must be a Simulation, got 3"),
-    "parameters": (lambda sim: sim.copy_worlds(0, parameters=1), "parameters must be True or False, got 1"),
+    "of no simulation": (lambda sim: sim.copy_worlds(0, of=no_simulation(3)), "of must be a Simulation, got 3"),
+    "parameters": (lambda sim: sim.copy_worlds(0, parameters=no_simulation(1)), "parameters must be True or False, got 1"),
     "other bodies": (
         lambda sim: sim.copy_worlds(0, of=sw.Simulation(boxes(("a", "c")).finalize(2, "cpu"), DT)),
         "of must be a Simulation with the same model, force elements and sensors, but they differ (bodies: here 'b'",
@@ -198,7 +203,7 @@ of tires is in the vehicle's memory, but of those that make no forces, which rem
 @pytest.mark.parametrize("case", CASES)
 def test_every_array_that_users_may_write_is_copied(case):
     sim, _ = CASES[case]()
-    parts = (*sim.elements, *sim.sensors)
+    parts: tuple[Any, ...] = (*sim.elements, *sim.sensors)
     copied = [array for part in parts for each in (part.memory, part.world_parameters) for array in each.values()]
     spans = [(each.ptr, each.ptr + each.size * wp.types.type_size_in_bytes(each.dtype)) for each in copied if each.size]
     seen = {id(sim), id(sim.model), id(sim.state), id(sim.control), id(sim.contacts)}
