@@ -459,6 +459,15 @@ class Task(Readable, ABC, Generic[ConfigT]):
             self._path.request.copy_(request.view_as(self._path.request))
             self._advance_physics()
 
+    def look_ahead(self, action: torch.Tensor) -> None:
+        """Take the physics through one control step as :meth:`step` does, the action's delay included: no rewards, no
+        reset. For plans; ``action`` is (W, A), clipped to [-1, 1].
+        """
+        with self._acting():
+            self._path.asked.copy_(action.view_as(self._path.asked))
+            self._delay_action()
+            self._advance_physics()
+
     def set_level(self, level: float | torch.Tensor) -> None:
         """Hold the curriculum's level from here on: episodes that begin draw by it, and no success moves it.
 
