@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from simwarp.planning import Imagination, Mppi, MppiConfig
@@ -52,8 +51,9 @@ class Trip:
     def lines(self) -> list[Polyline]:
         """Ways that were tried, and what the task draws."""
         ways = torch.stack(self.ways, dim=1).float().cpu().numpy()[::3]
-        own = [Polyline(np.asarray(line.points[0]), line.color) for line in self.real.drawing().lines if not line.only_maps]
-        return [*(Polyline(way, "0.75") for way in ways), *own]
+        goal = self.real.drawing().lines[0].points[0].cpu().numpy()
+        green, grey = (0.2, 0.7, 0.3), (0.8, 0.8, 0.8)
+        return [*(Polyline(way, grey, 1.0) for way in ways), Polyline(goal, green, 2.5)]
 
 
 def main() -> None:

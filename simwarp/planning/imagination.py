@@ -61,7 +61,7 @@ class Imagination:
         if isinstance(real, Task) and isinstance(imagined, Task):
             if act is not None or action_size is not None:
                 raise ModelError(
-                    f"{thing}: act and action_size must be left out of tasks, got some; they have their own"
+                    f"{thing}: act and action_size must be left out for tasks, which have their own, got some"
                 )
             self.action_size = imagined.action_size * imagined.agents
             count, self.device = imagined.num_worlds, imagined.device
@@ -127,7 +127,7 @@ class Imagination:
         if not isinstance(value, torch.Tensor) or value.shape != (self.count,):
             given = tuple(value.shape) if isinstance(value, torch.Tensor) else formatted(value)
             raise ModelError(
-                f"{name} must return a tensor ({self.count},) (imagined worlds), got {given}; sum the rest"
+                f"{name} must return a tensor ({self.count},), one for each world, got {given}; sum the rest"
             )
         return value.to(torch.float64)
 
@@ -136,8 +136,9 @@ class Imagination:
         for name, value in (("low", low), ("high", high)):
             numbers = torch.as_tensor(value, dtype=torch.float32, device=self.device).flatten()
             if len(numbers) not in (1, self.action_size):
+                given = f"{len(numbers)}; give one"
                 raise ModelError(
-                    f"{thing}: {name} must be one number or {self.action_size}, got {len(numbers)}; name each"
+                    f"{thing}: {name} must be one number, or {self.action_size} for the action, got {given}"
                 )
             ends.append(numbers.expand(self.action_size).clone())
         if not bool((ends[0] < ends[1]).all()):

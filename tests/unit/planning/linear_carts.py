@@ -1,4 +1,4 @@
-"""A cart that a force pushes along a rail, to be brought to rest at the origin: a linear system with a known optimum."""
+"""A cart that a force pushes along a rail, to be brought to rest at the origin: linear, with a known optimum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 import simwarp as sw
 from simwarp.planning import Imagination
 
-DT, STEPS, HORIZON = 0.01, 10, 20
+DT, STEPS, HORIZON = 0.05, 2, 20
 """Of a step [s]; steps of a control step; control steps."""
 MASS = 2.0
 Q = np.diag([1.0, 0.1])
