@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from scipy.interpolate import make_interp_spline
 
+from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError
 
 
@@ -20,7 +21,7 @@ class Spline(enum.Enum):
     CUBIC = "cubic"
 
 
-class ActionSpline:
+class ActionSpline(Readable):
     """A spline of actions through knots that are spread evenly over the horizon.
 
     Args:
@@ -47,6 +48,9 @@ class ActionSpline:
         self._values = torch.as_tensor(_weights(times, np.arange(horizon), kind), device=device)
         later = np.minimum(times + 1.0, horizon - 1.0)
         self._later = torch.as_tensor(_weights(times, later, kind), device=device)
+
+    def _readable_title(self) -> str:
+        return f" of {self.knots} knots over {self.horizon} control steps"
 
     def actions(self, knots: torch.Tensor) -> torch.Tensor:
         """(..., horizon, A) actions of (..., knots, A) values."""

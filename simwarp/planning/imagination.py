@@ -10,6 +10,7 @@ import torch
 import warp as wp
 
 from simwarp.core.interop import to_torch
+from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import ModelError, WorldStatus, formatted
 from simwarp.model.checks import whole_number
 from simwarp.simulation.simulation import Simulation
@@ -22,7 +23,7 @@ EndCost: TypeAlias = Callable[[Any], torch.Tensor]
 """Takes the imagined task or simulation at the end of the horizon; returns (N,)."""
 
 
-class Imagination:
+class Imagination(Readable):
     """N imagined worlds that become copies of a real one, or N / R of each of R real ones.
 
     Real and imagined worlds are two tasks of one configuration and seed, or two Simulations of one ModelBuilder. They
@@ -93,6 +94,9 @@ class Imagination:
         self.low, self.high = self._bounds(thing, low, high)
         one = self.plans == 1
         self._sources: Any = self.worlds[0] if one else [world for world in self.worlds for _ in range(self.samples)]
+
+    def _readable_title(self) -> str:
+        return f": {plural(self.samples, 'world')} for each of {plural(self.plans, 'real one')} on {self.device}"
 
     def begin(self) -> None:
         """All imagined worlds become copies of their real one."""

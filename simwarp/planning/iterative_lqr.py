@@ -91,6 +91,9 @@ class Ilqr(Readable):
         self.low, self.high = imagination.low.double(), imagination.high.double()
         self.reset()
 
+    def _readable_title(self) -> str:
+        return f": {self.config.horizon} control steps ahead, {self.imagination.count} imagined worlds"
+
     def reset(self, actions: torch.Tensor | None = None) -> None:
         """Forgets the plan; `actions` (horizon, A) or less to begin with, the middle of the bounds by default."""
         config, size, states = self.config, self.imagination.action_size, 2 * self._simulation.model.dof_count

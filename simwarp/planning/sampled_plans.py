@@ -69,6 +69,9 @@ class SampledPlan(Readable, abc.ABC):
         self.best_cost = torch.zeros(imagination.plans, dtype=torch.float64, device=device)
         self.reset()
 
+    def _readable_title(self) -> str:
+        return f": {self.config.horizon} control steps ahead, {self.imagination.samples} samples for each real world"
+
     @property
     def actions(self) -> torch.Tensor:
         """(R, horizon, A) float32 actions of the plan, within bounds."""

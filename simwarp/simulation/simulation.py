@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Final, NoReturn
+from typing import Annotated, Any, ClassVar, NoReturn
 
 import warp as wp
 
-from simwarp.core.array_devices import refuse_elsewhere
-from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
+from simwarp.core.arrays import FixedAttributes, reinterpret_int32
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.memory import check_layouts
 from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
-from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
@@ -31,7 +30,7 @@ from simwarp.kernels.dynamics.world import (
 )
 from simwarp.model.checks import whole_number
 from simwarp.model.effective_parameters import idle_changes
-from simwarp.model.identity import WORLDS, Identity, run_parts
+from simwarp.model.identity import run_parts
 from simwarp.model.limit_order import coordinate_titles, crossed_limits
 from simwarp.model.model import FEWER, Model
 from simwarp.model.parameters import PARAMETERS, non_finite_parameters
@@ -50,7 +49,7 @@ from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.mesh_places import MeshPlaces
 from simwarp.simulation.read_interval import ReadInterval
-from simwarp.simulation.readings import Readings
+from simwarp.simulation.readings import Readings, span_text
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions, check_contact_model, needs_all_solvers, step_config
 from simwarp.simulation.stage_recording import record_collision, record_step
@@ -64,41 +63,17 @@ from simwarp.simulation.step_sizes import (
     step_layouts,
     step_sizes,
 )
-from simwarp.simulation.world_copies import CopyPlan, WorldCopies, checked_sources, row_difference, worlds_of
+from simwarp.simulation.step_times import SUBSTEP_LIMIT, checked_dt, checked_read_every, checked_steps
+from simwarp.simulation.world_copies import (
+    CopyPlan,
+    WorldCopies,
+    checked_sources,
+    parameter_arrays,
+    refuse_other,
+    worlds_of,
+)
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 from simwarp.simulation.world_masks import mask_of_worlds
-
-SHORTEST_STEP: Final = 1.0e-9
-"""Of a sub-step [s]: kernels divide by it in float32."""
-LONGEST_STEP: Final = 1.0e6
-SUBSTEP_LIMIT: Final = 1_000_000
-COUNT_LIMIT: Final = 2**31 - 1
-"""Of sub-steps: clocks of sensors count them in 32 bits."""
-
-
-def checked_dt(dt: Any, substeps: int) -> float:
-    """Time of a step [s], or a ModelError where float32 cannot divide by its sub-steps."""
-    given = number(dt)
-    if not 0.0 < given <= FLOAT32_MAX:
-        finite = "" if given <= 0.0 else " and finite"
-        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {formatted(dt)}; give the time of a step")
-    if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
-        raise ModelError(
-            f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "
-            "take a time that float32 resolves"
-        )
-    return given
-
-
-def checked_read_every(read_every: Any, substeps: int) -> int:
-    """Steps between two reads of the sensors' data, or a ModelError."""
-    return whole_number("Simulation", "read_every", read_every, 1, COUNT_LIMIT // substeps, "1 is the default")
-
-
-def checked_steps(steps: Any, substeps: int) -> int:
-    """Steps to run at once, or a ModelError."""
-    return whole_number("step", "steps", steps, 0, COUNT_LIMIT // substeps, "give the number of steps")
-
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
@@ -359,12 +334,11 @@ class Simulation(Readable, Readings, FixedAttributes):
             for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
                 wp.copy(kept, present)
             return snapshot
-        count = self.model.world_count
-        first = whole_number("snapshot", "world", world, 0, count - 1, "count from 0")
-        snapshot = self._empty_snapshot_of_one()
-        for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
-            own = kept.size < present.size  # all worlds share the others
-            wp.copy(kept, present, src_offset=first * kept.size if own else 0, count=kept.size)
+        first = whole_number("snapshot", "world", world, 0, self.model.world_count - 1, "count from 0")
+        elements, implicit = bool(self.elements), self.control.element_mass.shape[0] > 0
+        parts = run_parts(self.elements, self.sensors, self._config.dt, share=self.model.world_count)
+        snapshot = Snapshot.of_one_world(self.model, elements, implicit, self.memory, parts)
+        snapshot.take(self._arrays(), first)
         return snapshot
 
     def empty_snapshot(self) -> Snapshot:
@@ -394,32 +368,19 @@ class Simulation(Readable, Readings, FixedAttributes):
             raise ModelError(
                 f"restore: snapshot must be a Snapshot, got {formatted(snapshot)}; pass what snapshot() made"
             )
-        kept, count = list(snapshot.arrays().values()), self.model.world_count
-        spread = snapshot.world_count == 1 < count
+        kept, spread = list(snapshot.arrays().values()), snapshot.world_count == 1 < self.model.world_count
+        refuse_other("restore: the snapshot", self, snapshot.identity, kept, snapshot.world_count, same=not spread)
         if spread or worlds is not None:
-            what = "the snapshot must be of a Simulation with the same model, force elements and sensors, but they"
-            self._refuse_other(f"restore: {what}", snapshot.identity, kept, snapshot.world_count, same=not spread)
-            source: Any = 0
-            if not spread:
-                source = worlds = worlds_of("restore", worlds, self.model)
+            source: Any = 0 if spread else (worlds := worlds_of("restore", worlds, self.model))
             plan = checked_sources("restore", source, worlds, self.model, snapshot.world_count, name="worlds")
             self._copy("restore", plan, kept, snapshot.world_count)
-            self.read_interval.begin_from_clocks()
-            return
-        difference = self.identity.difference(snapshot.identity)
-        present = self._arrays()
-        if not difference and [(a.shape, a.dtype) for a in kept] != [(a.shape, a.dtype) for a in present]:
-            difference = "shapes of its arrays"
-        if difference:
-            raise ModelError(
-                "restore: the snapshot must be of a Simulation with the same model, force elements and sensors, but "
-                f"they differ ({difference}); make it in this Simulation"
-            )
-        for target, each in zip(present, kept, strict=True):
-            wp.copy(target, each)
-        self._run_in(self._all_worlds, self._publishing)
+        else:
+            for target, each in zip(self._arrays(), kept, strict=True):
+                wp.copy(target, each)
+            self._run_in(self._all_worlds, self._publishing)
         self.read_interval.begin_from_clocks()
 
+    @RULES.arguments("copy_worlds")
     def copy_worlds(
         self, source: Any, targets: Any = None, *, of: Simulation | None = None, parameters: Flag = True
     ) -> wp.array:
@@ -450,13 +411,10 @@ class Simulation(Readable, Readings, FixedAttributes):
         origin = self if of is None else of
         if not isinstance(origin, Simulation):
             raise ModelError(f"{call}: of must be a Simulation, got {formatted(of)}; pass the one that has the source")
-        if not isinstance(parameters, bool):
-            raise ModelError(f"{call}: parameters must be True or False, got {formatted(parameters)}; True copies them")
         same, count = origin is self, origin.model.world_count
-        arrays = origin._arrays() + (origin._parameter_arrays() if parameters else [])
+        arrays = origin._arrays() + (parameter_arrays(origin) if parameters else [])
         if not same:
-            what = "of must be a Simulation with the same model, force elements and sensors, but they"
-            self._refuse_other(f"{call}: {what}", origin.identity, arrays, count)
+            refuse_other(f"{call}: of", self, origin.identity, arrays, count)
         plan = checked_sources(call, source, targets, self.model, count, same=same)
         copies = self._copy(call, plan, arrays, count, same=same)
         self.read_interval.begin_like(origin.read_interval)
@@ -482,7 +440,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             "elements": Names(len(self.elements), (type(part).__name__ for part in self.elements)),
             "sensors": Names(len(self.sensors), (f"{each.name} ({type(each).__name__})" for each in self.sensors)),
             "threads": str(self.shares.threads) if self.shares.threads > 1 else "",
-            "time": _span(self.time, "s"),
+            "time": span_text(self.time, "s"),
         }
 
     # ---- inside --------------------------------------------------------------------------------------------------
@@ -621,46 +579,12 @@ class Simulation(Readable, Readings, FixedAttributes):
         groups = (self.state, self.control, self.contacts)
         return [*(array for part in groups for array in part.in_files().values()), *self.memory]
 
-    def _parameter_arrays(self) -> list[wp.array]:
-        """What worlds may have of their own beside a snapshot: of the model, then of force elements and sensors."""
-        parts: tuple[ForceElement | Sensor, ...] = (*self.elements, *self.sensors)
-        own = (array for part in parts for array in part.world_parameters.values())
-        return [*(getattr(self.model, name) for name in PARAMETERS), *own]
-
-    def _empty_snapshot_of_one(self) -> Snapshot:
-        """A snapshot of one world, as that of a Simulation with no more."""
-        count = self.model.world_count
-        one = [
-            wp.zeros((array.shape[0] // count, *array.shape[1:]), dtype=array.dtype, device=array.device)
-            for array in self.memory
-        ]
-        parts = run_parts(self.elements, self.sensors, self._config.dt, share=count)
-        return Snapshot.empty(
-            self.model, elements=bool(self.elements), implicit=self.control.element_mass.shape[0] > 0, worlds=1,
-            memory=tuple(one), identity=self.model.identity.extended({WORLDS: ["1"], **parts}),
-        )  # fmt: skip
-
-    def _refuse_other(
-        self, rule: str, identity: Identity, arrays: Sequence[wp.array], worlds: int, *, same: bool = False
-    ) -> None:
-        """Raises a ModelError where worlds of another simulation cannot become worlds of this one.
-
-        `same`: the number of worlds has to be the same too.
-        """
-        mine, theirs = (self.identity, identity) if same else (self.identity.of_each_world(), identity.of_each_world())
-        difference = mine.difference(theirs)
-        present = [*self._arrays(), *self._parameter_arrays()][: len(arrays)]
-        difference = difference or row_difference(present, self.model.world_count, arrays, worlds)
-        if difference:
-            raise ModelError(f"{rule} differ ({difference}); make both of the same ModelBuilder")
-        refuse_elsewhere(f"{rule.partition(':')[0]}: the source must", arrays[0], self.model.device)
-
     def _copy(
         self, call: str, plan: CopyPlan, arrays: Sequence[wp.array], worlds: int, *, same: bool = False
     ) -> WorldCopies:
-        """Copies worlds of some arrays, with parameters or without, and publishes outputs of the copies."""
+        """Copies worlds of arrays of a snapshot, and of parameters, and publishes outputs of the copies."""
         if self._copies is None:
-            self._copies = WorldCopies(self.shares, [*self._arrays(), *self._parameter_arrays()])
+            self._copies = WorldCopies(self.shares, [*self._arrays(), *parameter_arrays(self)])
         self._copies.aim(call, plan, same=same)
         self._copies.run(arrays, worlds)
         self._run_in(self._copies.written, self._publishing)
@@ -673,12 +597,3 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _values(self, name: str, values: Any, mask: wp.array) -> wp.array:
         """Coordinates or rates as a Warp array on the model's device."""
         return joint_values(name, values, self.model, None if mask is self._all_worlds else mask)
-
-
-def _span(array: wp.array, unit: str) -> str:
-    """The least and the greatest value of an array; nothing of an array on a GPU, for which it would have to wait."""
-    if not on_host(array):
-        return ""
-    values = array.numpy()
-    least, most = values.min(), values.max()
-    return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"

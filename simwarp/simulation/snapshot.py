@@ -7,7 +7,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn, Protocol, runtime_checkable
 
@@ -20,7 +20,7 @@ from simwarp.core.memory import check_layouts
 from simwarp.core.object_repr import Readable, bytes_text, plural
 from simwarp.core.types import ModelError, formatted
 from simwarp.kernels.core.layouts import snapshot_layouts
-from simwarp.model.identity import Identity, run_parts
+from simwarp.model.identity import WORLDS, Identity, run_parts
 from simwarp.model.model import Model
 from simwarp.simulation.state import Contacts, Control, State
 
@@ -78,6 +78,32 @@ class Snapshot(Readable):
         kept = tuple(wp.clone(array) for array in memory)
         control = Control(model, elements=elements, implicit=implicit, worlds=worlds)
         return cls(State(model, worlds=worlds), control, Contacts(model, worlds=worlds), kept, identity)
+
+    @classmethod
+    def of_one_world(
+        cls, model: Model, elements: bool, implicit: bool, memory: tuple[wp.array, ...],
+        parts: Mapping[str, Sequence[str]],
+    ) -> Snapshot:  # fmt: skip
+        """A snapshot of zeros as that of a Simulation of a single world; `parts`: of its identity, beside the model's.
+
+        Raises:
+            ModelError: it does not fit into the device's memory.
+        """
+        count = model.world_count
+        one = [
+            wp.zeros((array.shape[0] // count, *array.shape[1:]), dtype=array.dtype, device=array.device)
+            for array in memory
+        ]
+        identity = model.identity.extended({WORLDS: ["1"], **parts})
+        return cls.empty(
+            model, elements=elements, implicit=implicit, memory=tuple(one), identity=identity, worlds=1
+        )  # fmt: skip
+
+    def take(self, arrays: Sequence[wp.array], world: int) -> None:
+        """Copies a world of the arrays (W, ...) of a Simulation, in the order of this snapshot's, which is of one."""
+        for kept, present in zip(self.arrays().values(), arrays, strict=True):
+            own = kept.size < present.size  # all worlds share the others
+            wp.copy(kept, present, src_offset=world * kept.size if own else 0, count=kept.size)
 
     @property
     def world_count(self) -> int:

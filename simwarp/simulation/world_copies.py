@@ -8,16 +8,19 @@ name them in `memory` and `world_parameters`, are copied like those of the state
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.array_devices import refuse_in_capture
+from simwarp.core.array_devices import refuse_elsewhere, refuse_in_capture
 from simwarp.core.types import ModelError, formatted
 from simwarp.model.checks import whole_number
+from simwarp.model.identity import Identity
 from simwarp.model.model import Model
+from simwarp.model.parameters import PARAMETERS
+from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.world_copies_kernels import choose_source, copy_bytes, copy_words
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares
 from simwarp.simulation.world_masks import mask_of_worlds
@@ -104,6 +107,50 @@ class WorldCopies:
         threads = min(THREADS, rows.shape[1]) if self._shares.device.is_cuda else 1
         kernel = copy_words if whole else copy_bytes
         return self._shares.record(kernel, threads, inputs=[threads, self.source_of, rows], outputs=[rows])
+
+
+class Copied(Protocol):
+    """Interface of a Simulation whose worlds are copied."""
+
+    model: Model
+    elements: tuple[ForceElement, ...]
+    sensors: tuple[Sensor, ...]
+    identity: Identity
+
+    def _arrays(self) -> list[wp.array]: ...
+
+
+def parameter_arrays(simulation: Copied) -> list[wp.array]:
+    """What worlds may have of their own beside a snapshot: of the model, then of force elements and sensors."""
+    parts: tuple[ForceElement | Sensor, ...] = (*simulation.elements, *simulation.sensors)
+    own = (array for part in parts for array in part.world_parameters.values())
+    return [*(getattr(simulation.model, name) for name in PARAMETERS), *own]
+
+
+def refuse_other(
+    thing: str, simulation: Copied, identity: Identity, arrays: Sequence[wp.array], worlds: int, *, same: bool = False
+) -> None:
+    """Raises a ModelError where worlds of another simulation cannot become worlds of this one.
+
+    Args:
+        thing: the call and what it was given: the error begins with it.
+        simulation: that is written.
+        identity: of the other.
+        arrays: of the other, as they are copied.
+        worlds: of the other.
+        same: the number of worlds has to be the same too.
+    """
+    mine, theirs = simulation.identity, identity
+    if not same:
+        mine, theirs = mine.of_each_world(), theirs.of_each_world()
+    present = [*simulation._arrays(), *parameter_arrays(simulation)][: len(arrays)]
+    difference = mine.difference(theirs) or row_difference(present, simulation.model.world_count, arrays, worlds)
+    if difference:
+        raise ModelError(
+            f"{thing} must be of a Simulation with the same model, force elements and sensors, but they differ "
+            f"({difference}); make both of the same ModelBuilder"
+        )
+    refuse_elsewhere(f"{thing} must", arrays[0], simulation.model.device)
 
 
 def row_difference(

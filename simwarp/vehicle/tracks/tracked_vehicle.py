@@ -150,7 +150,7 @@ class TrackedVehicle(ForceElement):
 
     @property
     def world_parameters(self) -> Mapping[str, wp.array]:
-        """Those of the belts."""
+        """Numbers of the belts and their ground; none of chains."""
         return {} if self.belts is None else self.belts.world_parameters
 
     @property

@@ -382,6 +382,9 @@ TENSORS: Final = ("torch",)
 CALLS: Final[dict[str, Call]] = {
     # between steps: moved
     "Simulation.reset": Call("arm", lambda a, g: _after(a, lambda sim: sim.reset(g(SOME))), captured=True),
+    "Simulation.copy_worlds": Call(
+        "arm", lambda a, g: _after(a, lambda sim: sim.copy_worlds(1, g(SOME))), captured=True
+    ),
     "Simulation.begin_sensors": Call("arm", lambda a, g: _frames(a, lambda sim: sim.begin_sensors(g(SOME)))),
     "Simulation.measure": Call("arm", lambda a, g: _after(a, lambda sim: sim.measure(g(SOME)))),
     "Simulation.set_joint_state": Call(
@@ -593,6 +596,14 @@ APART: Final[dict[str, str]] = {
     "FollowCamera.floors": "places of NumPy",
     "spring_lengths": "travels of NumPy",
     "travel_table": "travels of NumPy",
+    "Task.look_ahead": "as Task.advance",
+    "Mppi.reset": "numbers, which torch brings to the imagination's device",
+    "CrossEntropy.reset": "as Mppi.reset",
+    "Ilqr.reset": "as Mppi.reset",
+    "Imagination.advance": "a planner calls it with its own tensors",
+    "Imagination.costs": "a planner calls it with its own tensors",
+    "ActionSpline.actions": "a planner calls it with its own tensors",
+    "ActionSpline.shifted": "a planner calls it with its own tensors",
 }
 """Functions that take arrays and are not called here, each with its reason."""
 NOT_FOUND: Final = {"WritableArray.__setitem__", "WritableArray.assign", "TaskVecEnv.step"}

@@ -125,10 +125,13 @@ WRONG: dict[str, tuple[Callable[[sw.Simulation], object], str]] = {
     "short mask": (lambda sim: sim.copy_worlds(0, [True]), "targets must have shape (5,) (worlds), got (1,)"),
     "tensor of ints": (lambda sim: sim.copy_worlds(0, torch.tensor([1])), "targets must be of bool"),
     "of no simulation": (lambda sim: sim.copy_worlds(0, of=no_simulation(3)), "of must be a Simulation, got 3"),
-    "parameters": (lambda sim: sim.copy_worlds(0, parameters=no_simulation(1)), "parameters must be True or False, got 1"),
+    "parameters": (
+        lambda sim: sim.copy_worlds(0, parameters=no_simulation(1)),
+        "parameters must be True or False, got 1",
+    ),
     "other bodies": (
         lambda sim: sim.copy_worlds(0, of=sw.Simulation(boxes(("a", "c")).finalize(2, "cpu"), DT)),
-        "of must be a Simulation with the same model, force elements and sensors, but they differ (bodies: here 'b'",
+        "of must be of a Simulation with the same model, force elements and sensors, but they differ (bodies: here 'b'",
     ),
     "no such snapshot": (lambda sim: sim.snapshot(world=5), "snapshot: world must be an integer >= 0 and <= 4, got 5"),
     "no such worlds": (lambda sim: sim.restore(sim.snapshot(world=1), [9]), "restore: each of worlds must be"),
