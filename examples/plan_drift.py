@@ -78,8 +78,9 @@ def main() -> None:
         visuals.add_plane(name="ice", color=(0.8, 0.87, 0.93))
         sw.viewer.add_bodies(visuals)
         sw.viewer.paint(visuals)
-        shot = Shot(body=sw.WORLD, target=(0.0, 0.0, 0.0), eye=(-4.0, -34.0, 20.0))
-        camera = FollowCamera(real.sim, visuals.finalize(real.sim.model), shot, width=480, height=300)
+        shot = Shot(body=real.vehicle.parts.chassis, target=(0.0, 0.0, 0.0), eye=(-8.0, -16.0, 13.0))
+        scene = visuals.finalize(real.sim.model)
+        camera = FollowCamera(real.sim, scene, shot, width=480, height=300, marks=True)
     frames, way, drifting = [], [], 0
     for step in range(round(args.seconds / (DT * STEPS))):
         real.act(planner.plan())

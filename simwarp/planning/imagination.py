@@ -101,6 +101,7 @@ class Imagination(Readable):
     def begin(self) -> None:
         """All imagined worlds become copies of their real one."""
         if isinstance(self.imagined, Task):
+            assert isinstance(self.real, Task)
             self.imagined.copy_worlds(self._sources, of=self.real)
         else:
             assert isinstance(self.real, Simulation)

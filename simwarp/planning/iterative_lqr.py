@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import torch
 
@@ -97,7 +97,7 @@ class Ilqr(Readable):
     def reset(self, actions: torch.Tensor | None = None) -> None:
         """Forgets the plan; `actions` (horizon, A) or less to begin with, the middle of the bounds by default."""
         config, size, states = self.config, self.imagination.action_size, 2 * self._simulation.model.dof_count
-        options = {"dtype": torch.float64, "device": self.imagination.device}
+        options: Any = {"dtype": torch.float64, "device": self.imagination.device}
         self.actions = torch.zeros(config.horizon, size, **options)
         self.actions.copy_(0.5 * (self.low + self.high) if actions is None else actions)
         self.gains = torch.zeros(config.horizon, size, states, **options)
