@@ -84,7 +84,14 @@ class Snapshot(Readable):
         cls, model: Model, elements: bool, implicit: bool, memory: tuple[wp.array, ...],
         parts: Mapping[str, Sequence[str]],
     ) -> Snapshot:  # fmt: skip
-        """A snapshot of zeros as that of a Simulation of a single world; `parts`: of its identity, beside the model's.
+        """A snapshot of zeros, as that of a Simulation of a single world.
+
+        Args:
+            model: of the Simulation.
+            elements: True if it has force elements.
+            implicit: True if one of them is implicit.
+            memory: arrays (W, ...) or (W·slots, ...) of force elements and sensors.
+            parts: of the identity, beside the model's.
 
         Raises:
             ModelError: it does not fit into the device's memory.
