@@ -4,6 +4,7 @@ from simwarp import (
     actuators as actuators,
     flex as flex,
     importers as importers,
+    planning as planning,
     scenery as scenery,
     scenes as scenes,
     sensors as sensors,

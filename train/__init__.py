@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         student_config,
     )
     from .evaluation.evaluation import Evaluation, evaluate
+    from .evaluation.play import Frame, write_video
     from .networks.augmentation import augment
     from .networks.export import ExportFormat, export_policy
     from .networks.policies import find_policy, network_policy, random_policy, zero_policy
@@ -54,6 +55,7 @@ _HOMES = {
         "student_config",
     ),
     "evaluation.evaluation": ("Evaluation", "evaluate"),
+    "evaluation.play": ("Frame", "write_video"),
     "networks.augmentation": ("augment",),
     "networks.export": ("ExportFormat", "export_policy"),
     "networks.policies": ("find_policy", "network_policy", "random_policy", "zero_policy"),
@@ -65,11 +67,11 @@ _HOMES = {
 
 __all__ = [
     "Activation", "AugmentationConfig", "Cell", "CloneConfig", "CriticSees", "DistillationConfig", "Evaluation",
-    "ExportFormat", "InitialWeights", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective", "PPOConfig",
-    "Precision", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult", "Trajectories", "augment",
-    "clone", "default_config", "evaluate", "export_policy", "find_policy", "lesson_by", "load_trajectories",
-    "network_policy", "open_run", "random_policy", "record", "save_trajectories", "student_config", "train",
-    "zero_policy",
+    "ExportFormat", "Frame", "InitialWeights", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective",
+    "PPOConfig", "Precision", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult", "Trajectories",
+    "augment", "clone", "default_config", "evaluate", "export_policy", "find_policy", "lesson_by",
+    "load_trajectories", "network_policy", "open_run", "random_policy", "record", "save_trajectories",
+    "student_config", "train", "write_video", "zero_policy",
 ]  # fmt: skip
 
 

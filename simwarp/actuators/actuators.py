@@ -326,6 +326,11 @@ class Actuators(ForceElement, FixedAttributes):
             arrays |= {"line": self._line, "cursor": self._cursor}
         return {name: array for name, array in arrays.items() if array.size}
 
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the actuators: `PER_WORLD`."""
+        return {name: getattr(self, name) for name in PER_WORLD}
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch of one sub-step.
 

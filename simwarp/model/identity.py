@@ -23,6 +23,10 @@ VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""
 
 LONGEST_PART: Final = 60
+WORLDS: Final = "worlds"
+PART_ARRAYS: Final = "arrays of force elements and sensors"
+OF_ALL_WORLDS: Final = (WORLDS, PART_ARRAYS)
+"""Parts that depend on the number of worlds."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -57,6 +61,10 @@ class Identity(Readable):
         """With more sections."""
         return Identity.of({**self.parts, **parts})
 
+    def of_each_world(self) -> Identity:
+        """That of a single world: simulations of equal ones can be copied world by world, whatever their numbers."""
+        return Identity.of({name: lines for name, lines in self.parts.items() if name not in OF_ALL_WORLDS})
+
     def difference(self, other: Identity) -> str:
         """The first thing that differs, as "its bodies: here 3, there 4"; empty for equal ones."""
         if self.digest == other.digest:
@@ -80,7 +88,7 @@ def model_identity(builder: Specification, world_count: int, contact_capacity: i
     return Identity.of(
         {
             "version": [VERSION],
-            "worlds": [str(world_count)],
+            WORLDS: [str(world_count)],
             "bodies": [f"'{body.name}'" for body in builder.bodies],
             "joints": [_joint_line(joint) for joint in builder.joints],
             "couplings": [
@@ -108,16 +116,19 @@ def _contact_rules(builder: Specification) -> dict[str, list[str]]:
     return {name: lines for name, lines in parts.items() if lines}
 
 
-def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dict[str, list[str]]:
-    """Parts that a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of `dt`."""
+def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float, *, share: int = 1) -> dict[str, list[str]]:
+    """Parts that a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of `dt` [s].
+
+    `share`: of so many worlds the arrays are told of one; 1: of all.
+    """
     clock = [f"sub-steps of {dt!r} s"] if sensors else []
     parts = (*elements, *sensors)
     return {
         "force elements": [_part_line(part) for part in elements],
         "sensors": [_part_line(part) for part in sensors],
         "clock of the sensors": clock,
-        "arrays of force elements and sensors": [
-            f"{_part_line(part)}: {name} {array.dtype.__name__}{formatted(tuple(array.shape))}"
+        PART_ARRAYS: [
+            f"{_part_line(part)}: {name} {array.dtype.__name__}{formatted((array.shape[0] // share, *array.shape[1:]))}"
             for part in parts
             for name, array in part.memory.items()
         ],

@@ -233,10 +233,11 @@ class Model(ParameterFields):
         }
 
     def sizes(
-        self, *, elements: bool = False, implicit: bool = False, reactions: bool = False, accelerations: bool = False
-    ) -> dict[Size, int]:
+        self, *, elements: bool = False, implicit: bool = False, reactions: bool = False, accelerations: bool = False,
+        worlds: int | None = None,
+    ) -> dict[Size, int]:  # fmt: skip
         """Lengths of a Simulation's arrays, with or without (implicit) elements, joint reactions, accelerations."""
-        worlds = self.world_count
+        worlds = self.world_count if worlds is None else worlds  # of a part of them
         return {
             Size.WORLDS: worlds,
             Size.ELEMENT_WORLDS: worlds if elements else 1,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
 import numpy as np
@@ -171,6 +171,11 @@ class Motions(ForceElement, FixedAttributes):
 
     def __len__(self) -> int:
         return len(self.motions)
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the functions."""
+        return {"numbers": self.numbers}
 
     def number(self, name: str) -> int:
         """Column of `numbers` by name.

@@ -92,6 +92,12 @@ class FrameSensor(Sensor):
         """Clock and frames, arrays (W, ...) or (W·slots, ...) by name."""
         return self.frames.memory
 
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Place and axes of the mount."""
+        mount = self.mount
+        return {} if mount is None else {"mount_position": mount.position, "mount_rotation": mount.rotation}
+
     def check(self, simulation: StepContext, dt: float) -> None:
         """Refuses a Simulation with sub-steps of `dt` [s] that it cannot be part of.
 
@@ -175,3 +181,9 @@ class VectorSensor(FrameSensor):
         for option, chain in self._chains.items():
             kept |= {f"{option} {name}": array for name, array in chain.memory.items()}
         return kept
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """The mount, and numbers of the noise."""
+        noise = {f"{option}_parameter": chain.arrays.parameter for option, chain in self._chains.items()}
+        return {**super().world_parameters, **noise}

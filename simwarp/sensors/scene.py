@@ -410,6 +410,12 @@ class Scene(Readable):
         model = self.model
         return f": {plural(self.instance_count, 'instance')}, {plural(model.world_count, 'world')} on {model.device}"
 
+    @property
+    def world_parameters(self) -> dict[str, wp.array]:
+        """What may differ by world, (1 or W, ...); each world keeps the surfaces of its own flexible bodies."""
+        names = [name for name in PER_WORLD if name != "asset" or self.surfaces is None]
+        return {f"scene_{name}": getattr(self, name) for name in names}
+
     def _readable_rows(self) -> dict[str, Row]:
         own = [name for name in PER_WORLD if getattr(self, name).shape[0] > 1]
         return {"instances": Names(len(self.names), self.names), "per world": Names(len(own), own)}

@@ -83,6 +83,13 @@ class ForceElement(Readable):
         return {}
 
     @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers that may differ by world, by name: contiguous arrays (1 or W, ...). A copy of a world takes them
+        along; resets and snapshots leave them alone.
+        """
+        return {}
+
+    @property
     def assigned_bodies(self) -> tuple[int, ...]:
         """Indices of the bodies whose `element_force` and `element_torque` it writes anew in every sub-step."""
         return ()
@@ -164,6 +171,13 @@ class Sensor(Readable, abc.ABC):
     def memory(self) -> Mapping[str, wp.array]:
         """Everything that outlives a sub-step, by name: contiguous arrays (W, ...) or (W·slots, ...), part of
         snapshots. A reset leaves it to `begin`.
+        """
+        return {}
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers that may differ by world, by name: contiguous arrays (1 or W, ...). A copy of a world takes them
+        along; resets and snapshots leave them alone.
         """
         return {}
 

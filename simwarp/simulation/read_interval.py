@@ -62,8 +62,7 @@ class ReadInterval:
     @property
     def at_start(self) -> bool:
         """Whether the next sub-step is the first of an interval, in all worlds."""
-        at_read = self._position == 0 and not self._began_apart and not self._lost
-        return at_read and all(each is None or each.in_phase() for each in self.sensors)
+        return self._position == 0 and self.in_step
 
     def whole(self, substeps: int) -> int:
         """Number of intervals among the next sub-steps in which sensors may be launched only where they are due."""
@@ -93,6 +92,23 @@ class ReadInterval:
             self._lost = self._lost or self._position != 0
         if self._position:
             self._began_apart = True
+
+    def begin_like(self, other: ReadInterval) -> None:
+        """Clocks of some worlds become those of another simulation, or of one's own. The host knows where these stand,
+        and need not wait: where they stand elsewhere, all sensors are launched in every sub-step.
+        """
+        if other is self or not any(self.sensors):
+            return
+        if self._shares.device.is_capturing:
+            self._lost = True  # the replay may find the clocks of the other elsewhere
+        elif not other.in_step or not self.in_step or other._position != self._position:
+            self._began_apart = True
+
+    @property
+    def in_step(self) -> bool:
+        """Whether the clocks of all worlds began at a read, without a phase."""
+        together = not self._began_apart and not self._lost
+        return together and all(each is None or each.in_phase() for each in self.sensors)
 
     def begin_from_clocks(self) -> None:
         """Reads the position from the clocks, which a snapshot has set. Waits for the device."""

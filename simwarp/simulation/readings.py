@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.arrays import on_host
 from simwarp.model.checks import checked_index, whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.state import State
@@ -97,3 +98,12 @@ class Readings:
         first = row if column is None else column
         value: Vector = part[first : first + 1].numpy()[0]
         return value.copy()  # of a CPU it is the memory that the next step writes
+
+
+def span_text(array: wp.array, unit: str) -> str:
+    """The least and the greatest value of an array; nothing of an array on a GPU, for which it would have to wait."""
+    if not on_host(array):
+        return ""
+    values = array.numpy()
+    least, most = values.min(), values.max()
+    return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"

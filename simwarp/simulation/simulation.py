@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Final, NoReturn
+from typing import Annotated, Any, ClassVar, NoReturn
 
 import warp as wp
 
-from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
+from simwarp.core.arrays import FixedAttributes, reinterpret_int32
 from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.memory import check_layouts
 from simwarp.core.object_repr import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
-from simwarp.core.types import FLOAT32_MAX, ModelError, formatted, number
+from simwarp.core.types import ModelError, formatted
 from simwarp.core.warp_start import report_compiling
 from simwarp.kernels.collision.contact_lists import make_lists
 from simwarp.kernels.collision.placement import make_collision_scratch
@@ -49,7 +49,7 @@ from simwarp.simulation.flexible_options import FlexibleOptions
 from simwarp.simulation.joint_values import joint_values
 from simwarp.simulation.mesh_places import MeshPlaces
 from simwarp.simulation.read_interval import ReadInterval
-from simwarp.simulation.readings import Readings
+from simwarp.simulation.readings import Readings, span_text
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions, check_contact_model, needs_all_solvers, step_config
 from simwarp.simulation.stage_recording import record_collision, record_step
@@ -63,40 +63,17 @@ from simwarp.simulation.step_sizes import (
     step_layouts,
     step_sizes,
 )
+from simwarp.simulation.step_times import SUBSTEP_LIMIT, checked_dt, checked_read_every, checked_steps
+from simwarp.simulation.world_copies import (
+    CopyPlan,
+    WorldCopies,
+    checked_sources,
+    parameter_arrays,
+    refuse_other,
+    worlds_of,
+)
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 from simwarp.simulation.world_masks import mask_of_worlds
-
-SHORTEST_STEP: Final = 1.0e-9
-"""Of a sub-step [s]: kernels divide by it in float32."""
-LONGEST_STEP: Final = 1.0e6
-SUBSTEP_LIMIT: Final = 1_000_000
-COUNT_LIMIT: Final = 2**31 - 1
-"""Of sub-steps: clocks of sensors count them in 32 bits."""
-
-
-def checked_dt(dt: Any, substeps: int) -> float:
-    """Time of a step [s], or a ModelError where float32 cannot divide by its sub-steps."""
-    given = number(dt)
-    if not 0.0 < given <= FLOAT32_MAX:
-        finite = "" if given <= 0.0 else " and finite"
-        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {formatted(dt)}; give the time of a step")
-    if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
-        raise ModelError(
-            f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "
-            "take a time that float32 resolves"
-        )
-    return given
-
-
-def checked_read_every(read_every: Any, substeps: int) -> int:
-    """Steps between two reads of the sensors' data, or a ModelError."""
-    return whole_number("Simulation", "read_every", read_every, 1, COUNT_LIMIT // substeps, "1 is the default")
-
-
-def checked_steps(steps: Any, substeps: int) -> int:
-    """Steps to run at once, or a ModelError."""
-    return whole_number("step", "steps", steps, 0, COUNT_LIMIT // substeps, "give the number of steps")
-
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
@@ -207,6 +184,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         ]
         self._measuring.launch()
         self._resetting = self._record_reset()
+        self._copies: WorldCopies | None = None
         self._program = self.program(())
         self.memory = (*self._element_memory, *(each for part in self.sensors for each in part.memory.values()))
         """State of force elements and sensors; `Snapshot.memory` holds a copy."""
@@ -342,11 +320,25 @@ class Simulation(Readable, Readings, FixedAttributes):
         most = self.model.world_count - 1
         return self._state_check.of(whole_number("check_state", "world", world, 0, most, "count from 0"))
 
-    def snapshot(self) -> Snapshot:
-        """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
-        snapshot = self.empty_snapshot()
-        for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
-            wp.copy(kept, present)
+    def snapshot(self, world: int | None = None) -> Snapshot:
+        """A copy of the state and the control; restoring it and stepping repeats the run bit by bit.
+
+        Args:
+            world: the only one that is copied, to be restored into any worlds; None: all.
+
+        Raises:
+            ModelError: there is no such world, or the copy does not fit into memory.
+        """
+        if world is None:
+            snapshot = self.empty_snapshot()
+            for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
+                wp.copy(kept, present)
+            return snapshot
+        first = whole_number("snapshot", "world", world, 0, self.model.world_count - 1, "count from 0")
+        elements, implicit = bool(self.elements), self.control.element_mass.shape[0] > 0
+        parts = run_parts(self.elements, self.sensors, self._config.dt, share=self.model.world_count)
+        snapshot = Snapshot.of_one_world(self.model, elements, implicit, self.memory, parts)
+        snapshot.take(self._arrays(), first)
         return snapshot
 
     def empty_snapshot(self) -> Snapshot:
@@ -356,33 +348,77 @@ class Simulation(Readable, Readings, FixedAttributes):
             memory=self.memory, identity=self.identity,
         )  # fmt: skip
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: Snapshot, worlds: Any = None) -> None:
         """Brings back what `snapshot` held, in place: views and captured steps stay valid.
 
         It must be of a Simulation with the same `identity`: worlds, bodies, joints, couplings, shapes with their
         geometries, capacities, force elements and sensors. Parameters of the model and options of the solver may
-        differ: they are not part of a snapshot.
+        differ: they are not part of a snapshot. That of one world goes into as many as you like, of any Simulation that
+        differs in the number of worlds alone.
+
+        Args:
+            snapshot: of all worlds, or of one.
+            worlds: that get it, as indices or a (W,) bool mask; None: all. Others do not change by a bit.
 
         Raises:
-            ModelError: it is that of another simulation; says what differs. Nothing has changed then.
+            ModelError: it is that of another simulation; says what differs. Or there are no such worlds. Nothing has
+                changed then.
         """
         if not isinstance(snapshot, Snapshot):
             raise ModelError(
                 f"restore: snapshot must be a Snapshot, got {formatted(snapshot)}; pass what snapshot() made"
             )
-        difference = self.identity.difference(snapshot.identity)
-        kept, present = list(snapshot.arrays().values()), self._arrays()
-        if not difference and [(a.shape, a.dtype) for a in kept] != [(a.shape, a.dtype) for a in present]:
-            difference = "shapes of its arrays"
-        if difference:
-            raise ModelError(
-                "restore: the snapshot must be of a Simulation with the same model, force elements and sensors, but "
-                f"they differ ({difference}); make it in this Simulation"
-            )
-        for target, source in zip(present, kept, strict=True):
-            wp.copy(target, source)
-        self._run_in(self._all_worlds, self._publishing)
+        kept, spread = list(snapshot.arrays().values()), snapshot.world_count == 1 < self.model.world_count
+        refuse_other("restore: the snapshot", self, snapshot.identity, kept, snapshot.world_count, same=not spread)
+        if spread or worlds is not None:
+            source: Any = 0 if spread else (worlds := worlds_of("restore", worlds, self.model))
+            plan = checked_sources("restore", source, worlds, self.model, snapshot.world_count, name="worlds")
+            self._copy("restore", plan, kept, snapshot.world_count)
+        else:
+            for target, each in zip(self._arrays(), kept, strict=True):
+                wp.copy(target, each)
+            self._run_in(self._all_worlds, self._publishing)
         self.read_interval.begin_from_clocks()
+
+    @RULES.arguments("copy_worlds")
+    def copy_worlds(
+        self, source: Any, targets: Any = None, *, of: Simulation | None = None, parameters: Flag = True
+    ) -> wp.array:
+        """Makes worlds copies of others, on the device: state, control, contacts with their warm starts, memory of
+        force elements and sensors, and parameters. They then go on alike, bit by bit; worlds that are not named do not
+        change by a bit.
+
+        Draws of noise that are still to come, and what a reset brings back, stay each world's own. For use while a
+        graph is captured, call it once before, and give a mask on the device.
+
+        Args:
+            source: the world to be copied; or one for each target.
+            targets: worlds that become copies, as indices, or as a (W,) bool mask (Warp, torch, NumPy); None: all. The
+                source may be among them.
+            of: Simulation that has the source; None: this one. It differs in the number of worlds alone, and in the
+                values of what may differ per world.
+            parameters: also copy what worlds have of their own in parameters of the model, force elements and sensors;
+                what all worlds share stays as it is.
+
+        Returns:
+            (W,) int32: the world that each has become a copy of, -1 where it stayed; the same memory throughout.
+
+        Raises:
+            ModelError: a world does not exist, is named twice, or is both copied and overwritten; `of` is another
+                Simulation, or on another device. Nothing has changed then.
+        """
+        call = "copy_worlds"
+        origin = self if of is None else of
+        if not isinstance(origin, Simulation):
+            raise ModelError(f"{call}: of must be a Simulation, got {formatted(of)}; pass the one that has the source")
+        same, count = origin is self, origin.model.world_count
+        arrays = origin._arrays() + (parameter_arrays(origin) if parameters else [])
+        if not same:
+            refuse_other(f"{call}: of", self, origin.identity, arrays, count)
+        plan = checked_sources(call, source, targets, self.model, count, same=same)
+        copies = self._copy(call, plan, arrays, count, same=same)
+        self.read_interval.begin_like(origin.read_interval)
+        return copies.source_of
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -404,7 +440,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             "elements": Names(len(self.elements), (type(part).__name__ for part in self.elements)),
             "sensors": Names(len(self.sensors), (f"{each.name} ({type(each).__name__})" for each in self.sensors)),
             "threads": str(self.shares.threads) if self.shares.threads > 1 else "",
-            "time": _span(self.time, "s"),
+            "time": span_text(self.time, "s"),
         }
 
     # ---- inside --------------------------------------------------------------------------------------------------
@@ -543,6 +579,17 @@ class Simulation(Readable, Readings, FixedAttributes):
         groups = (self.state, self.control, self.contacts)
         return [*(array for part in groups for array in part.in_files().values()), *self.memory]
 
+    def _copy(
+        self, call: str, plan: CopyPlan, arrays: Sequence[wp.array], worlds: int, *, same: bool = False
+    ) -> WorldCopies:
+        """Copies worlds of arrays of a snapshot, and of parameters, and publishes outputs of the copies."""
+        if self._copies is None:
+            self._copies = WorldCopies(self.shares, [*self._arrays(), *parameter_arrays(self)])
+        self._copies.aim(call, plan, same=same)
+        self._copies.run(arrays, worlds)
+        self._run_in(self._copies.written, self._publishing)
+        return self._copies
+
     def _mask(self, call: str, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device; `call` is what errors name."""
         return self._all_worlds if world_mask is None else mask_of_worlds(call, world_mask, self.model)
@@ -550,12 +597,3 @@ class Simulation(Readable, Readings, FixedAttributes):
     def _values(self, name: str, values: Any, mask: wp.array) -> wp.array:
         """Coordinates or rates as a Warp array on the model's device."""
         return joint_values(name, values, self.model, None if mask is self._all_worlds else mask)
-
-
-def _span(array: wp.array, unit: str) -> str:
-    """The least and the greatest value of an array; nothing of an array on a GPU, for which it would have to wait."""
-    if not on_host(array):
-        return ""
-    values = array.numpy()
-    least, most = values.min(), values.max()
-    return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"

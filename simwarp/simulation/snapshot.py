@@ -7,7 +7,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn, Protocol, runtime_checkable
 
@@ -20,7 +20,7 @@ from simwarp.core.memory import check_layouts
 from simwarp.core.object_repr import Readable, bytes_text, plural
 from simwarp.core.types import ModelError, formatted
 from simwarp.kernels.core.layouts import snapshot_layouts
-from simwarp.model.identity import Identity, run_parts
+from simwarp.model.identity import WORLDS, Identity, run_parts
 from simwarp.model.model import Model
 from simwarp.simulation.state import Contacts, Control, State
 
@@ -56,8 +56,9 @@ class Snapshot(Readable):
 
     @classmethod
     def empty(
-        cls, model: Model, *, elements: bool, implicit: bool = False, memory: tuple[wp.array, ...], identity: Identity
-    ) -> Snapshot:
+        cls, model: Model, *, elements: bool, implicit: bool = False, memory: tuple[wp.array, ...], identity: Identity,
+        worlds: int | None = None,
+    ) -> Snapshot:  # fmt: skip
         """A snapshot whose state, control and contacts are zeros, with a copy of `memory`.
 
         Args:
@@ -66,16 +67,55 @@ class Snapshot(Readable):
             implicit: True if one of them is implicit.
             memory: arrays (W, ...) or (W·slots, ...) of force elements and sensors.
             identity: properties that a Simulation must have in common to be restored from it.
+            worlds: of the model; None: all.
 
         Raises:
             ModelError: it does not fit into the device's memory.
         """
         more = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in memory)
-        layouts = snapshot_layouts(model.sizes(elements=elements, implicit=implicit))
+        layouts = snapshot_layouts(model.sizes(elements=elements, implicit=implicit, worlds=worlds))
         check_layouts("snapshot: its arrays", layouts, model.device, "free memory or take fewer worlds", more)
         kept = tuple(wp.clone(array) for array in memory)
-        control = Control(model, elements=elements, implicit=implicit)
-        return cls(State(model), control, Contacts(model), kept, identity)
+        control = Control(model, elements=elements, implicit=implicit, worlds=worlds)
+        return cls(State(model, worlds=worlds), control, Contacts(model, worlds=worlds), kept, identity)
+
+    @classmethod
+    def of_one_world(
+        cls, model: Model, elements: bool, implicit: bool, memory: tuple[wp.array, ...],
+        parts: Mapping[str, Sequence[str]],
+    ) -> Snapshot:  # fmt: skip
+        """A snapshot of zeros, as that of a Simulation of a single world.
+
+        Args:
+            model: of the Simulation.
+            elements: True if it has force elements.
+            implicit: True if one of them is implicit.
+            memory: arrays (W, ...) or (W·slots, ...) of force elements and sensors.
+            parts: of the identity, beside the model's.
+
+        Raises:
+            ModelError: it does not fit into the device's memory.
+        """
+        count = model.world_count
+        one = [
+            wp.zeros((array.shape[0] // count, *array.shape[1:]), dtype=array.dtype, device=array.device)
+            for array in memory
+        ]
+        identity = model.identity.extended({WORLDS: ["1"], **parts})
+        return cls.empty(
+            model, elements=elements, implicit=implicit, memory=tuple(one), identity=identity, worlds=1
+        )  # fmt: skip
+
+    def take(self, arrays: Sequence[wp.array], world: int) -> None:
+        """Copies a world of the arrays (W, ...) of a Simulation, in the order of this snapshot's, which is of one."""
+        for kept, present in zip(self.arrays().values(), arrays, strict=True):
+            own = kept.size < present.size  # all worlds share the others
+            wp.copy(kept, present, src_offset=world * kept.size if own else 0, count=kept.size)
+
+    @property
+    def world_count(self) -> int:
+        """Worlds that it holds."""
+        return int(self.state.world_time.shape[0])
 
     def arrays(self) -> dict[str, wp.array]:
         """All arrays (W, ...) or (W·slots, ...) by the names that files have for them, such as `state.body_x`."""

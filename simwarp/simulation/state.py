@@ -19,12 +19,12 @@ from simwarp.model.model import Model
 class State(StateFields):
     """State of all worlds. Angular and linear parts are separate arrays; everything is in the world frame.
 
-    Its arrays are declared in `StateFields`.
+    Its arrays are declared in `StateFields`. `worlds`: of the model, where these are not all.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, *, worlds: int | None = None) -> None:
         self.arrays = StateArrays()
-        self.allocate(model.sizes(), model.device, "state", self.arrays)
+        self.allocate(model.sizes(worlds=worlds), model.device, "state", self.arrays)
 
     def copy_from(self, other: State) -> None:
         """Copies every array of `other` into this one."""
@@ -39,9 +39,12 @@ class Control(ControlFields):
     begin with `element` every step; they add to `body_force`, `body_torque` and `joint_force`.
     """
 
-    def __init__(self, model: Model, *, elements: bool = False, implicit: bool = False) -> None:
+    def __init__(
+        self, model: Model, *, elements: bool = False, implicit: bool = False, worlds: int | None = None
+    ) -> None:
         self.arrays = ControlArrays()
-        self.allocate(model.sizes(elements=elements, implicit=implicit), model.device, "control", self.arrays)
+        sizes = model.sizes(elements=elements, implicit=implicit, worlds=worlds)
+        self.allocate(sizes, model.device, "control", self.arrays)
 
     def clear(self) -> None:
         """Zeroes every input."""
@@ -62,12 +65,12 @@ def initial_arrays(model: Model) -> State:
 class Contacts(ContactFields):
     """The contacts of the last sub-step, at the poses of its start. Slots from `contact_count` on hold old values.
 
-    Its arrays are declared in `ContactFields`.
+    Its arrays are declared in `ContactFields`. `worlds`: as for `State`.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, *, worlds: int | None = None) -> None:
         self.arrays = ContactArrays()
-        self.allocate(model.sizes(), model.device, "contacts", self.arrays)
+        self.allocate(model.sizes(worlds=worlds), model.device, "contacts", self.arrays)
 
     def copy_from(self, other: Contacts) -> None:
         """Copies every array of `other` into this one."""

@@ -43,7 +43,7 @@ from simwarp.soil.soil_sheets import SoilMesh, pages_below, sheet_tables
 from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, SoilNodes, SoilReports, SoilTables
 from simwarp.soil.static_sinkage_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
-from simwarp.vehicle.tires.tires import ground as plane
+from simwarp.vehicle.tires.tires import ground as plane, ground_rows
 
 MOST_PAGES: Final = 1 << 20
 STEEPEST: Final = math.radians(45.0)
@@ -437,6 +437,13 @@ class Soil(ForceElement):
         if self.bulldozing is not None:
             names += ["raised", "highest", "pending"]
         return {name: getattr(self._nodes, name) for name in names}
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the soils, where they lie, the ground below, and the forces that `imprint` takes."""
+        own = {"parameter": self.parameter, "soil_map": self._tables.soil_map}
+        rest = {"rest_force_b": self.rest_force_b, "rest_torque_b": self.rest_torque_b}
+        return own | rest | ground_rows(self._tables.terrain)
 
     @property
     def assigned_bodies(self) -> tuple[int, ...]:

@@ -151,6 +151,11 @@ class Vehicles(ForceElement):
         return {name: array for name, array in arrays.items() if array.size}
 
     @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the tires, and the ground under them."""
+        return self.tires.world_parameters
+
+    @property
     def assigned_bodies(self) -> tuple[int, ...]:
         """Bodies whose forces it writes: the chassis, and the wheels where tires make forces."""
         return tuple(body for each in self for body in each.assigned_bodies)
@@ -300,6 +305,11 @@ class Vehicle(ForceElement):
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
         return self._element().memory
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the tires, and the ground under them."""
+        return self._element().world_parameters
 
     @property
     def assigned_bodies(self) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ import torch
 from simwarp.core.interop import TensorLaunch
 
 from ..randomisation.randomness import WorldRandom
-from ..randomisation.sensing import DelayLine
+from ..randomisation.sensing import DelayLine, WorldRows
 from .config import TaskConfig
 from .control_step_kernels import move_actions
 from .errors import InputError
@@ -73,6 +73,13 @@ class ActionPath:
         """Begin an episode in the worlds of a mask (W,) bool: the action was at rest all along."""
         if self._line is not None:
             self._line.fill(mask, self.action, random)
+
+    def take(self, other: ActionPath, copied: WorldRows) -> None:
+        """Take over what worlds of another path, or of this one, ask for."""
+        copied.into(self.asked, other.asked)
+        copied.into(self.request, other.request)
+        if self._line is not None and other._line is not None:
+            self._line.take(other._line, copied)
 
     def state(self) -> dict[str, torch.Tensor]:
         """Return the state that a checkpoint keeps beside the action."""

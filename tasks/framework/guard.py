@@ -258,7 +258,7 @@ class Guard:
             task=task.name,
             config=config_to_plain(task.config),
             seed=task.random.seed,
-            world=task.first_world + world,
+            world=int(task.random.world[world]),
             episode=episode,
             episode_steps=steps,
             replay_steps=steps if from_reset else since,

@@ -39,7 +39,7 @@ from .mirror import Mirror
 from .named_contacts import ContactTracker, NamedContacts
 from .recorded_launches import WorldLaunch, filled, launch_over
 from .rewards_and_ends import RewardsAndEnds
-from .saved_task import load_task_state, task_state
+from .saved_task import copy_task_worlds, load_task_state, task_state
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
 from .task_simulation import Attachments, PhysicsViews, physics_of
@@ -459,6 +459,15 @@ class Task(Readable, ABC, Generic[ConfigT]):
             self._path.request.copy_(request.view_as(self._path.request))
             self._advance_physics()
 
+    def look_ahead(self, action: torch.Tensor) -> None:
+        """Take the physics through one control step as :meth:`step` does, the action's delay included: no rewards, no
+        reset. For plans; ``action`` is (W, A), clipped to [-1, 1].
+        """
+        with self._acting():
+            self._path.asked.copy_(action.view_as(self._path.asked))
+            self._delay_action()
+            self._advance_physics()
+
     def set_level(self, level: float | torch.Tensor) -> None:
         """Hold the curriculum's level from here on: episodes that begin draw by it, and no success moves it.
 
@@ -483,6 +492,23 @@ class Task(Readable, ABC, Generic[ConfigT]):
             InputError: it is of another number of worlds, another simulation, or an older version of simwarp.
         """
         load_task_state(self, state)
+
+    def copy_worlds(self, source: Any, targets: Any = None, *, of: Task[Any] | None = None) -> None:
+        """Make worlds copies of others: their physics, parameters included, episodes, delays and own state.
+
+        They then go on alike under the same actions, bit by bit: they draw what their source would, until the task is
+        restarted with a seed. Noise of the simulation's sensors alone is each world's own.
+
+        Args:
+            source: the world to be copied; or one for each target.
+            targets: worlds that become copies, as indices or as a (W,) bool mask; None: all.
+            of: task of the same class, configuration and seed that has the source; None: this one.
+
+        Raises:
+            InputError: the task has no physics, or `of` is another one.
+            ModelError: there are no such worlds; see :meth:`Simulation.copy_worlds <simwarp.Simulation.copy_worlds>`.
+        """
+        copy_task_worlds(self, source, targets, of)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(

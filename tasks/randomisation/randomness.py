@@ -44,6 +44,7 @@ class WorldRandom(Readable):
 
     Attributes:
         seed: the present one.
+        world: (W,) int64, global index of the world as which each draws: its own, or of a copy that of its source.
         draws: coordinates of the draws, for kernels.
     """
 
@@ -51,9 +52,10 @@ class WorldRandom(Readable):
         self.seed = seed
         self._device = episode.device
         self._worlds = len(episode)
-        self._world = torch.arange(first_world, first_world + self._worlds, device=self._device)
+        self._first_world = first_world
+        self.world = torch.arange(first_world, first_world + self._worlds, device=self._device)
         self.draws = Draws()
-        self.draws.world, self.draws.episode, self.draws.step = map(from_torch, (self._world, episode, step))
+        self.draws.world, self.draws.episode, self.draws.step = map(from_torch, (self.world, episode, step))
         self._streams: dict[str, wp.array] = {}
         self._made: dict[tuple[Any, ...], tuple[TensorLaunch, torch.Tensor]] = {}
 
@@ -61,8 +63,10 @@ class WorldRandom(Readable):
         return f": seed {self.seed}, {plural(self._worlds, 'world')}"
 
     def reseed(self, seed: int) -> None:
-        """Change the seed; draws depend on nothing else that is kept here."""
+        """Change the seed, and let each world draw as itself; draws depend on nothing else that is kept here."""
         self.seed = seed
+        first = self._first_world
+        self.world.copy_(torch.arange(first, first + self._worlds, device=self._device))
         for purpose, stream in self._streams.items():
             stream.assign(self._stream_values(purpose))
 

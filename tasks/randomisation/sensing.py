@@ -15,6 +15,30 @@ from .randomisation_config import Sensing
 from .randomness import WorldRandom
 
 
+class WorldRows:
+    """Rows of worlds that become copies of others.
+
+    Args:
+        source_of: (W,) int, the world that each becomes a copy of; -1: it stays.
+    """
+
+    def __init__(self, source_of: torch.Tensor) -> None:
+        self._stays = source_of < 0
+        self._source = source_of.clamp(min=0).to(torch.int64)
+
+    def of(self, mine: torch.Tensor, theirs: torch.Tensor) -> torch.Tensor:
+        """Return ``mine`` (W, ...) or (W * N, ...) with the rows of ``theirs`` in the worlds that become copies."""
+        worlds = len(self._source)
+        rows = mine.reshape(worlds, -1)
+        there = theirs.reshape(-1, rows.shape[1]).index_select(0, self._source)
+        return torch.where(self._stays.unsqueeze(1), rows, there).view_as(mine)
+
+    def into(self, mine: torch.Tensor, theirs: torch.Tensor) -> None:
+        """Write what `of` returns into ``mine``."""
+        if mine.numel():
+            mine.copy_(self.of(mine, theirs))
+
+
 class DelayLine:
     """The last values of a (W, ...) tensor, and those that each world sees.
 
@@ -61,6 +85,12 @@ class DelayLine:
         rows, seen = self.values.view(len(self.values) * self._rows, -1), self._seen.view(self._rows, -1)
         torch.index_select(rows, 0, self.delay * self._rows + self._row, out=seen)
         return self._seen
+
+    def take(self, other: DelayLine, copied: WorldRows) -> None:
+        """Take over what worlds of another line, or of this one, have waiting."""
+        for age, values in enumerate(self.values):
+            copied.into(values, other.values[age])
+        copied.into(self.delay, other.delay)
 
     def state(self, name: str) -> dict[str, torch.Tensor]:
         """Return the state that a checkpoint keeps."""
@@ -134,6 +164,11 @@ class Sensors:
             drawn = self._random.normal(f"{kind} of {name}", size=size, per_step=kind == "noise")
             sensed[name] = group + spread * drawn.view(shape).to(group.dtype)
         return sensed
+
+    def take(self, other: Sensors, copied: WorldRows) -> None:
+        """Take over what worlds of others, or of these, have waiting."""
+        for name, line in self._lines.items():
+            line.take(other._lines[name], copied)
 
     def state(self) -> dict[str, Any]:
         """Return the state that a checkpoint keeps."""

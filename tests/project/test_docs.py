@@ -34,6 +34,9 @@ EXAMPLES = {
     "drive_and_clone.py": ["--minutes", "0.01", "--no-open"],
     "scenery.py": ["--width", "80", "--plot", "scenery.png"],
     "import_robots.py": [],
+    "plan_cart_pole.py": ["--samples", "8", "--seconds", "0.4", "--film", "swing.gif"],
+    "plan_off_road.py": ["--samples", "6", "--seconds", "0.4", "--film", "gator.gif"],
+    "plan_drift.py": ["--samples", "6", "--seconds", "0.4", "--film", "drift.gif"],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
     "own_network.py": ["--iterations", "1"],
     "rough_ground.py": ["--width", "40", "--levels", "0", "9", "--plot", "rough_ground.png"],
@@ -57,7 +60,7 @@ LONG = {
     "drive_and_clone.py",
     "train_cleanrl_style.py", "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py",
     "randomise.py", "rough_ground.py",
-    "driving.md", "sensors.md", "training.md",
+    "driving.md", "plan.md", "sensors.md", "training.md",
     "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "tracks.md", "vehicles.md", "velocity.md", "walking.md",
     "write-a-task.md",
 }  # fmt: skip

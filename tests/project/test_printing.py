@@ -13,7 +13,7 @@ import torch
 import warp as wp
 
 import simwarp as sw
-import simwarp.simulation.simulation as simulation_module
+import simwarp.simulation.readings as readings_module
 from simwarp import actuators, sensors, vehicle
 from simwarp.core.object_repr import MOST_LINES, WIDEST, Readable, ReadableFields
 from simwarp.core.types import ModelError, formatted
@@ -104,7 +104,7 @@ def things(tmp_path_factory):
 
 FRONT = (
     "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.exporters", "simwarp.flex", "simwarp.importers",
-    "simwarp.kinematics", "simwarp.motions",
+    "simwarp.kinematics", "simwarp.motions", "simwarp.planning",
     "simwarp.scenery", "simwarp.sensors", "simwarp.soil", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
     "simwarp.vehicle", "simwarp.viewer",
 )  # fmt: skip
@@ -140,7 +140,7 @@ def test_nothing_is_read_or_launched_to_print(things, monkeypatch):
     for name in ("launch", "copy", "to_torch", "from_torch", "zeros", "synchronize"):
         monkeypatch.setattr(wp, name, refuse)
     assert "(incomplete)" in repr(things["simulation"])  # the time of worlds on the CPU is read
-    monkeypatch.setattr(simulation_module, "on_host", lambda array: False)
+    monkeypatch.setattr(readings_module, "on_host", lambda array: False)
     for name, thing in things.items():
         assert "(incomplete)" not in repr(thing), name
     assert "time" not in repr(things["simulation"])

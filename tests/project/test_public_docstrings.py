@@ -20,13 +20,13 @@ import simwarp as sw
 PACKAGES = (
     "simwarp", "simwarp.vehicle", "simwarp.vehicle.rigs", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
     "simwarp.exporters",
-    "simwarp.actuators", "simwarp.analysis", "simwarp.flex", "simwarp.motions", "simwarp.viewer",
+    "simwarp.actuators", "simwarp.analysis", "simwarp.flex", "simwarp.motions", "simwarp.planning", "simwarp.viewer",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
 )  # fmt: skip
 
 INTERFACES = {
-    sw.ForceElement: {"memory", "record", "record_after", "record_outputs", "record_reset"},
-    sw.Sensor: {"memory", "record", "begin", "check"},
+    sw.ForceElement: {"memory", "record", "record_after", "record_outputs", "record_reset", "world_parameters"},
+    sw.Sensor: {"memory", "record", "begin", "check", "world_parameters"},
     gymnasium.Env: {"step", "reset"},
     gymnasium.vector.VectorEnv: {"step", "reset"},
     VecEnv: {"step", "get_observations"},

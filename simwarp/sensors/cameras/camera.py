@@ -157,6 +157,13 @@ class Camera(FrameSensor):
         """Frames, clock, and the light of a frame that is being collected."""
         return {**super().memory, **({"sums": self._sums} if self._sums.size else {})}
 
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """The mount, exposure and noise, lights, and what the scene shows."""
+        images = {f"image_{name}": getattr(self.image_processing, name) for name in IMAGING_ARRAYS}
+        lights = {f"light_{name}": getattr(self.lights, name) for name in LIGHT_ARRAYS}
+        return {**super().world_parameters, **images, **lights, **self.scene.world_parameters}
+
     def _scratch_bytes(self, dt: float) -> int:
         """Sums of the light over a window."""
         blurred = self._lit and self.config.schedule.steps(dt).window > 1

@@ -134,6 +134,11 @@ class Encoder(VectorSensor):
         """State that a snapshot keeps."""
         return {**super().memory, **{f"coordinate {name}": getattr(self._encoder, name) for name in MEMORY}}
 
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the noise, step and ratio."""
+        return {**super().world_parameters, "step": self.step, "ratio": self.ratio}
+
     def _steps(self, model: Model) -> Any:
         """Travel per count."""
         if self.config.counts_per_turn is None:

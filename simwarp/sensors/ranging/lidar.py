@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -162,6 +162,12 @@ class Lidar(FrameSensor):
         self._noise = LidarNoiseArrays()
         for key, array in self.noise.items():
             setattr(self._noise, key, array)
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """The mount, numbers of the noise, and what the scene shows."""
+        noise = {f"noise_{name}": array for name, array in self.noise.items()}
+        return {**super().world_parameters, **noise, **self.scene.world_parameters}
 
     @property
     def data(self) -> wp.array:

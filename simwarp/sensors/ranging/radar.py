@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -166,6 +166,12 @@ class Radar(FrameSensor):
         self._noise = RadarNoiseArrays()
         for key, array in self.noise.items():
             setattr(self._noise, key, array)
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """The mount, numbers of the noise, and what the scene shows."""
+        noise = {f"noise_{name}": array for name, array in self.noise.items()}
+        return {**super().world_parameters, **noise, "backscatter": self.backscatter, **self.scene.world_parameters}
 
     @property
     def data(self) -> wp.array:

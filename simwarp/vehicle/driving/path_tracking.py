@@ -246,6 +246,11 @@ class PathTracker(ForceElement):
         """Place on the path, integrals and last errors of the controllers."""
         return self._memory
 
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Path and speed."""
+        return {"path": self.path, "target_speed": self.target_speed}
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
         return [

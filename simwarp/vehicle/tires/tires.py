@@ -57,6 +57,12 @@ class Mount(NamedTuple):
     side: Literal["left", "right"] = "left"
 
 
+def ground_rows(terrain: TerrainTables) -> dict[str, wp.array]:
+    """The arrays of a ground that may differ by world, (1 or W, ...), by name."""
+    tables: Any = terrain
+    return {f"ground_{name}": getattr(tables, name) for name in ("x", "rot", "scale", "asset")}
+
+
 def ground(
     device: wp.DeviceLike = None,
     *,
@@ -201,6 +207,12 @@ class Tires(Readable):
 
     def _report(self, dtype: type) -> WritableArray:
         return writable(self.shape, dtype, self.device)
+
+    @property
+    def world_parameters(self) -> dict[str, wp.array]:
+        """What may differ by world, (1 or W, ...): numbers of the tires and of the ground."""
+        own = {"tire_parameter": self.parameter, "ground_friction": self.ground_friction}
+        return own | ground_rows(self.terrain)
 
     def of(self, first: int, count: int) -> Tires:
         """`count` wheels of these from number `first` on: views of the same memory."""

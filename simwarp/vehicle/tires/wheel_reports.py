@@ -7,7 +7,7 @@ from typing import Any, Final, Self
 
 import warp as wp
 
-from simwarp.core.arrays import writable
+from simwarp.core.arrays import WritableArray, writable
 from simwarp.core.object_repr import Readable, plural
 from simwarp.core.schema import Fault, fault_text
 from simwarp.model.model import Model
@@ -42,6 +42,7 @@ class WheelReports(Readable):
     slip_angle: wp.array
     camber: wp.array
     deflection: wp.array
+    ground_friction: WritableArray
 
     def __init__(self, count: int, model: Model) -> None:
         self.shape = (model.world_count, count)
@@ -50,6 +51,11 @@ class WheelReports(Readable):
         self.force_w = writable(self.shape, wp.vec3, model.device)
         self.torque_w = writable(self.shape, wp.vec3, model.device)
         self.state = writable((*self.shape, 1), wp.float32, model.device)
+
+    @property
+    def world_parameters(self) -> dict[str, wp.array]:
+        """What may differ by world: the road's friction."""
+        return {"ground_friction": self.ground_friction}
 
     def show_soil(self, soil: Any, first: int) -> None:
         """From now on report what a soil finds of its shapes from number `first` on."""

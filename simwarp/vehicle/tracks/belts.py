@@ -19,7 +19,7 @@ from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.track_parts import SinglePinShoe, pad_around
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
-from simwarp.vehicle.tires.tires import ground as plane
+from simwarp.vehicle.tires.tires import ground as plane, ground_rows
 from simwarp.vehicle.tracks.belt_construction import BeltTrackParts
 from simwarp.vehicle.tracks.belt_losses import gap_loss
 from simwarp.vehicle.tracks.belt_path import running_radius
@@ -129,6 +129,12 @@ class Belts(ForceElement):
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
         return {name: getattr(self._memory, name) for name in self._memory._cls.vars}
+
+    @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the belts and of the ground."""
+        own = {"parameter": self.parameter, "soil": self.soil, "ground_friction": self.ground_friction}
+        return own | ground_rows(self.terrain)
 
     @property
     def assigned_bodies(self) -> tuple[int, ...]:

@@ -149,6 +149,11 @@ class TrackedVehicle(ForceElement):
         return {name: array for name, array in arrays.items() if array.size}
 
     @property
+    def world_parameters(self) -> Mapping[str, wp.array]:
+        """Numbers of the belts and their ground; none of chains."""
+        return {} if self.belts is None else self.belts.world_parameters
+
+    @property
     def assigned_bodies(self) -> tuple[int, ...]:
         """Bodies whose forces it writes: the chassis."""
         return (self.parts.chassis,)

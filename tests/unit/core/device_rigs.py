@@ -382,6 +382,8 @@ TENSORS: Final = ("torch",)
 CALLS: Final[dict[str, Call]] = {
     # between steps: moved
     "Simulation.reset": Call("arm", lambda a, g: _after(a, lambda sim: sim.reset(g(SOME))), captured=True),
+    "Simulation.copy_worlds": Call("arm", lambda a, g: _after(a, lambda sim: sim.copy_worlds(1, g(SOME)))),
+    "Simulation.restore": Call("arm", lambda a, g: _after(a, lambda s: s.restore(s.snapshot(world=1), g(SOME)))),
     "Simulation.begin_sensors": Call("arm", lambda a, g: _frames(a, lambda sim: sim.begin_sensors(g(SOME)))),
     "Simulation.measure": Call("arm", lambda a, g: _after(a, lambda sim: sim.measure(g(SOME)))),
     "Simulation.set_joint_state": Call(
@@ -567,13 +569,11 @@ HOST: Final[dict[str, tuple[Callable[[Any], Any], Any]]] = {
 
 BY_SUBCLASSES: Final = "a task overrides it, and is called with its own tensors"
 APART: Final[dict[str, str]] = {
-    "Task.apply": BY_SUBCLASSES,
+    **dict.fromkeys(("Task.apply", "Task.reset", "Task.load_extra_state"), BY_SUBCLASSES),
     "Task.set_level": "numbers, one for each world, which torch brings to the task's device",
-    "Task.reset": BY_SUBCLASSES,
-    "Task.load_extra_state": BY_SUBCLASSES,
-    "ActuatorNetwork.begin": "a task calls it with its own tensors",
-    "ActuatorNetwork.follow": "a task calls it with its own tensors",
-    "ActuatorNetwork.load_state": "a task calls it with its own tensors",
+    **dict.fromkeys(
+        ("ActuatorNetwork.begin", "ActuatorNetwork.follow", "ActuatorNetwork.load_state"), "a task's own tensors"
+    ),
     "TaskVecEnv.hand_out": "the adapter calls it with the task's tensors",
     "Sensor.begin": "does nothing: see FrameSensor",
     "ForceElement.record_outputs": "does nothing: the Simulation calls it",
@@ -581,18 +581,18 @@ APART: Final[dict[str, str]] = {
     "Snapshot.empty": "allocates like the arrays that it gets",
     "Vehicles.record_outputs": "Vehicle.record_outputs calls it",
     "TrackedVehicle.record_outputs": "as that of Vehicle, with readings of tracks",
-    "Imported.q_from": "host data of another simulator",
-    "Imported.qd_from": "host data of another simulator",
-    "Imported.qpos_from": "host data of another simulator",
-    "Imported.qvel_from": "host data of another simulator",
+    **dict.fromkeys(
+        ("Imported.q_from", "Imported.qd_from", "Imported.qpos_from", "Imported.qvel_from"), "another simulator's data"
+    ),
     "TensorLaunch.on": "see test_a_launch_over_tensors_refuses_those_of_another_device",
-    "LiveView.reset": "hands the mask to Simulation.reset",
-    "draw_lines": "pictures of NumPy",
+    **dict.fromkeys(("LiveView.reset", "Task.copy_worlds"), "hands the mask to the Simulation"),
     "check_step": "makes its actions on the task's device",
-    "portrait": "coordinates of a picture, of NumPy",
-    "FollowCamera.floors": "places of NumPy",
-    "spring_lengths": "travels of NumPy",
-    "travel_table": "travels of NumPy",
+    **dict.fromkeys(("draw_lines", "portrait", "FollowCamera.floors", "spring_lengths", "travel_table"), "of NumPy"),
+    **dict.fromkeys(("Task.look_ahead", "SampledPlan.reset", "Ilqr.reset"), "torch brings them to the task's device"),
+    **dict.fromkeys(
+        ("Imagination.advance", "Imagination.costs", "ActionSpline.actions", "ActionSpline.shifted"), "own tensors"
+    ),
+    **dict.fromkeys(("Snapshot.of_one_world", "Snapshot.take"), "the Simulation calls it with its own arrays"),
 }
 """Functions that take arrays and are not called here, each with its reason."""
 NOT_FOUND: Final = {"WritableArray.__setitem__", "WritableArray.assign", "TaskVecEnv.step"}

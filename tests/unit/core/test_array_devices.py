@@ -260,12 +260,12 @@ def test_a_launch_over_tensors_refuses_those_of_another_device(device, give):
 PACKAGES = (
     "simwarp", "simwarp.actuators", "simwarp.kinematics", "simwarp.vehicle", "simwarp.sensors", "simwarp.soil",
     "simwarp.scenery", "simwarp.scenes", "simwarp.viewer", "simwarp.importers", "simwarp.exporters", "simwarp.tasks",
-    "simwarp.train", "simwarp.core.interop",
+    "simwarp.train", "simwarp.planning", "simwarp.core.interop",
 )  # fmt: skip
 ARRAYS = re.compile(r"wp\.array|Tensor|ArrayLike|NDArray")
 OF_ANY_KIND = {
     "world_mask", "worlds", "mask", "q", "qd", "action", "actions", "points", "position", "heading", "start", "N", "r",
-    "mu", "jacobian", "inverse_mass", "free_velocity", "bias", "warm_start", "inertia", "state",
+    "mu", "jacobian", "inverse_mass", "free_velocity", "bias", "warm_start", "inertia", "state", "targets",
 }  # fmt: skip
 """Parameters that take arrays and are annotated with `Any`."""
 
