@@ -163,7 +163,7 @@ class TaskConfig(Settings):
         return made
 
     def __post_init__(self) -> None:
-        """Set the fields of the variant that are not given, and hold all to their types."""
+        """Set the fields of the variant that are not given, and hold all to their types; check the models of a mix."""
         given = vars(self).pop("_given", None)
         if given is not None:  # where none is noted all are at their defaults, or read from a file
             variant = getattr(self, "variant", "")
@@ -171,6 +171,7 @@ class TaskConfig(Settings):
                 if name not in given:
                     object.__setattr__(self, name, value)
         super().__post_init__()
+        self.by_model()
 
     @classmethod
     def fields_of(cls, variant: str) -> dict[str, Any]:
@@ -194,9 +195,8 @@ class TaskConfig(Settings):
         return Uncertainty(self.randomise, self.sensing, self.action_delay)
 
     def validate(self) -> None:
-        """Check that there are weights of terms alone, and the models of a mix; subclasses call ``super()``."""
+        """Check that there are weights of terms alone; subclasses call ``super()``."""
         self.reward_weights()
-        self.by_model()
 
     def usual_weights(self) -> Mapping[str, float]:
         """Return weights, dimensionless, of terms whose weight in ``rewards`` is None: of a reward with variants."""

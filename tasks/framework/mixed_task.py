@@ -222,6 +222,16 @@ class MixedTask(Task[TaskConfig]):
         """What a full action is, where it is the same of all models."""
         return self._same("action_scale")  # type: ignore[no-any-return]
 
+    @property
+    def action_joints(self) -> Sequence[str]:
+        """Names of the joints that actions move, where all models have the same."""
+        return self._same("action_joints")  # type: ignore[no-any-return]
+
+    @property
+    def default_positions(self) -> Sequence[float]:
+        """Coordinates of ``action_joints`` at rest, where they are the same of all models."""
+        return self._same("default_positions")  # type: ignore[no-any-return]
+
     def mirror(self) -> Any:
         """Return what left-right reflection makes of observations and actions."""
         return self._tasks[0].mirror()

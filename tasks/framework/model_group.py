@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .task import Task
+from typing import Any
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -15,15 +12,15 @@ class ModelGroup:
 
     Attributes:
         name: of the model; empty where it is the only one.
-        task: of these worlds alone.
+        task: the `Task` of these worlds alone.
         rows: their indices in the whole batch.
     """
 
     name: str
-    task: Task[Any]
+    task: Any
     rows: slice
 
     @property
     def count(self) -> int:
         """Number of the worlds."""
-        return self.task.num_worlds
+        return int(self.task.num_worlds)
