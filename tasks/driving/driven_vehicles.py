@@ -38,9 +38,7 @@ class DrivenVehicle:
 HMMWV: Final = DrivenVehicle("hmmwv-reduced", "hmmwv", None, (2.3, 1.05, 0.5), (0.0, 0.0, 0.2), (1.5, 0.0, 0.875))
 GATOR: Final = DrivenVehicle("gator", "gator", "tmeasy", (1.35, 0.75, 0.35), (0.0, 0.0, 0.2), (0.65, 0.0, 0.75))
 SEDAN: Final = DrivenVehicle("sedan", "sedan", "tmeasy", (2.2, 0.9, 0.4), (0.0, 0.0, 0.0), (1.5, 0.0, 0.875))
-DRIVEN_VEHICLES: Final[Mapping[str, DrivenVehicle]] = MappingProxyType(
-    {"hmmwv": HMMWV, "gator": GATOR, "sedan": SEDAN}
-)
+DRIVEN_VEHICLES: Final[Mapping[str, DrivenVehicle]] = MappingProxyType({"hmmwv": HMMWV, "gator": GATOR, "sedan": SEDAN})
 """Vehicles of the size of a road, by the names that the field ``vehicle`` has for them."""
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, NoReturn, Protocol
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from .argument_checks import whole
 from .config import TaskConfig
 from .contract import Contract
 from .drawing import Drawing, Line
-from .errors import InputError
+from .errors import InputError, TaskError
 from .guard import Guard
 from .interface_checks import check_action
 from .joint_rows import JointRows, joined
@@ -113,6 +113,11 @@ class MixedTask(Task[TaskConfig]):
         """Models and their worlds."""
         return self._groups
 
+    @property
+    def views(self) -> NoReturn:
+        """Refuse: each model has views of its own."""
+        raise TaskError(f"task '{self.name}' has no views of all models: take those of a group's task, groups[0].task")
+
     def _by_task(self, call: Callable[[Task[Any]], Any]) -> Any:
         """Return what the models' tasks return, joined."""
         return joined([call(task) for task in self._tasks])
@@ -193,14 +198,15 @@ class MixedTask(Task[TaskConfig]):
         """Return the lines of all models; where one has fewer or shorter ones, points that are not finite."""
         drawings = [(group, group.task.contract.drawing()) for group in self._groups]
         longest = max((drawing.lines for _, drawing in drawings), key=len)
-        lines = []
+        found = []
         for index, like in enumerate(longest):
-            parts = [(group.rows, drawing.lines[index].points) for group, drawing in drawings if index < len(drawing.lines)]
+            having = [(group.rows, drawing.lines) for group, drawing in drawings if index < len(drawing.lines)]
+            parts = [(rows, lines[index].points) for rows, lines in having]
             points = like.points.new_full((self.num_worlds, max(part.shape[1] for _, part in parts), 3), torch.nan)
             for rows, part in parts:
                 points[rows, : part.shape[1]] = part
-            lines.append(Line(points, like.colour, like.width, like.only_maps))
-        return Drawing(tuple(lines), drawings[0][1].window)
+            found.append(Line(points, like.colour, like.width, like.only_maps))
+        return Drawing(tuple(found), drawings[0][1].window)
 
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:

@@ -66,7 +66,7 @@ class Evaluation(ReadableFields):
         return ""
 
     def as_json(self) -> dict[str, Any]:
-        """Return plain values; the task's own metrics stand beside the others, those of several models in ``models``."""
+        """Return plain values; the task's own metrics stand beside the others, each model in ``models``."""
         plain = dataclasses.asdict(self)
         own = plain.pop("metrics")
         del plain["by_model"]

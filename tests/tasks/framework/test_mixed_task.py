@@ -160,15 +160,18 @@ def test_what_looks_on_before_a_reset_sees_all_models_where_they_ended():
     ended = seen[0]
     task.before_reset = None
     begun = copied(task.contract.map_position())
-    assert len(seen) == 1 and not torch.isclose(ended, begun).all(dim=1).any()
+    assert len(seen) == 1
+    assert not torch.isclose(ended, begun).all(dim=1).any()
     task.step(torch.zeros(WORLDS, 1))
-    assert len(seen) == 1 and task.before_reset is None
+    assert len(seen) == 1
+    assert task.before_reset is None
 
 
 def test_gymnasium_takes_it():
     env = TaskVectorEnv(mixed())
     first, _ = env.reset(seed=5)
-    assert env.observation_space.contains(first) and env.single_action_space.shape == (1,)
+    assert env.observation_space.contains(first)
+    assert env.single_action_space.shape == (1,)
     rows = [env.step(np.full((WORLDS, 1), 0.5, np.float32)) for _ in range(6)]
     assert any("final_info" in row[4] for row in rows)
     again, _ = env.reset(seed=5)
@@ -184,7 +187,8 @@ def test_frames_show_each_model_in_its_place():
     env = TaskVectorEnv(task, render_mode="rgb_array", render_size=(32, 24))
     env.reset(seed=1)
     frames = env.render()
-    assert frames is not None and len(frames) == 4
+    assert frames is not None
+    assert len(frames) == 4
     for group in task.groups:
         single = TaskVectorEnv(alone(group), render_mode="rgb_array", render_size=(32, 24))
         single.reset(seed=1)
@@ -205,10 +209,12 @@ def test_a_break_is_kept_and_replayed(tmp_path):
 
 
 def test_it_says_what_it_is():
-    assert "models" in str(mixed()) and "3 3 worlds" not in str(mixed())
+    assert "models" in str(mixed())
+    assert "3 3 worlds" not in str(mixed())
     task = mixed()
     assert (task.name, task.action_names, task.end_reasons[1]) == ("chain", ("torque",), "turned")
-    assert task.config.mix == "links=1,2,3" and task.groups[1].task.config.links == 2
+    assert task.config.mix == "links=1,2,3"
+    assert task.groups[1].task.config.links == 2
 
 
 # ---- worlds of each model -------------------------------------------------------------------------------------------
@@ -254,7 +260,8 @@ def test_shares_of_a_task():
 def test_what_cannot_be_mixed_is_said_in_one_line(options, text):
     with pytest.raises(InputError) as error:
         make("chain", 4, **options)
-    assert text in str(error.value) and "\n" not in str(error.value)
+    assert text in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_a_model_without_a_world_is_refused():
