@@ -68,7 +68,7 @@ def compare(options: Options) -> dict[str, Any]:
     mixed, apart = [TaskVecEnv(whole)], [TaskVecEnv(task) for task in alone]
     generator = torch.Generator().manual_seed(0)
     shares = []
-    spent = {"mixed": [], "apart": []}
+    spent: dict[str, list[float]] = {"mixed": [], "apart": []}
     for turn in range(options.turns + 1):  # the first one loads kernels
         actions = [torch.rand(options.worlds, 2, generator=generator) * 2.0 - 1.0 for _ in range(options.steps)]
         order = [("mixed", mixed), ("apart", apart)]

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final, NoReturn, Protocol
 
-import numpy as np
 import torch
 
 from simwarp.core.object_repr import Row, plural
@@ -24,7 +22,6 @@ from .config import TaskConfig
 from .contract import Contract
 from .drawing import Drawing, Line
 from .errors import InputError, TaskError
-from .guard import Guard
 from .interface_checks import check_action
 from .joint_rows import JointRows, joined
 from .mixing import worlds_of_models
@@ -101,7 +98,7 @@ class MixedTask(Task[TaskConfig]):
         vars(self).update({name: getattr(self._tasks[0], name) for name in SHARED}, **tensors)
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
         self.contract = Contract(self)
-        self.simulation = self.builder = None
+        self.simulation = self.builder = self.guard = None
         """Each model has its own: see `groups`."""
         self._views = None
         self._seen_at: dict[str, torch.Tensor | None] = {}
@@ -122,9 +119,9 @@ class MixedTask(Task[TaskConfig]):
         """Return what the models' tasks return, joined."""
         return joined([call(task) for task in self._tasks])
 
-    def _parts(self, whole: torch.Tensor) -> Iterator[tuple[Task[Any], torch.Tensor]]:
+    def _parts(self, batch: torch.Tensor) -> Iterator[tuple[Task[Any], torch.Tensor]]:
         """Yield each model's task with its rows of a tensor (W, ...)."""
-        return ((group.task, whole[group.rows]) for group in self._groups)
+        return ((group.task, batch[group.rows]) for group in self._groups)
 
     def _same(self, name: str) -> Any:
         """Return an attribute that all models have alike, else nothing of its kind."""
@@ -140,48 +137,39 @@ class MixedTask(Task[TaskConfig]):
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return the observation groups, name -> (W, ...)."""
-        found: dict[str, torch.Tensor] = self._by_task(lambda task: task.contract.observations())
-        return found
+        return self._by_task(lambda task: task.contract.observations())
 
     def privileged(self) -> torch.Tensor | None:
         """Return what only a critic sees, (W, N); None where the models have nothing."""
-        found: torch.Tensor | None = self._by_task(lambda task: task.contract.privileged())
-        return found
+        return self._by_task(lambda task: task.contract.privileged())
 
     def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
         """Return the groups (W, ...) of other observations; None where there are none."""
-        found: dict[str, torch.Tensor] | None = self._by_task(lambda task: task.contract.observations_of(obs))
-        return found
+        return self._by_task(lambda task: task.contract.observations_of(obs))
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the reward terms, name -> (W,)."""
-        found: dict[str, torch.Tensor] = self._by_task(lambda task: task.contract.rewards())
-        return found
+        return self._by_task(lambda task: task.contract.rewards())
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return the reasons to end, name -> (W,) bool."""
-        found: dict[str, torch.Tensor] = self._by_task(lambda task: task.contract.terminations())
-        return found
+        return self._by_task(lambda task: task.contract.terminations())
 
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return the reasons to cut off, name -> (W,) bool."""
-        found: dict[str, torch.Tensor] = self._by_task(lambda task: task.contract.truncations())
-        return found
+        return self._by_task(lambda task: task.contract.truncations())
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the metrics, name -> (W,)."""
-        found: dict[str, torch.Tensor] = self._by_task(lambda task: task.contract.metrics())
-        return found
+        return self._by_task(lambda task: task.contract.metrics())
 
     def step_limit(self) -> torch.Tensor:
         """Return the control steps after which episodes are over, (W,)."""
-        found: torch.Tensor = self._by_task(lambda task: task.contract.step_limit())
-        return found
+        return self._by_task(lambda task: task.contract.step_limit())
 
     def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor]:
         """Begin a training iteration; return what is logged, name -> (W,)."""
-        found: Mapping[str, torch.Tensor] = self._by_task(lambda task: task.contract.on_iteration(iteration))
-        return found
+        return self._by_task(lambda task: task.contract.on_iteration(iteration))
 
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start new episodes in the worlds of ``world_mask`` (W,), group by group."""
@@ -191,8 +179,8 @@ class MixedTask(Task[TaskConfig]):
     def map_position(self) -> torch.Tensor | None:
         """Return the agents' positions, (W, 3) [m]; within `before_reset` those at the end of the control step."""
         if len(self._seen_at) == len(self._groups):
-            return joined([self._seen_at[group.name] for group in self._groups])  # type: ignore[no-any-return]
-        return self._by_task(lambda task: task.contract.map_position())  # type: ignore[no-any-return]
+            return joined([self._seen_at[group.name] for group in self._groups])
+        return self._by_task(lambda task: task.contract.map_position())
 
     def drawing(self) -> Drawing:
         """Return the lines of all models; where one has fewer or shorter ones, points that are not finite."""
@@ -211,7 +199,7 @@ class MixedTask(Task[TaskConfig]):
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
         """Names of the components of observation groups, where all models have the same."""
-        return self._same("observation_names")  # type: ignore[no-any-return]
+        return self._same("observation_names")
 
     @property
     def observation_kinds(self) -> Mapping[str, str]:
@@ -221,22 +209,22 @@ class MixedTask(Task[TaskConfig]):
     @property
     def action_names(self) -> Sequence[str]:
         """Names of the components of an action, where all models have the same."""
-        return self._same("action_names")  # type: ignore[no-any-return]
+        return self._same("action_names")
 
     @property
     def action_scale(self) -> Sequence[float]:
         """What a full action is, where it is the same of all models."""
-        return self._same("action_scale")  # type: ignore[no-any-return]
+        return self._same("action_scale")
 
     @property
     def action_joints(self) -> Sequence[str]:
         """Names of the joints that actions move, where all models have the same."""
-        return self._same("action_joints")  # type: ignore[no-any-return]
+        return self._same("action_joints")
 
     @property
     def default_positions(self) -> Sequence[float]:
         """Coordinates of ``action_joints`` at rest, where they are the same of all models."""
-        return self._same("default_positions")  # type: ignore[no-any-return]
+        return self._same("default_positions")
 
     def mirror(self) -> Any:
         """Return what left-right reflection makes of observations and actions."""
@@ -248,15 +236,15 @@ class MixedTask(Task[TaskConfig]):
         """Begin a new episode in every world; see `Task.restart`."""
         if seed is not None:
             self.random.reseed(seed)
-        return self._by_task(lambda task: task.restart(seed))  # type: ignore[no-any-return]
+        return self._by_task(lambda task: task.restart(seed))
 
     def begin_episodes(self, world_mask: torch.Tensor) -> dict[str, torch.Tensor]:
         """Begin new episodes in the worlds of a mask ((W,) bool); return the observations."""
-        return joined([task.begin_episodes(part) for task, part in self._parts(world_mask)])  # type: ignore[no-any-return]
+        return joined([task.begin_episodes(part) for task, part in self._parts(world_mask)])
 
     def observe(self) -> dict[str, torch.Tensor]:
         """Return the observations as a policy gets them, group name -> (W, ...)."""
-        return self._by_task(lambda task: task.observe())  # type: ignore[no-any-return]
+        return self._by_task(lambda task: task.observe())
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step, one group after another; see `Task.step`."""
@@ -350,12 +338,6 @@ class MixedTask(Task[TaskConfig]):
             task.keep_final_observations = value
 
     @property
-    def guard(self) -> MixedGuard | None:
-        """Recorders of the last steps; None where there are none."""
-        guards = [task.guard for task in self._tasks if task.guard is not None]
-        return MixedGuard(guards) if guards else None
-
-    @property
     def before_reset(self) -> Callable[[], None] | None:
         """Called in every control step once all models are judged; see `map_position`."""
         return self._before_reset if self._tasks[0].before_reset is not None else None
@@ -385,36 +367,6 @@ class MixedTask(Task[TaskConfig]):
     def _readable_rows(self) -> dict[str, Row]:
         models = ", ".join(f"{group.name} {plural(group.count, 'world')}" for group in self._groups)
         return {"models": models, **super()._readable_rows()}
-
-
-class MixedGuard:
-    """The recorders of the last steps of several models, as one: the first break that is looked at is kept.
-
-    Args:
-        guards: of the models.
-    """
-
-    def __init__(self, guards: Sequence[Guard]) -> None:
-        self._guards = guards
-
-    @property
-    def path(self) -> Path | None:
-        """Path of the dump; None keeps it in memory."""
-        return self._guards[0].path
-
-    @path.setter
-    def path(self, value: Path | None) -> None:
-        for guard in self._guards:
-            guard.path = value
-
-    @property
-    def dump(self) -> dict[str, np.ndarray[Any, Any]] | None:
-        """The kept arrays of the first model that has any; None where none has."""
-        return next((guard.dump for guard in self._guards if guard.dump is not None), None)
-
-    def write(self, path: Path) -> Path:
-        """Write the dump and return its path; see `Guard.write`."""
-        return next((guard for guard in self._guards if guard.dump is not None), self._guards[0]).write(path)
 
 
 def _check_alike(name: str, groups: Sequence[ModelGroup]) -> None:

@@ -337,7 +337,9 @@ def evaluate_policies(
         try:
             evaluation = evaluate(task, policy, episodes, seed, watcher=watcher, level=level)
         except TaskStepError:
-            if kept is not None and task.guard is not None and task.guard.dump is not None:
-                watcher.warn(f"`simwarp replay {task.guard.write(kept)}` repeats what led to the error")
+            guards = [group.task.guard for group in task.groups if group.task.guard is not None]
+            broken = next((guard for guard in guards if guard.dump is not None), None)
+            if kept is not None and broken is not None:
+                watcher.warn(f"`simwarp replay {broken.write(kept)}` repeats what led to the error")
             raise
         yield name, evaluation

@@ -178,6 +178,26 @@ def test_gymnasium_takes_it():
     assert np.array_equal(first, again)
 
 
+def test_stable_baselines_takes_it():
+    pytest.importorskip("stable_baselines3", reason="the extra sb3 is not installed")
+    from simwarp.tasks.adapters.sb3_adapter import SB3VecEnv
+
+    env = SB3VecEnv(mixed())
+    assert env.observation_space.contains(env.reset()[0])
+    ends = [env.step(np.zeros((WORLDS, 1), np.float32))[3] for _ in range(5)]
+    assert all("episode" in info for info in ends[-1])  # all worlds had their time
+
+
+def test_skrl_takes_it():
+    pytest.importorskip("skrl", reason="the extra skrl is not installed")
+    from skrl.envs.wrappers.torch import wrap_env
+
+    env = wrap_env(TaskVectorEnv(mixed()))
+    observations, _ = env.reset()
+    assert observations.shape == (WORLDS, 3)
+    assert env.step(torch.zeros(WORLDS, 1))[1].shape == (WORLDS, 1)
+
+
 def test_a_step_keeps_the_rules_of_captured_ones():
     assert check_step(mixed()).problems() == []
 
@@ -197,14 +217,14 @@ def test_frames_show_each_model_in_its_place():
 
 def test_a_break_is_kept_and_replayed(tmp_path):
     task = mixed(guard_steps=6)
-    task.guard.path = tmp_path / "broken.npz"
+    for group in task.groups:
+        group.task.guard.path = tmp_path / "broken.npz"
     roll(task, 3)
     task.groups[2].task.views.joint_qd[1] = torch.nan
     result = task.step(torch.zeros(WORLDS, 1))
     world = task.groups[2].rows.start + 1
     assert result.non_finite.nonzero().flatten().tolist() == [world]
     task.drain_statistics()
-    assert task.guard.dump is not None
     assert replay(tmp_path / "broken.npz").world == world
 
 
