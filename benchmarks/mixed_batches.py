@@ -45,8 +45,8 @@ class Options:
 
 
 def seconds_of(envs: list[TaskVecEnv], actions: list[torch.Tensor]) -> tuple[float, torch.Tensor]:
-    """Return the time in which environments, one after another, take steps, and the observations at their end."""
-    start = time.perf_counter()
+    """Return the CPU time in which environments, one after another, take steps, and the observations at their end."""
+    start = time.process_time()
     seen = []
     first = 0
     for env in envs:
@@ -54,7 +54,7 @@ def seconds_of(envs: list[TaskVecEnv], actions: list[torch.Tensor]) -> tuple[flo
             groups = env.step(action[first : first + env.num_envs])[0]
         first += env.num_envs
         seen.append(groups["policy"])
-    return time.perf_counter() - start, torch.cat(seen)
+    return time.process_time() - start, torch.cat(seen)
 
 
 def compare(options: Options) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def compare(options: Options) -> dict[str, Any]:
     whole = make(options.task, options.worlds, vehicle=options.vehicles, **settings)
     alone: list[Task[Any]] = [
         make(options.task, group.count, vehicle=group.name, first_world=group.rows.start, **settings)
-        for group in whole.groups
+        for group in whole.model_groups
     ]
     mixed, apart = [TaskVecEnv(whole)], [TaskVecEnv(task) for task in alone]
     generator = torch.Generator().manual_seed(0)
@@ -80,9 +80,9 @@ def compare(options: Options) -> dict[str, Any]:
                 times.append(found[name][0])
     rate = options.worlds * options.steps
     return {
-        "task": options.task, "obs": options.obs, "worlds": {group.name: group.count for group in whole.groups},
-        "env_steps_per_s_mixed": rate / statistics.median(spent["mixed"]),
-        "env_steps_per_s_apart": rate / statistics.median(spent["apart"]),
+        "task": options.task, "obs": options.obs, "worlds": {group.name: group.count for group in whole.model_groups},
+        "env_steps_per_cpu_s_mixed": rate / statistics.median(spent["mixed"]),
+        "env_steps_per_cpu_s_apart": rate / statistics.median(spent["apart"]),
         "dearer_median": statistics.median(shares) - 1.0, "dearer_least": min(shares) - 1.0,
         "dearer_most": max(shares) - 1.0, "turns": options.turns, "threads": 1,
     }  # fmt: skip
@@ -93,8 +93,8 @@ def main(options: Options) -> None:
     torch.set_num_threads(1)
     found = compare(options)
     print(
-        f"{found['task']}, {found['obs']}: {found['env_steps_per_s_mixed']:.0f} env steps/s mixed, "
-        f"{found['env_steps_per_s_apart']:.0f} apart; dearer by {found['dearer_median']:+.1%} "
+        f"{found['task']}, {found['obs']}: {found['env_steps_per_cpu_s_mixed']:.0f} env steps per CPU-second mixed, "
+        f"{found['env_steps_per_cpu_s_apart']:.0f} apart; dearer by {found['dearer_median']:+.1%} "
         f"({found['dearer_least']:+.1%} to {found['dearer_most']:+.1%} over {found['turns']} turns)"
     )
     if options.save is not None:

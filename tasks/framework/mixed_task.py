@@ -99,21 +99,21 @@ class MixedTask(Task[TaskConfig]):
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
         self.contract = Contract(self)
         self.simulation = self.builder = self.guard = None
-        """Each model has its own: see `groups`."""
+        """Each model has its own: see `model_groups`."""
         self._views = None
         self._seen_at: dict[str, torch.Tensor | None] = {}
 
     # ---- the groups ----------------------------------------------------------------------------------------------
 
     @property
-    def groups(self) -> tuple[ModelGroup, ...]:
+    def model_groups(self) -> tuple[ModelGroup, ...]:
         """Models and their worlds."""
         return self._groups
 
     @property
     def views(self) -> NoReturn:
         """Refuse: each model has views of its own."""
-        raise TaskError(f"task '{self.name}' has no views of all models: take those of a group's task, groups[0].task")
+        raise TaskError(f"task '{self.name}' has none of all models: take views of model_groups[0].task")
 
     def _by_task(self, call: Callable[[Task[Any]], Any]) -> Any:
         """Return what the models' tasks return, joined."""

@@ -250,7 +250,7 @@ def make(
         cls: type[Task[Any]], config: TaskConfig, worlds: int, first: int, rows: JointRows | None = None
     ) -> Task[Any]:  # fmt: skip
         task = cls.__new__(cls)
-        task.joint_rows = rows  # before it builds; tasks may have constructors of their own
+        task.rows_in_batch = rows  # before it builds; tasks may have constructors of their own
         if elements is not None:
             task.further_elements = elements
         cls.__init__(task, config, worlds, device=device, seed=seed, first_world=first)

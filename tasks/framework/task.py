@@ -115,7 +115,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
 
     further_elements: Callable[[sw.Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
-    joint_rows: JointRows | None = None
+    rows_in_batch: JointRows | None = None
     """Tensors of a mixed batch in which this task has its rows; given to it before it is built."""
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -513,7 +513,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
             self.drain_statistics()
 
     @property
-    def groups(self) -> tuple[ModelGroup, ...]:
+    def model_groups(self) -> tuple[ModelGroup, ...]:
         """Models and the worlds that have them: of a mixed batch several, else this task and all of its worlds."""
         return (ModelGroup("", self, slice(0, self.num_worlds)),)
 
@@ -624,7 +624,7 @@ class Task(Readable, ABC, Generic[ConfigT]):
 
     def _in_batch(self, name: str, made: torch.Tensor) -> torch.Tensor:
         """Return a tensor (W, ...) that was made, or where this task is one of several, its rows of theirs."""
-        return made if self.joint_rows is None else self.joint_rows.like(name, made)
+        return made if self.rows_in_batch is None else self.rows_in_batch.like(name, made)
 
     def _climb(self, climbing: bool) -> None:
         self._climbing = climbing

@@ -39,7 +39,7 @@ class TaskCamera:
     ) -> None:  # fmt: skip
         seen = list(range(task.num_worlds) if worlds is None else worlds)
         self._cameras: list[tuple[list[int], _ModelCamera]] = []
-        for group in task.groups:
+        for group in task.model_groups:
             places = [place for place, world in enumerate(seen) if group.rows.start <= world < group.rows.stop]
             if places:
                 rows = [seen[place] - group.rows.start for place in places]

@@ -268,7 +268,7 @@ def evaluate(
 def _by_model(task: Task[Any], tally: EpisodeRecords) -> dict[str, Evaluation]:
     """Return the statistics of each model of a mixed batch that has episodes which count."""
     found = {}
-    for group in task.groups if len(task.groups) > 1 else ():
+    for group in task.model_groups if len(task.model_groups) > 1 else ():
         rows = slice(group.rows.start * task.agents, group.rows.stop * task.agents)
         if int(tally.quota[rows].sum()):
             found[group.name] = tally.evaluation(task.end_reasons, rows)
@@ -337,7 +337,7 @@ def evaluate_policies(
         try:
             evaluation = evaluate(task, policy, episodes, seed, watcher=watcher, level=level)
         except TaskStepError:
-            guards = [group.task.guard for group in task.groups if group.task.guard is not None]
+            guards = [group.task.guard for group in task.model_groups if group.task.guard is not None]
             broken = next((guard for guard in guards if guard.dump is not None), None)
             if kept is not None and broken is not None:
                 watcher.warn(f"`simwarp replay {broken.write(kept)}` repeats what led to the error")

@@ -42,7 +42,7 @@ def policy_metadata(task: Task[Any]) -> dict[str, Any]:
 def _joints_alike(task: Task[Any], names: Sequence[str]) -> dict[str, Any]:
     """Return what all models of the task have alike of their joints."""
     first, *others = (
-        _joints(group.task.simulation.model, names, group.task.default_positions) for group in task.groups
+        _joints(group.task.simulation.model, names, group.task.default_positions) for group in task.model_groups
     )
     return {name: value for name, value in first.items() if all(other.get(name) == value for other in others)}
 

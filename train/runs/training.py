@@ -248,7 +248,7 @@ def _folder(trainer: Learner, root: Path, resume: Path | None, description: dict
 def _keep_breaks(trainer: Learner, folder: RunFolder) -> None:
     """Let the task write the first breakdown of its physics to the run folder, for ``simwarp replay``."""
     number = f"_{trainer.group.rank}" if trainer.group.several else ""
-    for group in trainer.task.groups:
+    for group in trainer.task.model_groups:
         if group.task.guard is not None:
             group.task.guard.path = folder.path / f"broken{number}.npz"
 

@@ -25,7 +25,7 @@ def test_rows_are_those_of_each_vehicle_alone(case):
     actions = random_actions(task, 4)
     steps = [task.step(action) for action in actions]
     exact = task.observe_privileged()
-    for group in task.groups:
+    for group in task.model_groups:
         single = make(name, group.count, seed=3, vehicle=group.name, first_world=group.rows.start, **options)
         for action, step in zip(actions, steps, strict=True):
             found = bits(vars(single.step(action[group.rows])))

@@ -58,7 +58,7 @@ def test_rows_are_those_of_each_model_alone(case):
     steps = roll(task, 12)
     again = copied(task.restart(seed=9))
     assert int(task.episode_index.min()) == 0
-    for group in task.groups:
+    for group in task.model_groups:
         single = alone(group, **CASES[case])
         single.contract.on_iteration(0)
         generator = torch.Generator().manual_seed(0)
@@ -73,7 +73,7 @@ def test_rows_are_those_of_each_model_alone(case):
 def test_draws_of_the_whole_are_those_of_the_models():
     task = mixed()
     whole = task.random.uniform("any", 0.0, 1.0, 2, per_step=True)
-    for group in task.groups:
+    for group in task.model_groups:
         assert torch.equal(whole[group.rows], group.task.random.uniform("any", 0.0, 1.0, 2, per_step=True))
     assert len(whole.unique()) == 2 * WORLDS  # worlds are numbered through: none has the draws of another
 
@@ -81,17 +81,17 @@ def test_draws_of_the_whole_are_those_of_the_models():
 def test_clocks_levels_and_actions_are_one_memory():
     task = mixed()
     for name in ("episode_index", "episode_steps", "episode_clock", "level", "action"):
-        for group in task.groups:
+        for group in task.model_groups:
             rows = getattr(task, name)[group.rows]
             assert rows.data_ptr() == getattr(group.task, name).data_ptr(), name
     task.set_level(torch.linspace(0.0, 1.0, WORLDS))
-    assert torch.equal(torch.cat([group.task.level for group in task.groups]), torch.linspace(0.0, 1.0, WORLDS))
+    assert torch.equal(torch.cat([group.task.level for group in task.model_groups]), torch.linspace(0.0, 1.0, WORLDS))
 
 
 def test_a_disturbed_world_changes_no_other():
     tasks = [mixed(**UNCERTAIN) for _ in range(2)]
     disturbed = 3  # of the second model
-    group = tasks[1].groups[1]
+    group = tasks[1].model_groups[1]
     group.task.simulation.set_joint_state(torch.arange(group.count) == disturbed - group.rows.start, None, 2.0)
     first, second = (roll(task, 4) for task in tasks)
     others = [world for world in range(WORLDS) if world != disturbed]
@@ -114,7 +114,7 @@ def test_the_same_bits_for_any_number_of_threads(threads):
 def test_steps_from_graphs_equal_eager_ones():
     eager, captured = mixed(guard_steps=6), mixed(guard_steps=6)
     emulators = []
-    for group in captured.groups:
+    for group in captured.model_groups:
         emulators.append(Emulator())
         group.task._captured._record, group.task._captured.reason = emulators[-1].record, ""
     assert same(roll(eager, 9), roll(captured, 9))
@@ -209,7 +209,7 @@ def test_frames_show_each_model_in_its_place():
     frames = env.render()
     assert frames is not None
     assert len(frames) == 4
-    for group in task.groups:
+    for group in task.model_groups:
         single = TaskVectorEnv(alone(group), render_mode="rgb_array", render_size=(32, 24))
         single.reset(seed=1)
         assert np.array_equal(np.stack(frames[group.rows]), np.stack(single.render()))
@@ -217,12 +217,12 @@ def test_frames_show_each_model_in_its_place():
 
 def test_a_break_is_kept_and_replayed(tmp_path):
     task = mixed(guard_steps=6)
-    for group in task.groups:
+    for group in task.model_groups:
         group.task.guard.path = tmp_path / "broken.npz"
     roll(task, 3)
-    task.groups[2].task.views.joint_qd[1] = torch.nan
+    task.model_groups[2].task.views.joint_qd[1] = torch.nan
     result = task.step(torch.zeros(WORLDS, 1))
-    world = task.groups[2].rows.start + 1
+    world = task.model_groups[2].rows.start + 1
     assert result.non_finite.nonzero().flatten().tolist() == [world]
     task.drain_statistics()
     assert replay(tmp_path / "broken.npz").world == world
@@ -234,7 +234,7 @@ def test_it_says_what_it_is():
     task = mixed()
     assert (task.name, task.action_names, task.end_reasons[1]) == ("chain", ("torque",), "turned")
     assert task.config.mix == "links=1,2,3"
-    assert task.groups[1].task.config.links == 2
+    assert task.model_groups[1].task.config.links == 2
 
 
 # ---- worlds of each model -------------------------------------------------------------------------------------------

@@ -66,14 +66,14 @@ def test_an_evaluation_tells_of_each_model():
     task = make("chain", 6, config=MIX, seed=1)
     found = evaluate(task, random_policy(task), 12, seed=2)
     assert [*found.by_model] == ["1", "2"]
-    assert [each.episodes for each in found.by_model.values()] == [2 * group.count for group in task.groups]
+    assert [each.episodes for each in found.by_model.values()] == [2 * group.count for group in task.model_groups]
     weighted = sum(each.mean_return * each.episodes for each in found.by_model.values()) / found.episodes
     assert found.mean_return == pytest.approx(weighted, rel=1e-12)
     plain = found.as_json()
     assert plain["models"]["2"]["episodes"] == found.by_model["2"].episodes
     assert "by_model" not in plain
     assert "reach" in plain["models"]["1"]
-    for group in task.groups:
+    for group in task.model_groups:
         single = make("chain", group.count, links=int(group.name), first_world=group.rows.start)
         alone = evaluate(single, random_policy(single), 2 * group.count, seed=2)
         assert alone == found.by_model[group.name]
