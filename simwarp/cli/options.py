@@ -257,7 +257,9 @@ def _expand_full(arguments: list[str], task: str, config: Any) -> list[str]:
         from simwarp.tasks import task_class
 
         kind: Any = task_class(task)
-        if getattr(kind, "full_name", "") == getattr(kind, "vehicle_name", None):  # a task of another kind has neither
+        own = option_value(arguments, "--task.vehicle") is None
+        # A task of another kind has neither
+        if own and getattr(kind, "full_name", "") == getattr(kind, "vehicle_name", None):
             print(f"simwarp: there is one model of the {kind.vehicle_name}: --full changes nothing", file=sys.stderr)
     return [f"--task.{word[2:]}" if word in flags else word for word in arguments]
 

@@ -89,9 +89,10 @@ def run(arguments: list[str]) -> int:
     command = policy_command("play", arguments, PlayOptions)
     name, options, source = command.name, command.options(), command.source
     assert source is not None  # options() has ended the process where help was asked for
+    console = options.console()
+    options = _with_models(options, console)
     _check(options)
     level = level_of("--level", options.level)
-    console = options.console()
     target = _target(name, options, source.path, console)
     console.print(f"building worlds of '{name}' ...", highlight=False)
     with report_compiling(partial(console.print, highlight=False)):
@@ -144,6 +145,16 @@ def _write(film: AnyFilm, target: Path, frames: list[Frame], name: str, console:
             write_video(target, frames, name, film.worlds, show)
     else:
         write_picture(target, frames, name, film.worlds)
+
+
+def _with_models(options: Any, console: Console) -> Any:
+    """The options with a world of each model of a mixed batch; with the first model where a file has one simulation."""
+    if options.html is None and options.export_scene is None:
+        return dataclasses.replace(options, num_envs=max(options.num_envs, len(options.task.by_model())))
+    from simwarp.cli.view.shown_model import shown_config
+
+    say = partial(console.print, highlight=False, soft_wrap=True)
+    return dataclasses.replace(options, task=shown_config(options.task, say))
 
 
 def _check(options: Any) -> None:

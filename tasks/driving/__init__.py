@@ -6,6 +6,7 @@ are the parts that the shipped tasks share.
 
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingTask
 from .conditions import Conditions
+from .driven_vehicles import DRIVEN_VEHICLES, DrivenVehicle, VehicleChoiceConfig
 from .driving_config import DrivingConfig, Frame, Observing
 from .hills import Hills
 from .lapping import LappingConfig, LappingTask, Start
@@ -17,8 +18,10 @@ from .soil import SoilKind
 
 __all__ = [
     "CHASSIS_GROUP",
+    "DRIVEN_VEHICLES",
     "VEHICLE_ARRAYS",
     "Conditions",
+    "DrivenVehicle",
     "DrivingConfig",
     "DrivingTask",
     "Frame",
@@ -32,6 +35,7 @@ __all__ = [
     "Routes",
     "SoilKind",
     "Start",
+    "VehicleChoiceConfig",
     "corners",
     "outline",
 ]

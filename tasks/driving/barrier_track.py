@@ -17,6 +17,7 @@ import simwarp as sw
 from ..framework.recorded_launches import NamedRows, TensorFunction
 from ..framework.registry import register
 from .barrier_track_kernels import find_corners_outside, reward_lane_offset
+from .driven_vehicles import SEDAN
 from .driving_config import DrivingConfig
 from .lapping import LappingConfig, LappingRewards, LappingTask, Start
 from .outlines import corners
@@ -86,12 +87,12 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     # Grip and delays that it never met upset it: docs/results.md, "Driving: light, fog, delays, other vehicles"
     trained_in: ClassVar[Mapping[str, Any]] = {"conditions": "random"}
     distilled_in: ClassVar[Mapping[str, Any]] = trained_in
-    vehicle_name: ClassVar[str] = "sedan"
-    full_name: ClassVar[str] = "sedan"
-    tire: ClassVar[str | None] = "tmeasy"
-    chassis_half: ClassVar[tuple[float, float, float]] = (2.2, 0.9, 0.4)
-    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
-    camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
+    vehicle_name: ClassVar[str] = SEDAN.vehicle_name
+    full_name: ClassVar[str] = SEDAN.full_name
+    tire: ClassVar[str | None] = SEDAN.tire
+    chassis_half: ClassVar[tuple[float, float, float]] = SEDAN.chassis_half
+    chassis_place: ClassVar[tuple[float, float, float]] = SEDAN.chassis_place
+    camera_place: ClassVar[tuple[float, float, float]] = SEDAN.camera_place
     view_distance: ClassVar[float] = 10.0
     course_label: ClassVar[int] = 8
     preview: ClassVar[float] = 5.0

@@ -33,6 +33,7 @@ from .base_kernels import (
 )
 from .camera_images import CameraImages
 from .conditions import DrawnConditions, middle
+from .driven_vehicles import HMMWV, VehicleChoiceConfig
 from .driving_config import DrivingConfig, Observing
 from .navigation import Navigation
 from .navigation_kernels import Navigator
@@ -85,19 +86,19 @@ class DrivingTask(Task[DrivingT]):
     """Defaults of training by the value of ``obs``, beside those of `training`. By camera and by lidar a policy begins
     with 0.3 of the throttle; that of a class with ``action_size = 1``, which works no pedals, straight ahead. A class
     that says none for the lidar has those of this one."""
-    vehicle_name: ClassVar[str] = "hmmwv-reduced"
+    vehicle_name: ClassVar[str] = HMMWV.vehicle_name
     """Vehicle that is driven: a name of `simwarp.vehicle.vehicle_names()` or a path of a vehicle's JSON file."""
     missing_measures: ClassVar[tuple[str, ...]] = ()
     """Measures that a class with a `vehicle_name` of its own does not say beside it."""
-    full_name: ClassVar[str] = "hmmwv"
+    full_name: ClassVar[str] = HMMWV.full_name
     """Vehicle that is driven with the field ``full``; the same name where there is one model only."""
-    tire: ClassVar[str | None] = None
+    tire: ClassVar[str | None] = HMMWV.tire
     """Name of its tires among those that the vehicle's description offers; None: those of the description."""
-    chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
+    chassis_half: ClassVar[tuple[float, float, float]] = HMMWV.chassis_half
     """Half lengths (x, y, z) of the box that stands for the chassis in contacts [m]."""
-    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
+    chassis_place: ClassVar[tuple[float, float, float]] = HMMWV.chassis_place
     """Middle of that box in the vehicle's frame of reference: X ahead, Y left, Z up [m]."""
-    camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
+    camera_place: ClassVar[tuple[float, float, float]] = HMMWV.camera_place
     """Place of the policy's camera or lidar in the vehicle's frame of reference [m]; it looks ahead, along +X."""
     contact_mask: ClassVar[int] = TIRE_GROUP
     """Groups that the ground's shape meets where the vehicle stands on shapes: those of its tires, or its shoes."""
@@ -150,6 +151,11 @@ class DrivingTask(Task[DrivingT]):
         elif "lidar" not in cls.training_by_obs:
             mean = cls.training_by_obs.get("camera", {}).get("network.init_mean", PEDALS_BY_LIDAR["network.init_mean"])
             cls.training_by_obs = {**cls.training_by_obs, "lidar": {**PEDALS_BY_LIDAR, "network.init_mean": mean}}
+
+    def __init__(self, config: DrivingT, num_worlds: int, **options: Any) -> None:
+        if isinstance(config, VehicleChoiceConfig) and (chosen := config.driven()) is not None:
+            vars(self).update(vars(chosen))  # the class's are those of the task's own vehicle
+        super().__init__(config, num_worlds, **options)
 
     @property
     def sees_alone(self) -> bool:

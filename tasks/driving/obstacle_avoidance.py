@@ -29,7 +29,14 @@ from simwarp.tasks import (
     launch_over,
     register,
 )
-from simwarp.tasks.driving import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, RangeFan, outline
+from simwarp.tasks.driving import (
+    VEHICLE_ARRAYS,
+    DrivingConfig,
+    DrivingTask,
+    RangeFan,
+    VehicleChoiceConfig,
+    outline,
+)
 
 from .obstacle_avoidance_kernels import (
     Road,
@@ -64,7 +71,7 @@ class ObstacleAvoidanceRewards(RewardWeights):
 
 
 @dataclasses.dataclass(frozen=True)
-class ObstacleAvoidanceConfig(DrivingConfig):
+class ObstacleAvoidanceConfig(VehicleChoiceConfig):
     """Configuration of :class:`ObstacleAvoidanceTask`."""
 
     dt: float = 0.003

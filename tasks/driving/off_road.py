@@ -22,6 +22,7 @@ from ..framework.recorded_launches import ComputedRows, NamedRows, TensorLaunch,
 from ..framework.registry import register
 from ..framework.variants import Variant
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingTask
+from .driven_vehicles import GATOR, VehicleChoiceConfig
 from .driving_config import DrivingConfig, Frame
 from .hills import Hills
 from .hills_kernels import HillTables
@@ -75,7 +76,7 @@ class OffRoadRewards(RewardWeights):
 
 
 @dataclasses.dataclass(frozen=True)
-class OffRoadConfig(DrivingConfig):
+class OffRoadConfig(VehicleChoiceConfig):
     """Configuration of :class:`OffRoadTask`."""
 
     dt: float = 0.0025
@@ -171,13 +172,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     distilling: ClassVar[Mapping[str, Any]] = {"iterations": 120}
     trained_in: ClassVar[Mapping[str, Any]] = {"obstacles": 50, "hills": 1.0, "varied": True}
     distilled_in: ClassVar[Mapping[str, Any]] = trained_in
-    vehicle_name: ClassVar[str] = "gator"
-    full_name: ClassVar[str] = "gator"
-    tire: ClassVar[str | None] = "tmeasy"
-    chassis_half: ClassVar[tuple[float, float, float]] = (1.35, 0.75, 0.35)
-    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
+    vehicle_name: ClassVar[str] = GATOR.vehicle_name
+    full_name: ClassVar[str] = GATOR.full_name
+    tire: ClassVar[str | None] = GATOR.tire
+    chassis_half: ClassVar[tuple[float, float, float]] = GATOR.chassis_half
+    chassis_place: ClassVar[tuple[float, float, float]] = GATOR.chassis_place
     navigates: ClassVar[bool] = True
-    camera_place: ClassVar[tuple[float, float, float]] = (0.65, 0.0, 0.75)
+    camera_place: ClassVar[tuple[float, float, float]] = GATOR.camera_place
 
     # ---- the world -----------------------------------------------------------------------------------------------
 

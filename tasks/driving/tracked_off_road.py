@@ -86,6 +86,7 @@ class TrackedOffRoadConfig(OffRoadConfig):
         """Check what tracks have no choice of."""
         super().validate()
         require(self.variant is Variant.SIMWARP, self, "variant", "simwarp: the thesis has no tracks")
+        require(self.vehicle is None, self, "vehicle", "None: the task's own has tracks")
         require(self.tires is None, self, "tires", "None: tracks have none")
         require(self.soil is not SoilKind.RANDOM, self, "soil", "none or one preset, on which belts settle")
         require(not self.full or self.dt <= SHOE_STEP, self, "dt", f"at most {SHOE_STEP} with full (decimation 200)")

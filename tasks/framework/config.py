@@ -18,6 +18,7 @@ from simwarp.core.types import formatted
 from ..randomisation.randomisation_config import Curriculum, Delay, Range, Sensing, Uncertainty
 from .config_values import Settings, plain_value, typed
 from .errors import InputError, near_names
+from .mixing import Mix, parse_mix
 from .variants import variant_of
 
 ConfigT = TypeVar("ConfigT")
@@ -140,6 +141,10 @@ class TaskConfig(Settings):
     """Observation group -> noise, bias and delay."""
     curriculum: Curriculum = dataclasses.field(default_factory=Curriculum)
     """What moves the level of difficulty."""
+    mix: str = ""
+    """Several models in one batch, a group of worlds for each: a field and its values, such as full=false,true."""
+    mix_shares: tuple[Positive, ...] = ()
+    """Shares of the worlds that the models of a mix have, in their order; empty: equal ones."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Keep how `randomise` and `sensing` are read where a task declares them again, for defaults of its own."""
@@ -158,7 +163,7 @@ class TaskConfig(Settings):
         return made
 
     def __post_init__(self) -> None:
-        """Set the fields of the variant that are not given, and hold all to their types."""
+        """Set the fields of the variant that are not given, and hold all to their types; check the models of a mix."""
         given = vars(self).pop("_given", None)
         if given is not None:  # where none is noted all are at their defaults, or read from a file
             variant = getattr(self, "variant", "")
@@ -166,6 +171,7 @@ class TaskConfig(Settings):
                 if name not in given:
                     object.__setattr__(self, name, value)
         super().__post_init__()
+        self.by_model()
 
     @classmethod
     def fields_of(cls, variant: str) -> dict[str, Any]:
@@ -209,6 +215,25 @@ class TaskConfig(Settings):
             option = f"rewards.{name.replace('_', '-')}"
             raise InputError(f"{option}: this variant of the reward has no such term; known: {', '.join(usual)}")
         return {**usual, **given}
+
+    def mixed(self) -> Mix | None:
+        """Return what differs between the models that share the batch; None: there is one model."""
+        return parse_mix(self.mix)
+
+    def by_model(self) -> dict[str, Self]:
+        """Return the configurations of the models that share the batch, by name; empty: there is one model.
+
+        Raises:
+            InputError: the field that differs is unknown, or a model's value of it breaks its rule.
+        """
+        mix = self.mixed()
+        if mix is None:
+            return {}
+        like: Any = self
+        for part in mix.field.split("."):
+            like = getattr(like, part, None)
+        alone = {"mix": "", "mix_shares": ()}
+        return {word: replace_fields(self, {**alone, mix.field: mix.value(word, like)}) for word in mix.words}
 
     @property
     def control_dt(self) -> float:

@@ -21,6 +21,7 @@ from .task_class_import import class_in_file, is_task_file, name_of_class, split
 from .variants import Variant, variant_of
 
 if TYPE_CHECKING:
+    from .joint_rows import JointRows
     from .task import Task
 
 TaskT = TypeVar("TaskT", bound="type[Task[Any]]")
@@ -243,10 +244,27 @@ def make(
         InputError: there is no such task or device, or the configuration or a field is not of this task.
     """
     cls, chosen = _played(name, config, overrides)
-    task = cls.__new__(cls)
-    if elements is not None:
-        task.further_elements = elements  # before it builds; tasks may have constructors of their own
-    cls.__init__(task, chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
+    device = resolve_device(device)
+
+    def built(
+        cls: type[Task[Any]], config: TaskConfig, worlds: int, first: int, rows: JointRows | None = None
+    ) -> Task[Any]:  # fmt: skip
+        task = cls.__new__(cls)
+        task.rows_in_batch = rows  # before it builds; tasks may have constructors of their own
+        if elements is not None:
+            task.further_elements = elements
+        cls.__init__(task, config, worlds, device=device, seed=seed, first_world=first)
+        return task
+
+    if not chosen.by_model():
+        task = built(cls, chosen, num_worlds, first_world)
+    else:
+        from .mixed_task import MixedTask  # it is a task: whoever asks for a name alone need not load any
+
+        def member(config: TaskConfig, num_worlds: int, first_world: int, rows: JointRows) -> Task[Any]:
+            return built(_played(name, config, {})[0], config, num_worlds, first_world, rows)
+
+        task = MixedTask(cls.name, chosen, num_worlds, member, device=device, seed=seed, first_world=first_world)
     task.capture = capture
     return task
 

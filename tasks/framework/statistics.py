@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import torch
 
@@ -48,11 +50,33 @@ class EpisodeSummary(ReadableFields):
     """Number of times that a reward term or an observation group held NaN or infinity while the physics was sound."""
     first_bad: BadValue | None = None
     """The first of them."""
+    by_model: Mapping[str, EpisodeSummary] = dataclasses.field(default_factory=dict)
+    """Those of each model of a mixed batch; empty where there is one model."""
 
     @property
     def mean_return(self) -> float:
         """Mean over the episodes of their summed rewards, dimensionless; NaN where no episode ended."""
         return self.return_sum / self.episodes if self.episodes else float("nan")
+
+
+def summed(by_model: Mapping[str, EpisodeSummary]) -> EpisodeSummary:
+    """Return the sums over several models, which have the same terms and reasons, with those of each."""
+    each = list(by_model.values())
+
+    def added(counts: str) -> dict[str, Any]:
+        names = dict.fromkeys(name for one in each for name in getattr(one, counts))
+        return {name: sum(getattr(one, counts).get(name, 0) for one in each) for name in names}
+
+    return EpisodeSummary(
+        episodes=sum(one.episodes for one in each),
+        return_sum=sum(one.return_sum for one in each),
+        length_sum=sum(one.length_sum for one in each),
+        terms=added("terms"),
+        end_reasons=added("end_reasons"),
+        successes=sum(one.successes for one in each),
+        bad_values=added("bad_values"),
+        by_model=dict(by_model),
+    )
 
 
 class EpisodeStatistics:

@@ -35,7 +35,9 @@ from .escapes import ESCAPES, raise_named
 from .finite_observations import FiniteObservations
 from .guard import Guard
 from .interface_checks import check_action, check_names, check_physics_flag, check_reasons
+from .joint_rows import JointRows
 from .mirror import Mirror
+from .model_group import ModelGroup
 from .named_contacts import ContactTracker, NamedContacts
 from .recorded_launches import WorldLaunch, filled, launch_over
 from .rewards_and_ends import RewardsAndEnds
@@ -113,6 +115,8 @@ class Task(Readable, ABC, Generic[ConfigT]):
 
     further_elements: Callable[[sw.Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
+    rows_in_batch: JointRows | None = None
+    """Tensors of a mixed batch in which this task has its rows; given to it before it is built."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -535,6 +539,11 @@ class Task(Readable, ABC, Generic[ConfigT]):
             self.drain_statistics()
 
     @property
+    def model_groups(self) -> tuple[ModelGroup, ...]:
+        """Models and the worlds that have them: of a mixed batch several, else this task and all of its worlds."""
+        return (ModelGroup("", self, slice(0, self.num_worlds)),)
+
+    @property
     def reward_terms(self) -> list[str]:
         """Names of the reward terms."""
         return self._statistics.terms
@@ -616,18 +625,18 @@ class Task(Readable, ABC, Generic[ConfigT]):
         worlds, device = self.num_worlds, self.device
         words = 8 + 2 * self.action_size * self.agents  # of what follows, at least
         check_room(f"task '{self.name}': {worlds} worlds", (worlds, words), torch.float32, device, "take fewer worlds")
-        self.episode_index = torch.zeros(worlds, dtype=torch.int64, device=device)
+        self.episode_index = self._in_batch("episode_index", torch.zeros(worlds, dtype=torch.int64, device=device))
         """(W,) int64: number of the running episode of each world."""
-        self.episode_steps = torch.zeros(worlds, dtype=torch.int64, device=device)
+        self.episode_steps = self._in_batch("episode_steps", torch.zeros(worlds, dtype=torch.int64, device=device))
         """(W,) int64: control steps since the last reset."""
-        self.episode_clock = torch.zeros(worlds, dtype=torch.int64, device=device)
+        self.episode_clock = self._in_batch("episode_clock", torch.zeros(worlds, dtype=torch.int64, device=device))
         """(W,) int64: what the step limit looks at; a trainer may shift it to spread time-outs."""
         self._agents = Agents(self, device)
-        self.action = torch.zeros(*lead_of(self), self.action_size, device=device)
+        self.action = self._in_batch("action", torch.zeros(*lead_of(self), self.action_size, device=device))
         """(W, A) float32: the action in force, clipped and rate-limited."""
         self._actions = self.action.view(worlds, -1)
         self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
-        self.level = torch.ones(worlds, device=device)
+        self.level = self._in_batch("level", torch.ones(worlds, device=device))
         """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
         self.drawn_level = torch.ones(worlds, device=device)
         """(W,) float32: the level as the running episodes began, by which they draw; `level` may have moved since."""
@@ -638,6 +647,10 @@ class Task(Readable, ABC, Generic[ConfigT]):
             Clocks, episode=self.episode_index, steps=self.episode_steps, limit=self.episode_clock,
             drawn_level=self.drawn_level,
         )  # fmt: skip
+
+    def _in_batch(self, name: str, made: torch.Tensor) -> torch.Tensor:
+        """Return a tensor (W, ...) that was made, or where this task is one of several, its rows of theirs."""
+        return made if self.rows_in_batch is None else self.rows_in_batch.like(name, made)
 
     def _climb(self, climbing: bool) -> None:
         self._climbing = climbing

@@ -19,7 +19,7 @@ from .task import Task
 
 
 class TaskCamera:
-    """Takes images of all worlds of a task, with the lines of its drawing in them.
+    """Takes images of worlds of a task, with the lines of its drawing in them.
 
     Args:
         task: with something to see: bodies, or lines.
@@ -37,14 +37,14 @@ class TaskCamera:
         self, task: Task[Any], *, width: int, height: int, samples: int, worlds: Sequence[int] | None = None,
         view: Callable[[Shot], Shot] | None = None, marks: bool = True,
     ) -> None:  # fmt: skip
-        self._task = task
-        self._rows = list(range(task.num_worlds) if worlds is None else worlds)
-        scene = task.scene()
-        simulation, scene, shot = stage(task) if scene is None else (task.simulation, scene, task.shot())
-        self._camera = FollowCamera(
-            simulation, scene, shot if view is None else view(shot), worlds=self._rows, width=width, height=height,
-            samples=samples, lighting=task.lighting(), marks=marks, quiet=True,
-        )  # fmt: skip
+        seen = list(range(task.num_worlds) if worlds is None else worlds)
+        self._cameras: list[tuple[list[int], _ModelCamera]] = []
+        for group in task.model_groups:
+            places = [place for place, world in enumerate(seen) if group.rows.start <= world < group.rows.stop]
+            if places:
+                rows = [seen[place] - group.rows.start for place in places]
+                camera = _ModelCamera(group.task, rows, (width, height), samples, view, marks)
+                self._cameras.append((places, camera))
 
     def render(self, time: float, below: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
         """Images of the present state.
@@ -56,25 +56,60 @@ class TaskCamera:
         Returns:
             (S, height, width, 3) sRGB of the worlds that are seen.
         """
+        return self._in_order(
+            lambda camera, places: camera.render(time, [[line[place] for place in places] for line in below])
+        )
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is a body that the shot is about."""
+        return any(camera.camera.follows for _, camera in self._cameras)
+
+    def floors(self, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """(S,) height of the ground below places (S, 3) in the worlds that are seen [m]."""
+        return self._in_order(lambda camera, rows: camera.camera.floors(places[rows]))
+
+    def cut(self) -> None:
+        """Be where the worlds are at once in the next image: new episodes have begun."""
+        for _, camera in self._cameras:
+            camera.camera.cut()
+
+    def _in_order(self, look: Callable[[_ModelCamera, list[int]], npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """Return what the cameras of the models return for their worlds, in the order in which these are seen."""
+        found = np.concatenate([look(camera, places) for places, camera in self._cameras])
+        return found[np.argsort([place for places, _ in self._cameras for place in places])]
+
+
+class _ModelCamera:
+    """Takes images of worlds that share a model.
+
+    Args:
+        task: of one model.
+        rows: indices of the worlds that are seen.
+        size: width and height of an image [pixels].
+        samples, view, marks: see `TaskCamera`.
+    """
+
+    def __init__(
+        self, task: Task[Any], rows: list[int], size: tuple[int, int], samples: int,
+        view: Callable[[Shot], Shot] | None, marks: bool,
+    ) -> None:  # fmt: skip
+        self._task, self._rows = task, rows
+        scene = task.scene()
+        simulation, scene, shot = stage(task) if scene is None else (task.simulation, scene, task.shot())
+        self.camera = FollowCamera(
+            simulation, scene, shot if view is None else view(shot), worlds=rows, width=size[0], height=size[1],
+            samples=samples, lighting=task.lighting(), marks=marks, quiet=True,
+        )  # fmt: skip
+
+    def render(self, time: float, below: Sequence[Sequence[Polyline]]) -> npt.NDArray[np.uint8]:
+        """(S, height, width, 3) sRGB of the present state, with lines of each of the worlds."""
         lines = list(below)
         for line in self._task.contract.drawing().lines:
             if not line.only_maps:
                 points = line.points.double().cpu().numpy()[self._rows]
                 lines.append([Polyline(each, to_rgb(line.colour), line.width) for each in points])
-        return self._camera.render(time, list(zip(*lines, strict=True)))
-
-    @property
-    def follows(self) -> bool:
-        """Whether there is a body that the shot is about."""
-        return self._camera.follows
-
-    def floors(self, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """(S,) height of the ground below places (S, 3) in the worlds that are seen [m]."""
-        return self._camera.floors(places)
-
-    def cut(self) -> None:
-        """Be where the worlds are at once in the next image: new episodes have begun."""
-        self._camera.cut()
+        return self.camera.render(time, list(zip(*lines, strict=True)))
 
 
 def stage(task: Task[Any]) -> tuple[Simulation, Scene, Shot]:

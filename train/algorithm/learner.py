@@ -29,7 +29,7 @@ from simwarp.tasks.framework.saved_task import NEW_STATE
 
 from ..config import TrainConfig, train_config_from_plain
 from ..runs.checkpoint import check_members
-from ..runs.progress_table import LOGGED, SUCCESS
+from ..runs.progress_table import BY_MODEL, LOGGED, SUCCESS
 from ..runs.saved_state import check_memories, check_optimizer
 from .distributed import Processes
 from .learner_thread_pool import LearnerThreads
@@ -206,13 +206,12 @@ class Learner(ABC):
         values = {f"loss/{name}": float(value) for name, value in losses.items()}
         values["learning_rate"] = float(self.algorithm.learning_rate)
         values["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
-        values["episodes"] = summary.episodes
-        values[SUCCESS] = summary.successes / summary.episodes if summary.episodes else math.nan
-        ended = max(summary.episodes, 1)
+        values |= _of_episodes(summary)
+        for name, each in summary.by_model.items():
+            values |= {f"{BY_MODEL}{name}/{key}": value for key, value in _of_episodes(each).items()}
+            values[f"{BY_MODEL}{name}/return"] = each.mean_return
         worlds = self.group.sums({"broken": float(self.env.broken.sum())}, self.device)["broken"]
         everywhere = worlds == self.env.num_envs * self.group.count
-        values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
-        values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
         values |= {name: value / self.group.count for name, value in means.items()}
         return IterationReport(
             iteration=self.iteration,
@@ -298,6 +297,7 @@ class Learner(ABC):
             end_reasons={name: round(total[f"end {name}"]) for name in summary.end_reasons},
             successes=round(total["successes"]),
             bad_values={},
+            by_model={name: self._totals(each) for name, each in summary.by_model.items()},
         )
 
     def warm_start(self, content: dict[str, Any]) -> None:
@@ -431,6 +431,15 @@ class Learner(ABC):
                 torch.cuda.set_rng_state(own["cuda_rng"].cpu(), self.device)
         except (RuntimeError, TypeError) as error:
             raise InputError(f"{where}: its state of random numbers is none: {error}") from error
+
+
+def _of_episodes(summary: EpisodeSummary) -> dict[str, float]:
+    """Return what is recorded of the episodes of an iteration: their number, success, mean reward terms, ends."""
+    ended = max(summary.episodes, 1)
+    values: dict[str, float] = {"episodes": summary.episodes}
+    values[SUCCESS] = summary.successes / summary.episodes if summary.episodes else math.nan
+    values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
+    return values | {f"end/{name}": count for name, count in summary.end_reasons.items()}
 
 
 def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:

@@ -41,6 +41,7 @@ class Evaluation(ReadableFields):
         end_reasons: number of episodes that ended for each reason that occurred.
         metrics: means of the task's own metrics at the end of the episodes.
         bad_actions: number of times that the policy returned NaN or infinity.
+        by_model: the same of each model of a mixed batch, by name; empty where there is one model.
     """
 
     episodes: int
@@ -53,6 +54,7 @@ class Evaluation(ReadableFields):
     end_reasons: dict[str, int]
     metrics: dict[str, float]
     bad_actions: int = 0
+    by_model: dict[str, Evaluation] = dataclasses.field(default_factory=dict)
 
     @property
     def problem(self) -> str:
@@ -64,9 +66,12 @@ class Evaluation(ReadableFields):
         return ""
 
     def as_json(self) -> dict[str, Any]:
-        """Return plain values; the task's own metrics stand beside the others."""
+        """Return plain values; the task's own metrics stand beside the others, each model in ``models``."""
         plain = dataclasses.asdict(self)
         own = plain.pop("metrics")
+        del plain["by_model"]
+        if self.by_model:
+            plain["models"] = {name: each.as_json() for name, each in self.by_model.items()}
         plain["success_ci95"] = list(self.success_ci95)
         return plain | {name: value for name, value in own.items() if name not in plain}
 
@@ -156,10 +161,15 @@ class EpisodeRecords:
         last = columns["length"].argmax(dim=1, keepdim=True)
         return {name: column.gather(1, last).squeeze(1).tolist() for name, column in columns.items()}
 
-    def evaluation(self, reasons: list[str]) -> Evaluation:
-        """Return the statistics."""
-        counted = self._round < self.quota.unsqueeze(1)
-        columns = {name: record[counted].cpu() for name, record in self.records.items()}
+    def evaluation(self, reasons: list[str], rows: slice = slice(None)) -> Evaluation:
+        """Return the statistics.
+
+        Args:
+            reasons: all that the task knows.
+            rows: of the worlds, or agents, that are meant; by default all.
+        """
+        counted = self._round < self.quota[rows].unsqueeze(1)
+        columns = {name: record[rows][counted].cpu() for name, record in self.records.items()}
         episodes = int(counted.sum())
         successes = int(columns["success"].sum())
         return Evaluation(
@@ -247,10 +257,22 @@ def evaluate(
         # What follows from such actions is not the task's fault, unless they follow from what it shows
         if not int(bad) or _acts_well(policy, observations):
             raise
-    evaluation = dataclasses.replace(tally.evaluation(task.end_reasons), bad_actions=int(bad))
+    evaluation = dataclasses.replace(
+        tally.evaluation(task.end_reasons), bad_actions=int(bad), by_model=_by_model(task, tally)
+    )
     if evaluation.problem and not warned:
         watcher.warn(evaluation.problem)
     return evaluation
+
+
+def _by_model(task: Task[Any], tally: EpisodeRecords) -> dict[str, Evaluation]:
+    """Return the statistics of each model of a mixed batch that has episodes which count."""
+    found = {}
+    for group in task.model_groups if len(task.model_groups) > 1 else ():
+        rows = slice(group.rows.start * task.agents, group.rows.stop * task.agents)
+        if int(tally.quota[rows].sum()):
+            found[group.name] = tally.evaluation(task.end_reasons, rows)
+    return found
 
 
 def _acts_well(policy: Policy, observations: dict[str, torch.Tensor]) -> bool:
@@ -315,7 +337,9 @@ def evaluate_policies(
         try:
             evaluation = evaluate(task, policy, episodes, seed, watcher=watcher, level=level)
         except TaskStepError:
-            if kept is not None and task.guard is not None and task.guard.dump is not None:
-                watcher.warn(f"`simwarp replay {task.guard.write(kept)}` repeats what led to the error")
+            guards = [group.task.guard for group in task.model_groups if group.task.guard is not None]
+            broken = next((guard for guard in guards if guard.dump is not None), None)
+            if kept is not None and broken is not None:
+                watcher.warn(f"`simwarp replay {broken.write(kept)}` repeats what led to the error")
             raise
         yield name, evaluation

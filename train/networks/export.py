@@ -256,6 +256,10 @@ def export_model(checkpoint: Path, output: Path) -> tuple[str, ...]:
     target = check_output(output, "--mjcf")
     path, content = read_policy(checkpoint)
     _, config = configs_from_plain(content, f"checkpoint {path}")
+    models = config.by_model()
+    if models:
+        rule = "--mjcf writes one model, and the policy drives several"
+        raise InputError(f"{rule}: {', '.join(models)}; leave it away")
     task = make(content["task"], 1, seed=0, config=config)
     if task.simulation is None:
         raise InputError(f"--mjcf: task '{task.name}' has no physics that a model could tell of; leave it away")

@@ -35,8 +35,16 @@ def policy_metadata(task: Task[Any]) -> dict[str, Any]:
         "control_rate": 1.0 / task.config.control_dt,
     }
     if found["joint_names"]:
-        found |= _joints(task.simulation.model, found["joint_names"], task.default_positions)
+        found |= _joints_alike(task, found["joint_names"])
     return {name: value for name, value in found.items() if value not in ([], {})}
+
+
+def _joints_alike(task: Task[Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return what all models of the task have alike of their joints."""
+    first, *others = (
+        _joints(group.task.simulation.model, names, group.task.default_positions) for group in task.model_groups
+    )
+    return {name: value for name, value in first.items() if all(other.get(name) == value for other in others)}
 
 
 def _joints(model: Model, names: Sequence[str], positions: Sequence[float]) -> dict[str, Any]:

@@ -17,12 +17,14 @@ LOGGED: Final = "task/"
 """Beginning of the names of what a task tells at each iteration (``Task.on_iteration``)."""
 SUCCESS: Final = "success"
 """Share of the episodes of an iteration that ended as a success."""
+BY_MODEL: Final = "model/"
+"""Beginning of the names of what is recorded of each model of a mixed batch: model/NAME/success and so on."""
 WALL: Final = "wall_s"
 """Time of training by the clock, that before a resume included [s]."""
 FIRST_COLUMNS: Final = ("iteration", "env_steps", WALL, "mean_reward", "mean_episode_length", "env_steps_per_s")
 COLUMNS: Final = (*FIRST_COLUMNS, "episodes", SUCCESS, "learning_rate", "action_std")
 """Columns of all tasks."""
-FAMILIES: Final = ("reward/", "end/", "loss/", LOGGED)
+FAMILIES: Final = ("reward/", "end/", "loss/", LOGGED, BY_MODEL)
 """Beginnings of the names of columns that a task or an algorithm has for itself."""
 _ITERATION = "iteration"
 

@@ -247,10 +247,10 @@ def _folder(trainer: Learner, root: Path, resume: Path | None, description: dict
 
 def _keep_breaks(trainer: Learner, folder: RunFolder) -> None:
     """Let the task write the first breakdown of its physics to the run folder, for ``simwarp replay``."""
-    guard = getattr(trainer.task, "guard", None)
-    if guard is not None:
-        number = f"_{trainer.group.rank}" if trainer.group.several else ""
-        guard.path = folder.path / f"broken{number}.npz"
+    number = f"_{trainer.group.rank}" if trainer.group.several else ""
+    for group in trainer.task.model_groups:
+        if group.task.guard is not None:
+            group.task.guard.path = folder.path / f"broken{number}.npz"
 
 
 def _start_policy(path: Path, task_name: str) -> dict[str, Any]:

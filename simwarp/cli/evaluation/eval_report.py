@@ -277,13 +277,15 @@ def _cells(value: Evaluation) -> list[str]:
 
 
 def _show_point(console: Console, title: str, result: PointResult) -> None:
-    """Print policies in rows."""
-    rows = [[POLICY_NAMES[name], *_cells(value)] for name, value in result.evaluations.items()]
+    """Print policies in rows, and below each its models where there are several."""
+    rows, named = [], []
+    for name, whole in result.evaluations.items():
+        each = [("", whole), *whole.by_model.items()]
+        rows += [[f"  {model}" if model else POLICY_NAMES[name], *_cells(value)] for model, value in each]
+        named += [(f"{POLICY_NAMES[name]} {model}".rstrip(), value) for model, value in each]
     _show_table(console, [(title, ["", *_COLUMNS], rows)])
     for metric in result.evaluation.metrics:
-        values = ", ".join(
-            f"{POLICY_NAMES[name]} {value.metrics[metric]:.4g}" for name, value in result.evaluations.items()
-        )
+        values = ", ".join(f"{label} {value.metrics[metric]:.4g}" for label, value in named)
         console.print(f"{metric}: {values}", highlight=False)
 
 

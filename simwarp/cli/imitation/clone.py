@@ -48,7 +48,7 @@ def run(arguments: list[str]) -> int:
     options.check(options.data, output=target)
     if data is None:
         raise UsageError(f"which trajectories? usage: simwarp clone {word} --data FILE.npz")
-    task = make(name, 1, config=task_config)
+    task = make(name, max(1, len(task_config.by_model())), config=task_config)
     console = options.console()
 
     def report(epoch: int, loss: float) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import torch
 
 from simwarp.cli import UsageError
+from simwarp.cli.view.shown_model import shown_config
 from simwarp.cli.view.task_subject import task_subject
 from simwarp.core.threads import default_threads
 from simwarp.tasks import InputError, Task, make
@@ -102,7 +103,8 @@ class TrainingFilms:
         with torch.random.fork_rng(devices=devices), default_threads(trainer.config.threads):
             if self._task is None:
                 # Not captured: a capture would hold memory of the training's device for a few steps in a while
-                self._task = make(of.name, WORLDS, device=str(of.device), seed=SEED, config=of.config, capture=False)
+                config = shown_config(of.config, lambda text: None)
+                self._task = make(of.name, WORLDS, device=str(of.device), seed=SEED, config=config, capture=False)
             content = trainer.checkpoint_of_policy()
             policy = network_policy(content, self._task)
             episode = of.config.max_episode_steps * of.config.control_dt

@@ -11,6 +11,7 @@ from simwarp.cli.options import config_of_variant, expand_shorthands, parse_opti
 from simwarp.cli.view.human_in_task import HumanInTask
 from simwarp.cli.view.policy_choice import find_actor
 from simwarp.cli.view.reloading import PolicyReload
+from simwarp.cli.view.shown_model import shown_config
 from simwarp.cli.view.subject_page import open_view, say
 from simwarp.cli.view.task_subject import task_subject
 from simwarp.cli.view.view_options import TaskViewOptions, check_view_options
@@ -40,8 +41,9 @@ def task_view(name: str, arguments: list[str], server: WebServer | None) -> tupl
     )  # fmt: skip
     check_view_options(options)
     say(options, f"building worlds of '{name}' ...")
+    config = shown_config(options.task, lambda text: say(options, text))
     task = make(
-        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task,
+        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=config,
         elements=with_hand,
     )  # fmt: skip
     subject, loop = task_subject(task, actor.policy(task), options.seed)
