@@ -4,6 +4,10 @@ A batch holds the next point with its neighbours on both sides in every directio
 central differences, and some other points that steps of other damping lead to. If the next point is better, the next
 step begins there and its Jacobian is there already. If only another one is better, that becomes the next point.
 
+Differences are taken over about the way that the search still goes: a change of gear that comes a little later moves a
+jump of the readings, of which a wide difference tells nothing right close to the end. A last batch at the end takes
+them over what the unknowns may be off by, for the covariance.
+
     search = LevenbergMarquardt(space)
     while not search.done:
         search.tell(residuals_of(search.ask()))
@@ -32,6 +36,10 @@ OTHER_DAMPINGS: Final = (0.1, 10.0, 100.0)
 NARROWER: Final = 0.2
 WIDER: Final = 1000.0
 """Factors of the damping after a good step, and after one where none of those tried was better."""
+LEAST_DIFFERENCE: Final = 2e-3
+"""Change for a difference, over the scale: single precision leaves noise in smaller ones."""
+AHEAD: Final = 2.0
+"""Change for the next difference over the last step."""
 STILL: Final = 1e-5
 """Step of all unknowns, in their scales, below which a search is over."""
 QUIET: Final = 3
@@ -105,6 +113,8 @@ class LevenbergMarquardt:
         self.residuals = np.zeros(0)
         self.jacobian = np.zeros((0, len(self.point)))
         self.damping = FIRST_DAMPING
+        self.difference = np.full(len(self.point), space.difference)
+        self.closing = False
         self.iteration = 0
         self.quiet = 0
         self.diverged = 0
@@ -112,6 +122,8 @@ class LevenbergMarquardt:
         self.reason = ""
         self._fresh = False
         """Whether the Jacobian is that of the best point."""
+        self._was_fresh = False
+        """Whether it was so before the last batch: that one's next point is the end of a step then."""
         self._batch = np.zeros((0, 0))
 
     @property
@@ -122,18 +134,28 @@ class LevenbergMarquardt:
     def ask(self) -> Array:
         """(batch_size, P) points: the next one, its neighbours, and those of other dampings."""
         space = self.space
+        if self.closing:
+            change = np.diag(self.difference * space.scale)
+            self._batch = space.inside(np.concatenate([[self.point], self.point + change, self.point - change]))
+            return self._batch.copy()
         steps = [self.damping, *(self.damping * factor for factor in OTHER_DAMPINGS)]
         if self._fresh:
             tried = [space.inside(self.point + self._step(damping)) for damping in steps]
         else:
             tried = [self.point] * len(steps)
         center, others = tried[0], tried[1:]
-        change = np.diag(space.difference * space.scale)
+        change = np.diag(self.difference * space.scale)
         self._batch = space.inside(np.concatenate([[center], center + change, center - change, others]))
         return self._batch.copy()
 
     def tell(self, residuals: Array) -> None:
         """Take the residuals (batch_size, M) of what was asked; not finite ones count as infinitely bad."""
+        if self.closing:
+            count = len(self.point)
+            self.jacobian = self._differences(residuals[1 : count + 1], residuals[count + 1 :], residuals[0])
+            self.iteration += 1
+            self.done = True
+            return
         costs = cost_of(residuals, self.space.huber)
         self.diverged += int(np.isinf(costs).sum())
         count = len(self.point)
@@ -142,8 +164,11 @@ class LevenbergMarquardt:
         other_cost = float(costs[others][best_other]) if self._fresh else math.inf
         before = self.cost
         if costs[0] < before or (not self._fresh and costs[0] <= before):
-            moved = np.abs((self._batch[0] - self.point) / self.space.scale).max(initial=0.0)
+            steps = np.abs((self._batch[0] - self.point) / self.space.scale)
+            moved = float(steps.max(initial=0.0))
             self._accept(residuals)
+            if self._was_fresh:
+                self.difference = np.clip(AHEAD * steps, LEAST_DIFFERENCE, self.space.difference)
             if self._was_fresh and other_cost < self.cost:
                 # a step of another damping went further still: that damping is the better one from here
                 self.damping *= OTHER_DAMPINGS[best_other]
@@ -160,8 +185,8 @@ class LevenbergMarquardt:
             self._refuse(bool(np.isfinite(before)))
         self.damping = float(np.clip(self.damping, LEAST_DAMPING, MOST_DAMPING))
         self.iteration += 1
-        if not self.done and self.iteration >= self.space.iterations:
-            self.done, self.reason = True, "the most iterations were made"
+        if not self.done and not self.closing and self.iteration >= self.space.iterations:
+            self._close("the most iterations were made")
 
     def _accept(self, residuals: Array) -> None:
         """Go to the next point, whose neighbours give the Jacobian."""
@@ -171,8 +196,6 @@ class LevenbergMarquardt:
         self.cost = float(cost_of(residuals[0], self.space.huber))
         self.jacobian = self._differences(plus, minus, residuals[0])
         self._was_fresh, self._fresh = self._fresh, True
-
-    _was_fresh = False
 
     def _differences(self, plus: Array, minus: Array, middle: Array) -> Array:
         """(M, P) of central differences, one-sided where a neighbour diverged or a bound is near."""
@@ -217,9 +240,9 @@ class LevenbergMarquardt:
         fall = (before - self.cost) / before if math.isfinite(before) and before > 0.0 else 1.0
         self.quiet = self.quiet + 1 if fall < self.space.tolerance else 0
         if self.cost == 0.0 or moved < STILL:
-            self.done, self.reason = True, "the steps became small"
+            self._close("the steps became small")
         elif self.quiet >= QUIET:
-            self.done, self.reason = True, "the cost does not fall any more"
+            self._close("the cost does not fall any more")
 
     def _refuse(self, started: bool) -> None:
         """No point of the batch was better."""
@@ -228,13 +251,25 @@ class LevenbergMarquardt:
             return
         self.quiet += 1
         self.damping *= WIDER
+        # what looked better from afar was not: look closer
+        self.difference = np.clip(NARROWER * self.difference, LEAST_DIFFERENCE, None)
+        self._fresh = False
         if self.damping > MOST_DAMPING or self.quiet >= QUIET:
-            self.done, self.reason = True, "the cost does not fall any more"
+            self._close("the cost does not fall any more")
+
+    def _close(self, reason: str) -> None:
+        """Let one more batch take the Jacobian over what the unknowns may be off by."""
+        self.reason, self.closing = reason, True
+        jacobian = self.jacobian * self.space.scale
+        freedom = max(1, len(self.residuals) - len(self.point))
+        inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-10, hermitian=True)
+        deviation = np.sqrt(np.maximum(np.diag(inverse), 0.0) * max(2.0 * self.cost / freedom, 0.0))
+        self.difference = np.clip(deviation, LEAST_DIFFERENCE, self.space.difference)
 
     # ---- to go on later ----------------------------------------------------------------------------------------------
 
-    ARRAYS: Final = ("point", "residuals", "jacobian")
-    NUMBERS: Final = ("cost", "damping", "iteration", "quiet", "diverged", "done", "reason", "_fresh", "_was_fresh")
+    ARRAYS: Final = ("point", "residuals", "jacobian", "difference")
+    NUMBERS: Final = ("cost", "damping", "iteration", "quiet", "diverged", "done", "reason", "closing", "_fresh", "_was_fresh")
 
     def state(self) -> dict[str, Any]:
         """All that a search needs to go on, as arrays and plain values."""
