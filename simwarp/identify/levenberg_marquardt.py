@@ -84,8 +84,9 @@ def huber_weights(residuals: Array, huber: float) -> Array:
 def cost_of(residuals: Array, huber: float = math.inf) -> Array:
     """Half the sum of squares, or of Huber's loss, along the last axis; infinite where a residual is not finite."""
     size = np.abs(residuals)
-    loss = np.where(size <= huber, 0.5 * size * size, huber * size - 0.5 * huber * huber if huber < math.inf else 0.0)
-    total = loss.sum(axis=-1)
+    # up to the threshold s²/2, beyond it huber (s - huber / 2): both by the shorter of the two; nan stays nan
+    short = np.minimum(size, huber)
+    total = (short * (size - 0.5 * short)).sum(axis=-1)
     return np.where(np.isfinite(total), total, math.inf)
 
 
@@ -163,7 +164,7 @@ class LevenbergMarquardt:
         best_other = int(np.argmin(costs[others])) if self._fresh else 0
         other_cost = float(costs[others][best_other]) if self._fresh else math.inf
         before = self.cost
-        if costs[0] < before or (not self._fresh and costs[0] <= before):
+        if costs[0] < before or (not self._fresh and np.isfinite(costs[0]) and costs[0] <= before):
             steps = np.abs((self._batch[0] - self.point) / self.space.scale)
             moved = float(steps.max(initial=0.0))
             self._accept(residuals)
@@ -269,7 +270,9 @@ class LevenbergMarquardt:
     # ---- to go on later ----------------------------------------------------------------------------------------------
 
     ARRAYS: Final = ("point", "residuals", "jacobian", "difference")
-    NUMBERS: Final = ("cost", "damping", "iteration", "quiet", "diverged", "done", "reason", "closing", "_fresh", "_was_fresh")
+    NUMBERS: Final = (
+        "cost", "damping", "iteration", "quiet", "diverged", "done", "reason", "closing", "_fresh", "_was_fresh"
+    )  # fmt: skip
 
     def state(self) -> dict[str, Any]:
         """All that a search needs to go on, as arrays and plain values."""

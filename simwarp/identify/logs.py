@@ -87,7 +87,7 @@ def read_run(config: FitConfig, run: LoggedRun) -> RunLog:
     end = end if run.end is None else run.end
     log = RunLog(run, found["readings"], found["inputs"], begin, end)
     for name, signal in log.readings.items():
-        count = len(signal.within(begin, end).time)
+        count = len(signal.within(begin, end + 1e-6).time)
         if count < LEAST_ROWS:
             rule = f"must have {LEAST_ROWS} values from {begin:g} to {end:g} s"
             raise FitError(f"{shortened(run.file[0])}: readings.{name}: {rule}, got {count}; widen begin and end")

@@ -87,6 +87,10 @@ class ModelTarget:
         shifts = np.array([body[SHIFT] for body in document["bodies"]], float).reshape(-1, 3)
         return WorldNumbers(found.parameters, found.state, {"shift": shifts})
 
+    def model_names(self) -> Model:
+        """A model of one world, for the names of its parts."""
+        return self._model
+
     def saved(self, document: Any) -> Any:
         """The model's file, its centres of mass where they were found."""
         return _with_shifted_centres(document)

@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 SMOOTHED: Final = 0.1
 """Time before and after a start, of whose samples it is the mean trend [s]."""
-LEAST_SAMPLES: Final = 4
+LEAST_SAMPLES: Final = 6
 """In that time; with fewer a start is read between two samples."""
 
 
@@ -75,7 +75,8 @@ def value_and_slope(signal: Signal, time: float) -> tuple[float, float]:
     """The trend of a signal at a time: its value and its rate there."""
     near = np.abs(signal.time - time) <= SMOOTHED
     if near.sum() >= LEAST_SAMPLES:
-        slope, value = np.polyfit(signal.time[near] - time, signal.value[near], 1)
+        # a parabola: what bends would have another slope and value at the edge of the time that it is seen
+        _, slope, value = np.polyfit(signal.time[near] - time, signal.value[near], 2)
         return float(value), float(slope)
     value = float(signal.at(np.array([time]))[0])
     step = 0.5 * float(np.median(np.diff(signal.time)))

@@ -22,6 +22,7 @@ from simwarp.identify.world_numbers import (
     write_world_numbers,
 )
 from simwarp.model.builder import ModelBuilder
+from simwarp.model.model import Model
 from simwarp.model.parameters import PARAMETERS
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import Soil, SoilSpec, soil_preset
@@ -145,6 +146,10 @@ class VehicleTarget:
             if before is None or (after is not None and before != after):
                 raise FitError(f"{what}: all worlds share it, so that it cannot be fitted but for one common factor")
         return np.array([steering, throttle, braking])
+
+    def model_names(self) -> Model:
+        """A model of one world, for the names of its parts."""
+        return self._base[0].finalize(world_count=1, device="cpu")
 
     def saved(self, document: Any) -> Any:
         """The vehicle's file."""

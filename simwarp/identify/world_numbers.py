@@ -22,6 +22,10 @@ FACTORS: Final = (
     ("spring_table", "joint_stiffness"), ("damper_table", "joint_damping"), ("damper_map", "joint_damping"),
 )  # fmt: skip
 """Tables of a coordinate, which all worlds share, and the parameter that is a factor of their efforts."""
+SHARED: Final = (
+    "worlds share its points, so that only a factor of all its efforts can be fitted; take what else is in it along, "
+    "such as a spring's bump_curve, in `also`"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +112,9 @@ class Target(Protocol):
     def measured_start(self, readings: Sequence[str]) -> Sequence[str]:
         """Readings whose measured values a world starts with."""
 
+    def model_names(self) -> Model:
+        """A model of one world, for the names of its parts."""
+
     def saved(self, document: Any) -> Any:
         """A document as its file has it."""
 
@@ -145,11 +152,11 @@ def _numbers(table: Any) -> Array:
     flat: list[float] = []
 
     def collect(value: Any) -> None:
-        if np.ndim(value) == 0:
-            flat.append(float(value))
-        else:
+        if isinstance(value, (tuple, list, np.ndarray)):
             for item in value:
                 collect(item)
+        else:
+            flat.append(float(value))
 
     collect(table)
     return np.array(flat)
@@ -158,7 +165,7 @@ def _numbers(table: Any) -> Array:
 def _ratio(before: Any, after: Any, place: str) -> float:
     """The factor between the efforts of two tables, whose places are the same."""
     if before is None or after is None or _numbers(before).shape != _numbers(after).shape:
-        raise FitError(f"{place}: worlds share its points; only a factor of its efforts can be fitted")
+        raise FitError(f"{place}: {SHARED}")
     *places, efforts = before
     *others, changed = after
     first, second = _numbers(efforts), _numbers(changed)
@@ -174,7 +181,7 @@ def uniform_ratio(before: Array, after: Array, same_places: bool, place: str) ->
     largest = int(np.argmax(np.abs(before))) if before.size else 0
     ratio = after[largest] / before[largest] if before.size and before[largest] != 0.0 else float("nan")
     if not same_places or not np.allclose(after, ratio * before, rtol=1e-6, atol=0.0):
-        raise FitError(f"{place}: worlds share its points; only a factor of its efforts can be fitted")
+        raise FitError(f"{place}: {SHARED}")
     return float(ratio)
 
 
