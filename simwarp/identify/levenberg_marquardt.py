@@ -183,7 +183,7 @@ class LevenbergMarquardt:
             self._fresh = False
             self._judge(before, math.inf)
         else:
-            self._refuse(bool(np.isfinite(before)))
+            self._refuse(bool(np.isfinite(before)), bool(np.isfinite(costs[0])))
         self.damping = float(np.clip(self.damping, LEAST_DAMPING, MOST_DAMPING))
         self.iteration += 1
         if not self.done and not self.closing and self.iteration >= self.space.iterations:
@@ -245,16 +245,17 @@ class LevenbergMarquardt:
         elif self.quiet >= QUIET:
             self._close("the cost does not fall any more")
 
-    def _refuse(self, started: bool) -> None:
-        """No point of the batch was better."""
+    def _refuse(self, started: bool, finite: bool) -> None:
+        """No point of the batch was better; `finite`: the next one did not diverge."""
         if not started:
             self.done, self.reason = True, "the model diverges at the start"
             return
         self.quiet += 1
         self.damping *= WIDER
-        # what looked better from afar was not: look closer
-        self.difference = np.clip(NARROWER * self.difference, LEAST_DIFFERENCE, None)
-        self._fresh = False
+        if finite:
+            # what looked better from afar was not: look closer
+            self.difference = np.clip(NARROWER * self.difference, LEAST_DIFFERENCE, None)
+            self._fresh = False
         if self.damping > MOST_DAMPING or self.quiet >= QUIET:
             self._close("the cost does not fall any more")
 

@@ -18,7 +18,7 @@ from simwarp.core.types import WORLD, ModelError, WorldStatus, formatted
 from simwarp.core.wording import shortened, suggestions
 from simwarp.identify.fit_config import FitConfig
 from simwarp.identify.fit_error import FitError
-from simwarp.identify.world_numbers import World, WorldNumbers, model_numbers, write_world_numbers
+from simwarp.identify.world_numbers import InputRows, World, WorldNumbers, model_numbers, write_world_numbers
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
 from simwarp.model.model_files import builder_of, model_text
@@ -196,14 +196,14 @@ class ModelRollout:
         self._shifts = np.stack([world.numbers.others["shift"] for world in rows])
         self._start(rows)
         inputs = np.stack([world.inputs for world in rows])
-        buffers = [getattr(simulation.control, array).numpy().copy() for array, _, _ in self._inputs]
+        written = [InputRows(getattr(simulation.control, array)) for array, _, _ in self._inputs]
         record = np.empty((samples + 1, len(rows), len(self._places)))
         record[0] = self._read()
         for sample in range(1, samples + 1):
             for step in range((sample - 1) * self._every, sample * self._every):
-                for buffer, (array, columns, own) in zip(buffers, self._inputs, strict=True):
-                    buffer[:, columns] = inputs[:, step, own]
-                    getattr(simulation.control, array).assign(buffer)
+                for to_write, (_, columns, own) in zip(written, self._inputs, strict=True):
+                    to_write.values[:, columns] = inputs[:, step, own]
+                    to_write.publish()
                 simulation.step()
             record[sample] = self._read()
         return record[:, : len(worlds)]

@@ -15,6 +15,7 @@ from simwarp.identify.document_numbers import replaced, scaled
 from simwarp.identify.fit_config import FitConfig
 from simwarp.identify.fit_error import FitError
 from simwarp.identify.world_numbers import (
+    InputRows,
     World,
     WorldNumbers,
     model_numbers,
@@ -244,11 +245,12 @@ class VehicleRollout:
         named = NamedReadings(simulation, vehicle, [n for n in self._readings if n not in usual], usual)
         record = np.empty((samples + 1, self._worlds, len(self._readings)))
         record[0] = self._read(wheels, named)
-        buffer = vehicle.input_rows.numpy()[:, 0].copy()
+        rows_of_inputs = InputRows(vehicle.input_rows)
+        written = rows_of_inputs.values[:, 0]
         for sample in range(1, samples + 1):
             for step in range((sample - 1) * self._every, sample * self._every):
-                buffer[:, self._columns] = inputs[:, step]
-                vehicle.input_rows.assign(buffer[:, None])
+                written[:, self._columns] = inputs[:, step]
+                rows_of_inputs.publish()
                 simulation.step()
             record[sample] = self._read(wheels, named)
         return record[:, : len(worlds)]

@@ -73,6 +73,26 @@ class World:
     start: Mapping[str, float]
 
 
+class InputRows:
+    """Rows of an array that inputs are written into before every step: in place on a CPU, else copied.
+
+    Args:
+        array: whose last axis is that of the inputs.
+
+    Attributes:
+        values: to be written, in the shape of the array.
+    """
+
+    def __init__(self, array: Any) -> None:
+        self._array, self._in_place = array, bool(array.device.is_cpu)
+        self.values: npt.NDArray[Any] = array.numpy() if self._in_place else array.numpy().copy()
+
+    def publish(self) -> None:
+        """Let the next step read the values."""
+        if not self._in_place:
+            self._array.assign(self.values)
+
+
 class Rollout(Protocol):
     """A simulation of many worlds of one target."""
 
