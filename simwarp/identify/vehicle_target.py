@@ -53,6 +53,8 @@ HEADROOM: Final = 2.0
 POSE: Final = ("x_m", "y_m", "yaw_rad")
 """Readings that do not matter to how a vehicle goes on level ground: where it is, and its heading."""
 SPEED: Final = "speed_mps"
+STANDING: Final = 0.2
+"""Measured speed below which a vehicle starts at rest [m/s]."""
 GAINS: Final = ("steering", "throttle", "braking")
 """Inputs whose gain stands for a number of the vehicle that all worlds share: travel, engine, brakes."""
 
@@ -109,7 +111,9 @@ class VehicleTarget:
 
     def numbers(self, document: Any, start: Mapping[str, float]) -> WorldNumbers:
         """The numbers of a world with another document, that starts with a speed."""
-        builder, parts = self._build(document, start.get(SPEED, 0.0))
+        speed = start.get(SPEED, 0.0)
+        # noise of a sensor is no rolling backwards, which would be in reverse gear
+        builder, parts = self._build(document, speed if abs(speed) > STANDING else 0.0)
         base_builder, base = self._base
         found = model_numbers(builder, base_builder)
         rolling = parts.start

@@ -107,7 +107,7 @@ def test_parameters_of_a_vehicle_are_listed_with_its_soil(fitting):
         (("fit.toml", "--match", "x"), "--match and --soil are for --list"),
         (("fit.toml", "--json", "fit.toml"), "--json would overwrite"),
         (("--list", "no-such-car"), "no-such-car"),
-        (("--list", "m113"), "must be a vehicle on wheels, got 'm113' on tracks"),
+        (("--list", "m113"), "must be a vehicle on wheels, got 'M113' on tracks"),
     ],
 )
 def test_a_mistake_is_one_line(fitting, arguments, words):

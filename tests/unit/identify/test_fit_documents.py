@@ -34,7 +34,7 @@ def test_paths_find_items_by_index_name_and_pattern(path, count):
     assert len(matches(DOCUMENT, path)) == count
 
 
-@pytest.mark.parametrize("path", ["masses", "bodies[arm].com[0]", "mass[0]", "bodies[trunk].com[7]", ".mass", "a[", "a]b"])
+@pytest.mark.parametrize("path", ["masses", "bodies[arm].com[0]", "mass[0]", "bodies[trunk].com[7]", ".mass", "a["])
 def test_a_path_that_leads_nowhere_is_one_line(path):
     with pytest.raises(FitError) as error:
         matches(DOCUMENT, path)
