@@ -195,6 +195,8 @@ class ModelRollout:
         write_world_numbers(simulation, self._differing, worlds)
         self._shifts = np.stack([world.numbers.others["shift"] for world in rows])
         self._start(rows)
+        if simulation.diagnostics.joint_qdd.size:
+            simulation.diagnostics.joint_qdd.zero_()  # that of a run before
         inputs = np.stack([world.inputs for world in rows])
         written = [InputRows(getattr(simulation.control, array)) for array, _, _ in self._inputs]
         record = np.empty((samples + 1, len(rows), len(self._places)))

@@ -41,6 +41,7 @@ from simwarp.vehicle.spec.vehicle_spec import EngineShafts, EngineSimple, Vehicl
 from simwarp.vehicle.tires.parameter_vector import MODELS, TMEASY_PATTERNS, TMSIMPLE_PATTERNS, rated_values, tire_vector
 from simwarp.vehicle.tires.tire_parameters import CommonParameters
 from simwarp.vehicle.tires.tires import Tires
+from simwarp.vehicle.tires.wheel_reports import REPORTED
 from simwarp.vehicle.tracks.tracked_files import load_any_vehicle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
@@ -241,6 +242,7 @@ class VehicleRollout:
         simulation.reset(sensors=False)
         write_world_numbers(simulation, self._differing, worlds)
         self._write_others(others)
+        self._forget()
         simulation.measure()
         self._reference = np.stack([each["reference"] for each in others])
         inputs = self._scaled(rows)
@@ -258,6 +260,16 @@ class VehicleRollout:
                 simulation.step()
             record[sample] = self._read(wheels, named)
         return record[:, : len(worlds)]
+
+    def _forget(self) -> None:
+        """Let no reading at the start be that of a run before: what only a step computes is zero until then."""
+        tires, vehicle, diagnostics = self.vehicle.tires, self.vehicle, self.simulation.diagnostics
+        for array in (
+            *(getattr(tires, name) for name in REPORTED), vehicle.engine_torque, vehicle.drive_torque,
+            diagnostics.joint_reaction_force, diagnostics.joint_reaction_torque,
+        ):  # fmt: skip
+            if array.size:
+                array.zero_()
 
     def _write_others(self, others: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
         """Tires, soil, road and powertrain."""

@@ -122,6 +122,20 @@ def test_a_speed_within_noise_is_a_start_at_rest(target):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("soil", [None, "mid"])
+def test_a_rollout_remembers_nothing_of_the_one_before(soil):
+    """What only a step computes, such as loads and depths, was that of the last run in the first reading."""
+    target = VehicleTarget(dataclasses.replace(of_target("hmmwv", soil=soil), dt=0.002), "cpu", 1)
+    readings = ("speed_mps", "Fz_FL_N", "drive_Nm", "engine_Nm", "sink_FL_m" if soil else "deflection_FL_m")
+    rollout = target.rollout(2, {"body_mass"}, readings, ("throttle",))
+    light = World(target.numbers(target.document, {}), np.full((100, 1), 0.5), {})
+    heavy = target.numbers(changed(target, {"chassis.components[0].mass": {}}, [3000.0]), {"speed_mps": 5.0})
+    first = rollout.run([light, light], 20)
+    rollout.run([World(heavy, np.zeros((100, 1)), {"speed_mps": 5.0})] * 2, 20)
+    assert np.array_equal(rollout.run([light, light], 20), first)
+
+
+@pytest.mark.slow
 def test_three_numbers_of_a_truck_come_back_from_its_own_run(target, tmp_path):
     readings = ["speed_mps", "yawrate_radps", "latacc_com_mps2", "roll_rad", "pitch_rad", "engine_radps"]
     truth = {("chassis", "components", 0, "mass"): 2300.0, ("ground", "friction"): 0.7}
