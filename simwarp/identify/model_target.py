@@ -204,7 +204,8 @@ class ModelRollout:
         for sample in range(1, samples + 1):
             for step in range((sample - 1) * self._every, sample * self._every):
                 for to_write, (_, columns, own) in zip(written, self._inputs, strict=True):
-                    to_write.values[:, columns] = inputs[:, step, own]
+                    with np.errstate(over="ignore"):  # such worlds diverge, and are counted
+                        to_write.values[:, columns] = inputs[:, step, own]
                     to_write.publish()
                 simulation.step()
             record[sample] = self._read()
