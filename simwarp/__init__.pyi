@@ -3,6 +3,7 @@
 from simwarp import (
     actuators as actuators,
     flex as flex,
+    identify as identify,
     importers as importers,
     planning as planning,
     scenery as scenery,

@@ -70,6 +70,7 @@ COMMANDS = {
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
         Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.benching:run"),
         Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
+        Command("fit", "CONFIG", "parameters of a model from recorded runs", "simwarp.cli.fit_command:run"),
         Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
         Command(
             "rig",
@@ -118,6 +119,7 @@ def input_errors() -> tuple[type[Exception], ...]:
         ("simwarp.core.types", ("ModelError",)),
         ("simwarp.core.files", ("FileError",)),
         ("simwarp.vehicle.spec.parts", ("SpecError",)),
+        ("simwarp.identify.fit_error", ("FitError",)),
         ("simwarp.tasks.framework.errors", ("InputError", "TaskError")),
     ):
         loaded = sys.modules.get(module)

@@ -148,7 +148,7 @@ class Model(ParameterFields):
         self.tables = tables
         self.mesh_cost = costs_of(builder.flexible_meshes, tables.meshes)
         self.mesh_tables = device_meshes(builder.flexible_meshes, tables.meshes, device)
-        self.initial = _initial_state(builder)
+        self.initial = initial_state(builder)
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
         _unit_topology(self.topology, self, device)
         self.face_bodies = face_topology(self.topology, builder, [link.body for link in tables.links], device)
@@ -343,7 +343,7 @@ def _lengths(values: npt.NDArray[Any], name: str) -> tuple[int, ...]:
     return values.shape[: values.ndim - len(getattr(PARAMETERS[name].dtype, "_shape_", ()))]
 
 
-def _initial_state(builder: Specification) -> dict[str, npt.NDArray[Any]]:
+def initial_state(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     """Poses and velocities of one world as built; coordinates are measured on the device."""
     bodies = builder.bodies
     joint_x, joint_qd = [], []

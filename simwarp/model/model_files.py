@@ -138,7 +138,7 @@ def read_model(path: str | os.PathLike[str]) -> tuple[ModelBuilder, Mapping[str,
     place = Place(name, ModelError)
     _check_head(value, place)
     entry: ModelEntry = MODELS.load(ModelEntry, value, place.line)
-    return _builder_of(entry, place), entry.robot, place.at("robot")
+    return builder_of(entry, place), entry.robot, place.at("robot")
 
 
 def _check_head(value: Any, place: Place) -> None:
@@ -274,7 +274,7 @@ def _flexible_mesh_entry(mesh: FlexibleMesh) -> FlexibleMeshEntry:
 # ---- from entries ----------------------------------------------------------------------------------------------------
 
 
-def _builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
+def builder_of(entry: ModelEntry, place: Place) -> ModelBuilder:
     """The builder of a file: every rule of the builder's own methods holds."""
     with _errors_at(place):
         builder = ModelBuilder(entry.gravity, friction_rule=entry.friction_rule, pair_rule=entry.pair_rule)

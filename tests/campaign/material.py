@@ -47,7 +47,20 @@ def make_material(folder: Path) -> Path:
     _break_a_world(good / "broken.npz")
     (good / "short.csv").write_text(SCRIPT)
     (good / "arm.urdf").write_text(ARM)
+    (good / "fit.toml").write_text(FIT)
     return folder
+
+
+FIT = """target = "sedan"
+dt = 0.005
+[[runs]]
+file = "short.csv"
+[readings]
+speed_mps = "steering"
+[parameters]
+"chassis.components[0].mass" = {}
+"""
+"""A fit whose readings are no speeds: it is held to what must be refused before it begins."""
 
 
 def command(*words: str) -> None:

@@ -75,6 +75,7 @@ BASES = (
     Base("doctor"),
     Base("drive", ("sedan",), (("--maneuver", "good/short.csv"), ("--dt", "0.01")), runs=False),
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
+    Base("fit", ("good/fit.toml",), (("--iterations", "1"),), runs=False),
     Base("trim", ("sedan",), (("--ride-height", "design"), ("--toe", "0.1")), runs=False),
     Base("rig", ("steering", "sedan"), (("--points", "5"), ("--device", "cpu"))),
     Base("rig", ("tire", "sedan"), (("--points", "5"), ("--loads", "4000")), runs=False),
