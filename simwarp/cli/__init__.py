@@ -72,6 +72,12 @@ COMMANDS = {
         Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
         Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
         Command(
+            "reduce",
+            "VEHICLE",
+            "a vehicle of fourteen degrees of freedom that moves alike",
+            "simwarp.cli.reduce_command:run",
+        ),
+        Command(
             "rig",
             "RIG NAME",
             "a rig: tires, suspensions, steerings, posts, tilt table",

@@ -23,6 +23,7 @@ from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
+from simwarp.vehicle.tires.parameter_vector import MODELS
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -122,6 +123,10 @@ def _add_reduced(
     wheel_bodies: bool,
 ) -> VehicleParts:  # fmt: skip
     """A reduced vehicle: a chassis, and the wheels as `wheel_bodies` asks for."""
+    for index, axle in enumerate(spec.axles):
+        if axle.tire.template not in MODELS:
+            found = f"got '{axle.tire.template}' of the reduced '{spec.name}'"
+            raise SpecError(f"axles[{index}].tire: must be a force law on tables, {found}; choose another tire")
     first = len(builder.bodies)
     chassis, sides, reference = add_reduced_bodies(builder, spec, origin, prefix, wheel_bodies)
     forward = rotate(origin.rotation, np.array([1.0, 0.0, 0.0]))

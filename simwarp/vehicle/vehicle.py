@@ -304,7 +304,7 @@ class Vehicle(ForceElement):
         self.lock = vehicles.lock[:, number] if vehicles.lock.size else none
         wheels = len(self.parts.sides)
         alone = len(vehicles.parts) == 1
-        self.reduced = vehicles.reduced
+        self.reduced = None if vehicles.reduced is None else vehicles.reduced.of(number)
         self.tires = vehicles.tires if alone else vehicles.tires.of(number * wheels, wheels)
         self.position: wp.array = vehicles.position[:, number]
         self.angles: wp.array = vehicles.angles[:, number]
@@ -526,7 +526,9 @@ def _tires(
         worlds, bodies = model.world_count, model.body_count
         if not all(each.has_wheel_bodies for each in parts):
             if obstacles is not None:
-                raise SpecError("obstacles: must be left out with wheel_bodies=False, for they are looked for around bodies")
+                raise SpecError(
+                    "obstacles: must be left out with wheel_bodies=False, for they are looked for around bodies"
+                )
             # numbers of their own, as they are no bodies of the model
             mounts = [mount._replace(body=wheel) for wheel, mount in enumerate(mounts)]
             bodies = len(mounts)

@@ -107,7 +107,9 @@ def run_engine(
 
 
 @wp.func
-def reaction(of: Member, dt: float, torque: float, speed: float, powertrain: Powertrain, memory: PowertrainState) -> wp.vec3:
+def reaction(
+    of: Member, dt: float, torque: float, speed: float, powertrain: Powertrain, memory: PowertrainState
+) -> wp.vec3:
     """Torque of the powertrain on the chassis, in its axes, beside that of the wheels (powertrain_kernels.py)."""
     onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[of.world, of.vehicle]) / dt
     memory.last_drive[of.world, of.vehicle] = speed

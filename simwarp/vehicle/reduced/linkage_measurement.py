@@ -6,7 +6,6 @@ travel are differences.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, Final
 
 import numpy as np
@@ -149,7 +148,7 @@ class LinkageMeasurement:
         return np.asarray(turn @ np.diag(self.part.tire.inertia) @ turn.T)
 
     def rigid_parts(self, row: int) -> list[RigidPart]:
-        """All bodies of the bench at one travel, straight ahead, without tires, and without inertia about wheels' axes."""
+        """All bodies of the bench at one travel, straight ahead; without tires, and what turns with the wheels."""
         column, found = self.shape[1] // 2, []
         spindles = {side.spindle: number for number, side in enumerate(self.held.bench.sides)}
         for index, body in enumerate(self.bodies):
@@ -227,5 +226,3 @@ def rounded(value: float) -> float:
 def grid(values: Array) -> tuple[tuple[float, ...], ...]:
     """Rows of numbers with the digits of single precision."""
     return tuple(tuple(rounded(value) for value in row) for row in values.tolist())
-
-

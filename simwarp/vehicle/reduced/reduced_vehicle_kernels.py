@@ -19,7 +19,7 @@ import warp as wp
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import world_row
-from simwarp.kernels.core.vector_math import matrix_to_float, to_double, to_float
+from simwarp.kernels.core.vector_math import matrix_to_float, to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.vehicle.inputs_kernels import VehicleMotion, VehicleTables, member_of, point_velocity
 from simwarp.vehicle.powertrain_kernels import Powertrain, PowertrainState

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -83,6 +84,13 @@ class ReducedWheels:
         self.axis: wp.array = self.state.axis
         self.scale: wp.array = self.state.scale
 
+    def of(self, number: int) -> ReducedWheels:
+        """One of the vehicles: views of the same memory."""
+        part, wheels = copy.copy(self), slice(WHEELS * number, WHEELS * (number + 1))
+        for name in ("travel", "travel_rate", "spin", "turn_rate", "axis", "scale"):
+            setattr(part, name, getattr(self, name)[:, wheels])
+        return part
+
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
@@ -136,7 +144,9 @@ def _tables(spec: VehicleSpec, reference: Array, device: Any) -> Any:
     ]  # fmt: skip
     places, dampers, firsts, damper_firsts = [], [], [0], [0]
     for suspension, wheel in zip(suspensions, wheels, strict=True):
-        grids = [np.array(getattr(wheel, name)) for name in ("ahead", "aside", "axis_x", "axis_z", "windup", "spring_load")]
+        grids = [
+            np.array(getattr(wheel, name)) for name in ("ahead", "aside", "axis_x", "axis_z", "windup", "spring_load")
+        ]
         grids[0], grids[1] = grids[0] + reference[0], grids[1] + reference[1]
         twist = np.broadcast_to(np.array(wheel.bar_twist)[:, None], grids[0].shape)
         places.append(np.stack([*grids, twist, np.zeros_like(twist)], axis=-1).reshape(-1, 8))

@@ -14,7 +14,14 @@ from simwarp.vehicle.rigs.suspension_curves import SuspensionReference
 from simwarp.vehicle.rigs.suspension_rig import reference_state
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, merged
 from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
-from simwarp.vehicle.spec.vehicle_spec import Axle, DifferentialDrive, PinnedAxle, RigidSuspension, SolidAxle, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import (
+    Axle,
+    DifferentialDrive,
+    PinnedAxle,
+    RigidSuspension,
+    SolidAxle,
+    VehicleSpec,
+)
 from simwarp.vehicle.tires.parameter_vector import MODELS
 
 SUFFIX: Final = "-14dof"

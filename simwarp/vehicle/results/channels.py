@@ -90,7 +90,6 @@ class WheelReadings:
             found |= {name: sinkage[:, k] for k, name in enumerate(SINKAGES)}
         return found
 
-
     def _axes(self, motion: ChassisMotion, worlds: slice) -> Array:
         """(n, 2, 3) of the front wheels, in axes of the chassis."""
         rotations = self._simulation.state.body_rot.numpy()

@@ -77,6 +77,7 @@ class SetUpOptions(TypedDict, total=False):
     on_soil: bool
     solver: SolverOptions | None
     joint_reactions: bool
+    wheel_bodies: bool
 
 
 @overload
@@ -104,6 +105,7 @@ def set_up(
     on_soil: bool = False,
     solver: SolverOptions | None = None,
     joint_reactions: bool = False,
+    wheel_bodies: bool = True,
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -119,6 +121,7 @@ def set_up(
         on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
         joint_reactions: record those of all joints; chains of tracks always do.
+        wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -150,7 +153,10 @@ def set_up(
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
-        parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
+        if maneuver.drawbar is not None:
+            spec.require_linkages("a drawbar test")
+        pulling = spec if maneuver.drawbar is None else with_locks(spec)
+        parts = add_vehicle(builder, pulling, at=start, wheel_bodies=wheel_bodies)
         if not on_soil and any(side.meets_shapes for side in parts.sides):
             add_ground(builder, None, rotation, Material(friction=friction))
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))

@@ -134,6 +134,15 @@ class VehicleSpec(Readable, Spec):
     start_height: float = 0.5
     """Of the frame of reference above the ground at the start [m]."""
 
+    def require_linkages(self, what: str) -> None:
+        """Refuses a reduced vehicle where its suspensions, steering or shafts are asked for.
+
+        Raises:
+            SpecError: it is one.
+        """
+        if self.is_reduced:
+            raise SpecError(f"'{self.name}' is reduced to tables, and {what} needs linkages; take the full vehicle")
+
     def check(self) -> None:
         """Checks that axles, what steers and drives them, and the declared wheelbase fit together.
 
