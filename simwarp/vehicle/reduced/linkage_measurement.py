@@ -1,7 +1,7 @@
 """What the tables of a reduced vehicle hold, measured on the closed linkage of an axle.
 
-Every place of a table is a world, with a neighbour a millimetre of travel above and one below, from which rates over the
-travel are differences.
+Every place of a table is a world, with a neighbour a millimetre of travel above and one below: rates over the travel
+are differences between these.
 """
 
 from __future__ import annotations
