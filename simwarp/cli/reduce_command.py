@@ -15,8 +15,9 @@ from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
 from simwarp.model.model import resolve_device
 from simwarp.vehicle.reduced.reduced_construction import tables_of
-from simwarp.vehicle.reduced.reduction import COLUMNS, ROWS, SUFFIX, reduce_vehicle
+from simwarp.vehicle.reduced.reduction import COLUMNS, ROWS, reduce_vehicle
 from simwarp.vehicle.spec.parts import SpecError, merged
+from simwarp.vehicle.spec.tabulated_suspension import REDUCED
 from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import save_vehicle, vehicle_names
@@ -32,7 +33,7 @@ class ReduceOptions(CommonOptions):
     """
 
     output: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint=f"(default: VEHICLE{SUFFIX}.json)")
+        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint=f"(default: VEHICLE{REDUCED}.json)")
     ] = None
     """Writes the reduced vehicle to this file, .json; also -o."""
     rows: int = ROWS
@@ -74,22 +75,28 @@ def run(arguments: list[str]) -> int:
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for heading in ("", "front", "rear"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
-    for key in parameters["axles"][0]:
-        table.add_row(key, *(f"{axle[key]:.4g}" for axle in parameters["axles"]))
-    console.print(f"{reduced.name}: {parameters['mass_kg']:.5g} kg", style="bold", highlight=False, soft_wrap=True)
+    for key in parameters[0]:
+        table.add_row(key, *(f"{axle[key]:.4g}" for axle in parameters))
+    console.print(f"{reduced.name}: {whole_mass(reduced):.5g} kg", style="bold", highlight=False, soft_wrap=True)
     console.print(table)
     console.print(f"wrote {output}", highlight=False, markup=False, soft_wrap=True)
     options.emit(
         {
-            "vehicle": spec.name, "reduced": reduced.name, "file": str(output), "parameters": parameters,
-            "wall_s": time.perf_counter() - begin,
+            "vehicle": spec.name, "reduced": reduced.name, "file": str(output), "mass_kg": whole_mass(reduced),
+            "parameters": parameters, "wall_s": time.perf_counter() - begin,
         }
     )  # fmt: skip
     return DONE
 
 
-def summary(reduced: VehicleSpec) -> dict[str, object]:
-    """Mass, and of each axle what its tables begin and end with."""
+def whole_mass(reduced: VehicleSpec) -> float:
+    """Of the vehicle with its tires [kg]."""
+    mass, _, _ = merged(reduced.chassis.components)
+    return mass + sum(2.0 * axle.tire.mass for axle in reduced.axles)
+
+
+def summary(reduced: VehicleSpec) -> list[dict[str, float]]:
+    """Of each axle what its tables begin and end with."""
     axles = []
     for axle in reduced.axles:
         suspension, tire = tables_of(axle), axle.tire
@@ -107,5 +114,4 @@ def summary(reduced: VehicleSpec) -> dict[str, object]:
                 "anti-roll bar [N·m/rad]": suspension.bar_stiffness,
             }
         )
-    mass, _, _ = merged(reduced.chassis.components)
-    return {"mass_kg": mass + sum(2.0 * axle.tire.mass for axle in reduced.axles), "axles": axles}
+    return axles

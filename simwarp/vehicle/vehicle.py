@@ -118,7 +118,8 @@ class Vehicles(ForceElement):
         shown = [[side.spindle for side in each.sides] for each in self.parts if each.has_wheel_bodies]
         starts = [each.start for each in self.parts]
         wheels = ReducedWheels(first.spec, first.reference, starts, shown, self.model, randomised=randomised)
-        self._powertrain.split_dof = wheels.split
+        powertrain: Any = self._powertrain
+        powertrain.split_dof = wheels.split
         return wheels
 
     def _readable_title(self) -> str:

@@ -47,12 +47,12 @@ class Rig:
         state, body = self.sim.state, self.parts.chassis
         turn = matrices(state.body_rot.numpy()[world])[body]
         inputs = self.vehicle.input.numpy()[world]
-        numbers = (
+        travel, rate, spin = (
             getattr(self.wheels, name).numpy()[world].astype(float) for name in ("travel", "travel_rate", "spin")
         )
         return turn, Motion(
-            turn.T @ state.body_v.numpy()[world, body], turn.T @ state.body_omega.numpy()[world, body], *numbers,
-            float(inputs[0]), float(inputs[2]),
+            turn.T @ state.body_v.numpy()[world, body], turn.T @ state.body_omega.numpy()[world, body],
+            travel, rate, spin, float(inputs[0]), float(inputs[2]),
         )  # fmt: skip
 
     def reference(self):

@@ -69,7 +69,7 @@ def reference_accel(spec: VehicleSpec) -> Maneuver:
 
 def reference_steer(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest; at 15 s the steering goes to 0.3 in 0.2 s; until 25 s."""
-    target, _ = SPEEDS.get(spec.name, (12.0, 15.0))
+    target, _ = SPEEDS.get(spec.full_name, (12.0, 15.0))
     script = _script(
         spec,
         steering=after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
@@ -81,7 +81,7 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
 
 def reference_brake(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest until 20 s, then full brakes for 4 s."""
-    _, target = SPEEDS.get(spec.name, (12.0, 15.0))
+    _, target = SPEEDS.get(spec.full_name, (12.0, 15.0))
     script = _script(
         spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
@@ -98,7 +98,7 @@ def reference_soil(spec: VehicleSpec) -> Maneuver:
 
 
 def _usual_speed(spec: VehicleSpec) -> float:
-    return SPEEDS.get(spec.name, (12.0, 15.0))[0]
+    return SPEEDS.get(spec.full_name, (12.0, 15.0))[0]
 
 
 STEP: Final = 15.0
@@ -172,7 +172,7 @@ def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:
     """A path tracker on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
-    turn = RADII.get(spec.name, 30.0) if radius is None else radius
+    turn = RADII.get(spec.full_name, 30.0) if radius is None else radius
     _needs_axles(spec)
     # 4 m/s² across: well below what a dry road takes
     target = min(_usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
@@ -201,7 +201,7 @@ def lane_change_path(approach: float) -> Path:
 
 def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duration: float | None = None) -> Maneuver:
     """A path tracker through the course of ISO 3888-1 at a speed [m/s], behind an approach of ten seconds of it."""
-    target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
+    target = LANE_SPEEDS.get(spec.full_name, 15.0) if speed is None else speed
     _needs_axles(spec)
     approach = 10.0 * target
     follow = PathTrackingSpec(
@@ -227,7 +227,7 @@ def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 
     rest = DRAWBAR_RAMP + DRAWBAR_HOLD
     if duration <= rest:
         raise SpecError(f"duration: must be above {rest:g} s of a drawbar test, got {duration!r}")
-    target = PULLING_SPEEDS.get(spec.name, 1.0) if speed is None else speed
+    target = PULLING_SPEEDS.get(spec.full_name, 1.0) if speed is None else speed
     test = DrawbarSpec(speed=target, start=SETTLING, ramp=DRAWBAR_RAMP, sweep=duration - rest)
     return Maneuver(name="drawbar", drawbar=test, duration=duration)
 

@@ -60,29 +60,30 @@ class ReducedWheels:
         device, shape = model.device, (model.world_count, WHEELS * len(starts))
         self.count = len(starts)
         self.tables = _tables(spec, reference, device)
-        self._bodies = wp.array(np.array(bodies, np.int32).reshape(-1), dtype=int, device=device)
-        self.split = wp.array(np.array(driven_wheels(spec) or [[0, 0]], np.int32), dtype=int, device=device)
+        self._bodies: wp.array = wp.array(np.array(bodies, np.int32).reshape(-1), dtype=int, device=device)
+        self.split: wp.array = wp.array(np.array(driven_wheels(spec) or [[0, 0]], np.int32), dtype=int, device=device)
         radii = [axle.tire.radius for axle in spec.axles for _ in (0, 1)]
         spins = np.concatenate([start.speed / np.array(radii) for start in starts])
         standing = np.tile([tables_of(axle).standing for axle in spec.axles for _ in (0, 1)], len(starts))
-        self.state: Any = ReducedState()
-        self.state.travel = writable_from(np.tile(standing, (shape[0], 1)), wp.float32, device, label="travel")
-        self.state.travel_rate = writable(shape, wp.float32, device, label="travel_rate")
-        self.state.spin = writable_from(np.tile(spins, (shape[0], 1)), wp.float32, device, label="spin")
-        self.state.turn = writable(shape, wp.float64, device, label="turn")
-        self.state.turn_rate = writable_from(np.tile(spins, (shape[0], 1)), wp.float32, device, label="turn_rate")
+        state: Any = ReducedState()
+        state.travel = writable_from(np.tile(standing, (shape[0], 1)), wp.float32, device, label="travel")
+        state.travel_rate = writable(shape, wp.float32, device, label="travel_rate")
+        state.spin = writable_from(np.tile(spins, (shape[0], 1)), wp.float32, device, label="spin")
+        state.turn = writable(shape, wp.float64, device, label="turn")
+        state.turn_rate = writable_from(np.tile(spins, (shape[0], 1)), wp.float32, device, label="turn_rate")
         motors = np.tile([start.motor_speed for start in starts], (shape[0], 1))
-        self.state.motor_speed = writable_from(motors, wp.float32, device, label="motor_speed")
-        self.state.input_speed = writable_from(motors, wp.float32, device, label="input_speed")
+        state.motor_speed = writable_from(motors, wp.float32, device, label="motor_speed")
+        state.input_speed = writable_from(motors, wp.float32, device, label="input_speed")
         ones = np.ones((shape[0] if randomised else 1, shape[1], 2))
-        self.state.scale = writable_from(ones, wp.float32, device, label="scale")
-        self.state.axis = wp.array(np.tile((0.0, 1.0, 0.0), (*shape, 1)), dtype=wp.vec3, device=device)
-        self.travel: wp.array = self.state.travel
-        self.travel_rate: wp.array = self.state.travel_rate
-        self.spin: wp.array = self.state.spin
-        self.turn_rate: wp.array = self.state.turn_rate
-        self.axis: wp.array = self.state.axis
-        self.scale: wp.array = self.state.scale
+        state.scale = writable_from(ones, wp.float32, device, label="scale")
+        state.axis = wp.array(np.tile((0.0, 1.0, 0.0), (*shape, 1)), dtype=wp.vec3, device=device)
+        self.state = state
+        self.travel: wp.array = state.travel
+        self.travel_rate: wp.array = state.travel_rate
+        self.spin: wp.array = state.spin
+        self.turn_rate: wp.array = state.turn_rate
+        self.axis: wp.array = state.axis
+        self.scale: wp.array = state.scale
 
     def of(self, number: int) -> ReducedWheels:
         """One of the vehicles: views of the same memory."""
@@ -103,7 +104,7 @@ class ReducedWheels:
     ) -> Any:  # fmt: skip
         """The launch of one sub-step; `outputs`: state of the powertrain and motion of the vehicles."""
         model, control = simulation.model, simulation.control.arrays
-        given = TireArrays()
+        given: Any = TireArrays()
         given.tables, given.parameter = tires.tables, tires.parameter
         given.ground_friction, given.state = tires.ground_friction, tires.state
         return simulation.shares.record(

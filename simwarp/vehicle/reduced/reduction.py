@@ -13,7 +13,7 @@ from simwarp.vehicle.reduced.reduced_construction import tables_of
 from simwarp.vehicle.rigs.suspension_curves import SuspensionReference
 from simwarp.vehicle.rigs.suspension_rig import reference_state
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, merged
-from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
+from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     DifferentialDrive,
@@ -24,8 +24,6 @@ from simwarp.vehicle.spec.vehicle_spec import (
 )
 from simwarp.vehicle.tires.parameter_vector import MODELS
 
-SUFFIX: Final = "-14dof"
-"""Ends the name of a reduced vehicle."""
 REACH: Final = 0.3
 """Travel of the tables up and down from the standing vehicle, as a share of the tire's radius."""
 SHRINKING: Final = 0.9
@@ -46,7 +44,7 @@ def reduce_vehicle(
     spec: VehicleSpec, *, rows: int = ROWS, columns: int = COLUMNS, device: str = "cpu",
     progress: Progress | None = None,
 ) -> VehicleSpec:  # fmt: skip
-    """The vehicle with tabulated suspensions and the name with `SUFFIX`.
+    """The vehicle with tabulated suspensions and the name with `REDUCED`.
 
     Tires, brakes, engine, transmission and driveline stay as they are; wheels, links and steering become parts of the
     chassis, as the vehicle stands. Anti-roll bars become stiffnesses between the travels of an axle's wheels.
@@ -73,7 +71,7 @@ def reduce_vehicle(
     mass, com, inertia = merged(parts)
     chassis = dataclasses.replace(spec.chassis, components=(rigid_part(mass, com, inertia),))
     return dataclasses.replace(
-        spec, name=f"{spec.name}{SUFFIX}", chassis=chassis, axles=tuple(axles), steerings=(),
+        spec, name=f"{spec.name}{REDUCED}", chassis=chassis, axles=tuple(axles), steerings=(),
         start_height=spec.start_height - min(tables_of(axle).standing for axle in axles),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ to the left. Points are in the vehicle's frame of reference; both sides are desc
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,9 +19,11 @@ Values: TypeAlias = tuple[float, ...]
 Grid: TypeAlias = tuple[tuple[float, ...], ...]
 """A row for each travel."""
 
-OVER_STEERING = ("ahead", "aside", "axis_x", "axis_z", "windup", "spring_load")
+REDUCED: Final = "-14dof"
+"""Ends the names of reduced vehicles."""
+OVER_STEERING: Final = ("ahead", "aside", "axis_x", "axis_z", "windup", "spring_load")
 """Fields of `WheelTable` over travel and steering."""
-EVEN = 1.0e-6
+EVEN: Final = 1.0e-6
 """Spacings of a table's places are equal within this share."""
 
 

@@ -62,7 +62,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     Suspension,
     TrailingArm,
 )
-from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
+from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_parts import Axle, Brake, Chassis, SteeringMount, Tire, Wheel
 
 __all__ = [
@@ -133,6 +133,11 @@ class VehicleSpec(Readable, Spec):
     """Declared distance of the first and the last axle [m]: checked against their frames and their wheels."""
     start_height: float = 0.5
     """Of the frame of reference above the ground at the start [m]."""
+
+    @property
+    def full_name(self) -> str:
+        """The name, of a reduced vehicle that of the full one."""
+        return self.name.removesuffix(REDUCED)
 
     def require_linkages(self, what: str) -> None:
         """Refuses a reduced vehicle where its suspensions, steering or shafts are asked for.
