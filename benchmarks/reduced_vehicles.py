@@ -19,6 +19,8 @@ COURSES: Final = (
     "reference-accel", "reference-steer", "reference-brake", "step-steer", "sine-sweep", "double-lane-change",
 )  # fmt: skip
 WHEELS: Final = ("FL", "FR", "RL", "RR")
+DRAWN: Final = ("reference-brake", "step-steer", "double-lane-change")
+"""In the picture."""
 STRAIGHT: Final = 0.05
 """Least yaw rate that a deviation is a share of [rad/s]."""
 ROUNDS: Final = 12
@@ -56,7 +58,7 @@ def draw(runs: list[tuple[str, Columns, Columns]], file: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, grid = plt.subplots(2, len(runs), figsize=(4.2 * len(runs), 5.6), constrained_layout=True)
+    figure, grid = plt.subplots(2, len(runs), figsize=(4.0 * len(runs), 5.6), constrained_layout=True)
     for column, (title, full, reduced) in enumerate(runs):
         rates, loads = grid[:, column]
         for axes in (rates, loads):
@@ -115,7 +117,7 @@ def main() -> None:
         for course in options.courses:
             full, reduced = driven(load_vehicle(name).full_name, course), driven(name, course)
             print(row(name, course, full, reduced), flush=True)
-            if name == options.vehicles[0]:
+            if name == options.vehicles[0] and course in DRAWN:
                 shown.append((course, full, reduced))
     if options.plot is not None:
         draw(shown, options.plot)

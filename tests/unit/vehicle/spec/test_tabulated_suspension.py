@@ -42,7 +42,11 @@ def test_it_weighs_as_much_as_the_full_vehicle(name):
 @pytest.mark.parametrize(
     ("field", "change", "message"),
     [
-        ("travel", lambda s: (s.travel[0], s.travel[2], *s.travel[2:]), "travel: must be increasing and equally spaced"),
+        (
+            "travel",
+            lambda s: (s.travel[0], s.travel[2], *s.travel[2:]),
+            "travel: must be increasing and equally spaced",
+        ),
         ("steering", lambda s: s.steering[:-1], "left.ahead: must be 25 rows of 20 numbers"),
         ("rate", lambda s: s.rate[::2], "left.damper_load: must be 25 rows of 9 numbers"),
         (
@@ -100,7 +104,7 @@ def test_a_tire_that_is_a_shape_is_refused():
     ],
 )
 def test_what_needs_a_linkage_says_so_in_one_line(asks):
-    with pytest.raises(SpecError, match="'sedan-14dof' is reduced to tables, and .* needs linkages"):
+    with pytest.raises(SpecError, match=r"'sedan-14dof' is reduced to tables, and .* needs linkages"):
         asks(load_vehicle("sedan-14dof"))
 
 
