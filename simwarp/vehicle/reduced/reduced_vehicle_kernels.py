@@ -38,6 +38,7 @@ from simwarp.vehicle.tires.tires_kernels import TireReports, TireTables, ground_
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
+HALF_TURN = wp.constant(wp.float64(3.141592653589793))
 FULL_TURN = wp.constant(wp.float64(6.283185307179586))
 
 
@@ -199,9 +200,12 @@ def run_reduced_vehicle(
         change = turned.speed[wheel] - speed[wheel]
         reduced.spin[world, slot] += change
         reduced.turn_rate[world, slot] = turned.speed[wheel]
-        reduced.turn[world, slot] = wp.mod(
-            reduced.turn[world, slot] + wp.float64(dt * turned.speed[wheel]), FULL_TURN
-        )  # fmt: skip
+        angle = reduced.turn[world, slot] + wp.float64(dt * turned.speed[wheel])
+        if angle > HALF_TURN:
+            angle -= FULL_TURN
+        elif angle < -HALF_TURN:
+            angle += FULL_TURN
+        reduced.turn[world, slot] = angle
         push[wheel] = push[wheel] - windup[wheel] * turned.brake[wheel]
         axis = wp.vec3(axes[wheel, 0], axes[wheel, 1], axes[wheel, 2])
         torque -= (t.spin_inertia[wheel] * change / dt) * axis
@@ -214,12 +218,14 @@ def run_reduced_vehicle(
     b = inverse * (torque - wp.cross(c.omega, inertia * c.omega))
     coupled = wp.mat44()
     for i in range(4):
+        p = t.momentum[i]
+        h = t.moment[i]
+        lighter = p / mass
+        turning = inverse * h
         for j in range(4):
-            value = -wp.dot(t.momentum[i], t.momentum[j]) / mass - wp.dot(t.moment[i], inverse * t.moment[j])
-            if i == j:
-                value += t.mass[i] + dt * damping[i]
-            coupled[i, j] = value
-        push[i] = push[i] - wp.dot(t.momentum[i], a) - wp.dot(t.moment[i], b)
+            coupled[i, j] = -wp.dot(lighter, t.momentum[j]) - wp.dot(turning, t.moment[j])
+        coupled[i, i] += t.mass[i] + dt * damping[i]
+        push[i] = push[i] - wp.dot(p, a) - wp.dot(h, b)
     accelerations = wp.inverse(coupled) * push
     for wheel in range(4):
         slot = WHEELS * number + wheel
