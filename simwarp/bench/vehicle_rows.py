@@ -94,7 +94,7 @@ def _set_up(scene: VehicleScene, worlds: int, device: str, dt: float | None) -> 
         )  # fmt: skip
         return Driven(row.simulation, row.vehicles, straight)
     course = maneuver("reference-steer", spec) if soil is None else maneuver("step-steer", spec, speed=speed)
-    one = set_up(spec, course, worlds=worlds, device=device, dt=step, elements=elements)
+    one = set_up(spec, course, worlds=worlds, device=device, dt=step, elements=elements, wheel_bodies=False)
     return Driven(one.simulation, one.vehicle, course)
 
 

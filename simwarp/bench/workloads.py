@@ -16,7 +16,7 @@ from simwarp.core.types import WORLD, Material, PositionDrive, pose
 from simwarp.core.wording import suggestions
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation, SolverOptions
-from simwarp.vehicle.spec.vehicle_files import vehicle_names
+from simwarp.vehicle.spec.vehicle_files import reduced_vehicle_names, vehicle_names
 
 CART_MASS = 0.1
 POLE_MASS = 0.785398
@@ -180,8 +180,8 @@ CONVOYS: Final = {"hmmwv-convoy": "hmmwv"}
 
 
 def vehicle_row_names() -> list[str]:
-    """Names of the rows: vehicles on tires of their own, then on soil, then several in a world."""
-    return [*vehicle_names(), *ON_SOIL, *CONVOYS]
+    """Names of the rows: vehicles on tires of their own, then reduced ones, on soil, then several in a world."""
+    return [*vehicle_names(), *reduced_vehicle_names(), *ON_SOIL, *CONVOYS]
 
 
 def task_of(name: str, tasks: Iterable[str]) -> str | None:

@@ -73,6 +73,12 @@ COMMANDS = {
         Command("fit", "CONFIG", "parameters of a model from recorded runs", "simwarp.cli.fit_command:run"),
         Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
         Command(
+            "reduce",
+            "VEHICLE",
+            "a vehicle of fourteen degrees of freedom that moves alike",
+            "simwarp.cli.reduce_command:run",
+        ),
+        Command(
             "rig",
             "RIG NAME",
             "a rig: tires, suspensions, steerings, posts, tilt table",

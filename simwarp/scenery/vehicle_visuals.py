@@ -12,6 +12,7 @@ from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.solids import Array, mirrored, moved
 from simwarp.scenery.vehicle_bodies import PLAIN_STYLE, STYLES, BodyStyle, wheel_mesh
 from simwarp.scenery.visual import Label, Proxy, Visual
+from simwarp.vehicle.reduced.reduced_construction import standing_center
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 if TYPE_CHECKING:
@@ -133,7 +134,12 @@ def add_vehicle_visual(
         instances = [_show_box(visuals, parts, box, f"{prefix}body", PLAIN if color is None else color, appearance)]
     style = STYLES[_kind(name)] if has_body(name) else PLAIN_STYLE
     for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(style, spec), strict=True)):
-        instances.append(visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", **appearance))
+        place = pose()
+        if not parts.has_wheel_bodies:  # the chassis carries its wheels as the vehicle stands
+            place = pose(np.add(parts.reference, standing_center(spec.axles[side.axle], index % 2)))
+        instances.append(
+            visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", pose=place, **appearance)
+        )  # fmt: skip
     return instances
 
 

@@ -25,6 +25,8 @@ from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.driving.twist import SteeredVehicle, TwistDriver, TwistGains, twist_gains_for
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
+from simwarp.vehicle.reduced.reduced_wheels import ReducedWheels
+from simwarp.vehicle.reduced.reduction import reduce_vehicle
 from simwarp.vehicle.results.chain_record import ChainProfile, ChainRecord
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
@@ -32,7 +34,7 @@ from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_belts
 from simwarp.vehicle.spec.variants import option_names, with_options
-from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, reduced_vehicle_names, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.stances import AxleStance, LineStance, Stance, stance
 from simwarp.vehicle.suspensions.kinematics import TravelTable, spring_lengths, travel_table
@@ -82,6 +84,7 @@ __all__ = [
     "PathTrackingSpec",
     "Payload",
     "Recorder",
+    "ReducedWheels",
     "Run",
     "ScriptSpec",
     "ScriptedDriver",
@@ -125,6 +128,8 @@ __all__ = [
     "per_world",
     "place_vehicle",
     "read_path",
+    "reduce_vehicle",
+    "reduced_vehicle_names",
     "save_tracked_vehicle",
     "save_vehicle",
     "set_payload",

@@ -16,12 +16,14 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.keyword_argument_types import SurfaceOptions
 from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_driveline
 from simwarp.vehicle.drivetrain.transmissions import TransmissionParts, add_transmission
-from simwarp.vehicle.initial_velocity import Rolling, roll_bodies, roll_driveline, start_of
+from simwarp.vehicle.initial_velocity import Rolling, roll_bodies, roll_driveline, start_of, wheel_rate
+from simwarp.vehicle.reduced.reduced_construction import add_reduced_bodies, drive_row, reduced_driveline
 from simwarp.vehicle.spec.parts import merged
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
+from simwarp.vehicle.tires.parameter_vector import MODELS
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -44,6 +46,11 @@ class VehicleParts(Readable):
     prefix: str = ""
     """Of the names of its bodies and joints, and of what is added to it without a name of its own."""
 
+    @property
+    def has_wheel_bodies(self) -> bool:
+        """Whether the wheels are bodies of their own; of a reduced vehicle they may be none."""
+        return all(side.spindle != self.chassis for side in self.sides)
+
     def _readable_title(self) -> str:
         wheels = plural(len(self.sides), "wheel")
         return f" of '{self.spec.name}': chassis is body {self.chassis}, {wheels}"
@@ -51,7 +58,7 @@ class VehicleParts(Readable):
 
 def add_vehicle(
     builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = None, prefix: str = "", speed: float = 0.0,
-    gear: int | None = None,
+    gear: int | None = None, wheel_bodies: bool = True,
 ) -> VehicleParts:  # fmt: skip
     """Adds a vehicle that stands, or rolls straight on.
 
@@ -61,6 +68,8 @@ def add_vehicle(
         speed: forwards [m/s]. Wheels roll on their unloaded radius; driveline, transmission and engine turn with them.
         gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, of a
             manual one the lowest in which the engine does not race.
+        wheel_bodies: False leaves out the bodies of a reduced vehicle's wheels, which pictures and sensors see and
+            nothing else needs; the vehicle moves the same and costs a third less.
 
     Raises:
         SpecError: parts do not fit together, there is no such gear, or a vehicle has that prefix already.
@@ -73,6 +82,8 @@ def add_vehicle(
         raise SpecError(f"speed: must be a finite number, got {speed!r}")
     first_body = len(builder.bodies)
     origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
+    if spec.is_reduced:
+        return _add_reduced(builder, spec, origin, prefix, speed, gear, wheel_bodies)
     mass, com, inertia = merged(spec.chassis.components)
     center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
     chassis = builder.add_body(f"{prefix}chassis", mass=mass, inertia=inertia, pose=center)
@@ -105,6 +116,26 @@ def add_vehicle(
     gears = add_transmission(builder, prefix, spec.transmission, driveline, start)
     bodies = range(first_body, len(builder.bodies))
     return VehicleParts(spec, chassis, -com, sides, steerings, driveline, gears, start, bodies, prefix)
+
+
+def _add_reduced(
+    builder: ModelBuilder, spec: VehicleSpec, origin: Pose, prefix: str, speed: float, gear: int | None,
+    wheel_bodies: bool,
+) -> VehicleParts:  # fmt: skip
+    """A reduced vehicle: a chassis, and the wheels as `wheel_bodies` asks for."""
+    for index, axle in enumerate(spec.axles):
+        if axle.tire.template not in MODELS:
+            found = f"got '{axle.tire.template}' of the reduced '{spec.name}'"
+            raise SpecError(f"axles[{index}].tire: must be a force law on tables, {found}; choose another tire")
+    first = len(builder.bodies)
+    chassis, sides, reference = add_reduced_bodies(builder, spec, origin, prefix, wheel_bodies)
+    forward = rotate(origin.rotation, np.array([1.0, 0.0, 0.0]))
+    bodies = range(first, len(builder.bodies))
+    roll_bodies(builder, bodies, sides if wheel_bodies else (), spec, speed, forward)
+    rates = np.array([wheel_rate(spec, side, speed) for side in sides])
+    start = start_of(spec.transmission, speed, float(drive_row(spec) @ rates), gear)
+    driveline = reduced_driveline(spec)
+    return VehicleParts(spec, chassis, reference, sides, (), driveline, TransmissionParts(), start, bodies, prefix)
 
 
 def add_chassis_box(

@@ -109,6 +109,7 @@ def stance(spec: VehicleSpec, *, speed: float = 0.0, device: str = "cpu") -> Sta
         SpecError: the speed is negative or not finite; the vehicle does not come to rest, as on tires that need soil.
         ModelError: its tires are flexible: their meshes have no static solver.
     """
+    spec.require_linkages("its stance")
     if not 0.0 <= speed < np.inf:
         raise SpecError(f"speed: must be >= 0 m/s and finite, got {speed:g}")
     coasting = dataclasses.replace(spec, driveline=None, engine=None, transmission=None)

@@ -23,6 +23,7 @@ from simwarp.vehicle.inputs_kernels import (
     measure_vehicle,
     run_vehicle,
 )
+from simwarp.vehicle.reduced.reduced_wheels import ReducedWheels
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError
 from simwarp.vehicle.tires.contact_tires import ContactTires
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
@@ -86,7 +87,7 @@ class Vehicles(ForceElement):
         self.chassis: wp.array = wp.array([each.chassis for each in self.parts], dtype=int, device=model.device)
         self.input = writable((*shape, 4), wp.float32, model.device)
         self.lock = writable((*shape, len(first.driveline.locks)), wp.float32, model.device)
-        self._tables = _tables(first, model)
+        self._tables = _reduced_tables(first) if first.spec.is_reduced else _tables(first, model)
         for name, values in shifts.items():
             setattr(self._tables, name, wp.array(values, dtype=int, device=model.device))
         self._tables.point = wp.vec3(*(first.reference + finite_vector("Vehicle", "point", point, 3)))
@@ -106,7 +107,20 @@ class Vehicles(ForceElement):
         self.drive_torque: wp.array = self._powertrain_state.drive_torque
         met = None if obstacles is None else TireObstacles(model, obstacles)
         self.tires = _tires(self.parts, model, ground, met, randomised)
+        self.reduced = self._reduced_wheels(randomised)
         self._each = tuple(_member(self, number) for number in range(len(self.parts)))
+
+    def _reduced_wheels(self, randomised: bool) -> ReducedWheels | None:
+        """Wheels and powertrain of reduced vehicles; None of full ones."""
+        first = self.parts[0]
+        if not first.spec.is_reduced:
+            return None
+        shown = [[side.spindle for side in each.sides] for each in self.parts if each.has_wheel_bodies]
+        starts = [each.start for each in self.parts]
+        wheels = ReducedWheels(first.spec, first.reference, starts, shown, self.model, randomised=randomised)
+        powertrain: Any = self._powertrain
+        powertrain.split_dof = wheels.split
+        return wheels
 
     def _readable_title(self) -> str:
         count, model = len(self.parts), self.model
@@ -148,6 +162,8 @@ class Vehicles(ForceElement):
             "last_input": state.last_input,
             "last_drive": state.last_drive,
         }
+        if self.reduced is not None:
+            arrays |= self.reduced.memory
         return {name: array for name, array in arrays.items() if array.size}
 
     @property
@@ -163,6 +179,8 @@ class Vehicles(ForceElement):
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrains, then tires."""
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
+        if self.reduced is not None:
+            return self._record_reduced(simulation, dt)
         inputs = simulation.shares.record(
             run_vehicle, len(self.parts),
             inputs=[dt, self._tables, self._powertrain, self.input, self.lock, model.parameters, state],
@@ -185,6 +203,24 @@ class Vehicles(ForceElement):
             tires,
         ]
 
+    def _record_reduced(self, simulation: StepContext, dt: float) -> list[Any]:
+        """Of reduced vehicles: one launch for all, behind that which finds obstacles."""
+        assert self.reduced is not None
+        assert isinstance(self.tires, Tires)  # of reduce_vehicle
+        launches = []
+        if self.tires.obstacles is not None:
+            around = self.tires.envelope_inputs(simulation.state.arrays)
+            launches.append(
+                simulation.shares.record(
+                    find_envelopes, self.tires.shape[1], inputs=around[:-1], outputs=around[-1:]
+                )
+            )  # fmt: skip
+        acting = self.reduced.record(
+            simulation, dt, self._tables, self._powertrain, self.input, self.lock, self.tires,
+            [self._powertrain_state, self._motion],
+        )  # fmt: skip
+        return [*launches, acting]
+
     def _warn_of_missing_ground(self, simulation: StepContext) -> None:
         assert not isinstance(self.tires, Tires)  # these have a plane at least
         missing = self.tires.missing_ground(simulation, {body for each in self.parts for body in each.bodies})
@@ -196,6 +232,8 @@ class Vehicles(ForceElement):
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motions after a sub-step."""
         loads = [] if isinstance(self.tires, Tires) else self.tires.record_after(simulation)
+        if self.reduced is not None:
+            loads = self.reduced.record_poses(simulation, self._tables, self.input)
         return [
             *loads,
             simulation.shares.record(
@@ -206,7 +244,11 @@ class Vehicles(ForceElement):
 
     def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that measures the motions in worlds whose state was set."""
+        shown = []
+        if self.reduced is not None:
+            shown = self.reduced.record_set_poses(simulation, mask, self._tables, self.input)
         return [
+            *shown,
             simulation.shares.record(
                 measure_set_vehicle, len(self.parts),
                 inputs=[mask, self._tables, simulation.state.arrays], outputs=[self._motion],
@@ -268,6 +310,7 @@ class Vehicle(ForceElement):
         self.lock = vehicles.lock[:, number] if vehicles.lock.size else none
         wheels = len(self.parts.sides)
         alone = len(vehicles.parts) == 1
+        self.reduced = None if vehicles.reduced is None else vehicles.reduced.of(number)
         self.tires = vehicles.tires if alone else vehicles.tires.of(number * wheels, wheels)
         self.position: wp.array = vehicles.position[:, number]
         self.angles: wp.array = vehicles.angles[:, number]
@@ -314,8 +357,9 @@ class Vehicle(ForceElement):
     @property
     def assigned_bodies(self) -> tuple[int, ...]:
         """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
-        spindles = [side.spindle for side in self.parts.sides] if isinstance(self.tires, Tires) else []
-        return (self.parts.chassis, *spindles)
+        if self.reduced is not None or not isinstance(self.tires, Tires):
+            return (self.parts.chassis,)
+        return (self.parts.chassis, *(side.spindle for side in self.parts.sides))
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
@@ -409,6 +453,8 @@ def _bodies(parts: VehicleParts, model: Model) -> list[int]:
     """All bodies that joints connect with the chassis, which comes first, then nodes of meshes glued to them."""
     pairs = [(joint.parent, joint.child) for joint in model.builder.joints if min(joint.parent, joint.child) >= 0]
     found = [parts.chassis]
+    if parts.spec.is_reduced and parts.has_wheel_bodies:
+        found += [side.spindle for side in parts.sides]
     for body in found:
         reached = {a + b - body for a, b in pairs if body in (a, b)}
         found += sorted(reached.difference(found))
@@ -417,6 +463,14 @@ def _bodies(parts: VehicleParts, model: Model) -> list[int]:
         if any(glued and body in held for body, glued in zip(mesh.bodies, mesh.glued, strict=True)):
             found += [mesh.bodies[node] for node in mesh.nodes]
     return found
+
+
+def _reduced_tables(parts: VehicleParts) -> VehicleTables:
+    """Chassis and drag: a reduced vehicle has no joints to act on."""
+    table, chassis = VehicleTables(), parts.spec.chassis
+    table.chassis = parts.chassis
+    table.drag = 0.5 * chassis.air_density * chassis.drag_coefficient * chassis.drag_area
+    return table
 
 
 def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
@@ -481,6 +535,14 @@ def _tires(
     if not rigid:
         mounts = [mount for each in parts for mount in _mounts(each)]
         worlds, bodies = model.world_count, model.body_count
+        if not all(each.has_wheel_bodies for each in parts):
+            if obstacles is not None:
+                raise SpecError(
+                    "obstacles: must be left out with wheel_bodies=False, for they are looked for around bodies"
+                )
+            # numbers of their own, as they are no bodies of the model
+            mounts = [mount._replace(body=wheel) for wheel, mount in enumerate(mounts)]
+            bodies = len(mounts)
         return Tires(
             mounts, worlds, bodies, model.device, terrain=ground, obstacles=obstacles, randomised=randomised
         )  # fmt: skip

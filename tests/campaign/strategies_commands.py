@@ -77,6 +77,7 @@ BASES = (
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
     Base("fit", ("good/fit.toml",), (("--iterations", "1"),), runs=False),
     Base("trim", ("sedan",), (("--ride-height", "design"), ("--toe", "0.1")), runs=False),
+    Base("reduce", ("sedan",), (("--rows", "3"), ("--columns", "3"), ("--output", "reduced.json")), runs=False),
     Base("rig", ("steering", "sedan"), (("--points", "5"), ("--device", "cpu"))),
     Base("rig", ("tire", "sedan"), (("--points", "5"), ("--loads", "4000")), runs=False),
     Base("rig", ("suspension", "sedan"), (("--points", "5"),), runs=False),
@@ -107,6 +108,7 @@ ENDINGS = {
     ("clone", "output"): ".pt",
     ("export", "output"): ".ts",
     ("trim", "output"): ".json",
+    ("reduce", "output"): ".json",
 }
 """Options that name a file to write, and its ending."""
 

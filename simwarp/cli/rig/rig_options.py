@@ -77,6 +77,8 @@ def wheeled_vehicle(target: str, rig: str) -> VehicleSpec:
     spec = load_any_vehicle(target)
     if isinstance(spec, TrackedVehicleSpec):
         raise UsageError(f"rig {rig}: '{spec.name}' has tracks; a rig holds vehicles on wheels, so take one of these")
+    if rig != "tire":
+        spec.require_linkages(f"rig {rig}")
     return spec
 
 

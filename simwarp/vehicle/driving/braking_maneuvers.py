@@ -28,7 +28,7 @@ SLIPPERY_WIDTH: Final = 50.0
 
 def braking_speed(spec: VehicleSpec) -> float:
     """Of stops: 100 km/h, or what suits the vehicle [m/s]."""
-    return BRAKING_SPEEDS.get(spec.name, FULL_SPEED)
+    return BRAKING_SPEEDS.get(spec.full_name, FULL_SPEED)
 
 
 def _brakes(share: float) -> Intervention:
@@ -74,7 +74,7 @@ def brake_in_turn(
     duration: float = 6.0,
 ) -> Maneuver:  # fmt: skip
     """ISO 7975: on a circle [m] at a speed [m/s], 4 m/s² across; then the steering is kept and the brakes act."""
-    turn, last = CIRCLES.get(spec.name, (40.0, math.inf))
+    turn, last = CIRCLES.get(spec.full_name, (40.0, math.inf))
     turn = turn if radius is None else radius
     target = min(last, math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
@@ -117,7 +117,7 @@ def bump(
 
     Without them it is as high as a sixth of a tire's radius and as long as three of them.
     """
-    target = BUMP_SPEEDS.get(spec.name, 10.0) if speed is None else speed
+    target = BUMP_SPEEDS.get(spec.full_name, 10.0) if speed is None else speed
     tire = spec.axles[0].tire.radius
     across = Bump(
         start=LEAD * target + wheelbase(spec) + tire, length=3.0 * tire if length is None else length,

@@ -22,7 +22,7 @@ SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7), "skid-steer": (0.5, 
 
 def usual_speed(spec: VehicleSpec) -> float:
     """Of manoeuvres with steering [m/s]."""
-    return SPEEDS.get(spec.name, (12.0, 15.0))[0]
+    return SPEEDS.get(spec.full_name, (12.0, 15.0))[0]
 
 
 def speed_gains(spec: VehicleSpec) -> PIDGains:

@@ -47,12 +47,12 @@ FISHHOOK_BACK: Final = 2.0
 
 def handling_speed(spec: VehicleSpec) -> float:
     """Of handling tests: 80 km/h, or what suits the vehicle [m/s]."""
-    return SLOWER.get(spec.name, HANDLING_SPEED)
+    return SLOWER.get(spec.full_name, HANDLING_SPEED)
 
 
 def steering_unit(spec: VehicleSpec) -> float:
     """Steering input of a shipped vehicle at 0.3 g; NaN of others."""
-    return UNITS.get(spec.name, math.nan)
+    return UNITS.get(spec.full_name, math.nan)
 
 
 def _amplitude(spec: VehicleSpec, given: float | None, factor: float) -> float:
@@ -80,7 +80,7 @@ def steady_state_circle(
 ) -> Maneuver:
     """ISO 4138 on a circle [m], to the left: from rest the speed rises evenly to its last value [m/s]."""
     needs_axles(spec)
-    turn, last = CIRCLES.get(spec.name, (CIRCLE[0], math.sqrt(CIRCLE[0] * CIRCLE[1])))
+    turn, last = CIRCLES.get(spec.full_name, (CIRCLE[0], math.sqrt(CIRCLE[0] * CIRCLE[1])))
     if radius is not None:
         turn, last = radius, min(last, math.sqrt(CIRCLE[1] * abs(radius)))
     follow = PathTrackingSpec(

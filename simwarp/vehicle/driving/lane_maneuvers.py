@@ -78,7 +78,7 @@ def iso_3888_1(spec: VehicleSpec, *, speed: float | None = None, duration: float
 
     It begins in motion and enters the first lane two seconds later; the line is that of least curvature.
     """
-    target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
+    target = LANE_SPEEDS.get(spec.full_name, 15.0) if speed is None else speed
     course, line = between_cones(spec, double_lane_change_course, target)
     total = (course.end + course.outline.length) / target * 1.1 - LEAD + 0.5 if duration is None else duration
     return rolling(
@@ -92,7 +92,7 @@ def iso_3888_2(spec: VehicleSpec, *, speed: float | None = None, duration: float
     It begins in motion and enters the first lane two seconds later, at a speed [m/s]; the line is that of least
     curvature. Below 10 m/s the throttle is held: the vehicle would stop between the cones.
     """
-    target = LANE_SPEEDS.get(spec.name, 12.0) if speed is None else speed
+    target = LANE_SPEEDS.get(spec.full_name, 12.0) if speed is None else speed
     course, line = between_cones(spec, obstacle_avoidance_course, target)
     # engine and tires slow it down by a third or so
     total = (course.end + course.outline.length) / target * 1.6 - LEAD + 1.0 if duration is None else duration

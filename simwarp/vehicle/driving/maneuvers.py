@@ -61,7 +61,7 @@ def reference_accel(spec: VehicleSpec) -> Maneuver:
 
 def reference_steer(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest; at 15 s the steering goes to 0.3 in 0.2 s; until 25 s."""
-    target, _ = SPEEDS.get(spec.name, (12.0, 15.0))
+    target, _ = SPEEDS.get(spec.full_name, (12.0, 15.0))
     script = scripted(
         spec,
         steering=after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
@@ -73,7 +73,7 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
 
 def reference_brake(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest until 20 s, then full brakes for 4 s."""
-    _, target = SPEEDS.get(spec.name, (12.0, 15.0))
+    _, target = SPEEDS.get(spec.full_name, (12.0, 15.0))
     script = scripted(
         spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
@@ -152,7 +152,7 @@ def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:
     """A path tracker on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
-    turn = RADII.get(spec.name, 30.0) if radius is None else radius
+    turn = RADII.get(spec.full_name, 30.0) if radius is None else radius
     needs_axles(spec)
     # 4 m/s² across: well below what a dry road takes
     target = min(usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
@@ -191,7 +191,7 @@ def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duratio
 
     `iso_3888_1` begins in motion and takes the line of least curvature.
     """
-    target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
+    target = LANE_SPEEDS.get(spec.full_name, 15.0) if speed is None else speed
     needs_axles(spec)
     approach = 10.0 * target
     course = double_lane_change_course(outline_of(spec), approach)
@@ -219,7 +219,7 @@ def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 
     rest = DRAWBAR_RAMP + DRAWBAR_HOLD
     if duration <= rest:
         raise SpecError(f"duration: must be above {rest:g} s of a drawbar test, got {duration!r}")
-    target = PULLING_SPEEDS.get(spec.name, 1.0) if speed is None else speed
+    target = PULLING_SPEEDS.get(spec.full_name, 1.0) if speed is None else speed
     test = DrawbarSpec(speed=target, start=SETTLING, ramp=DRAWBAR_RAMP, sweep=duration - rest)
     return Maneuver(name="drawbar", drawbar=test, duration=duration)
 

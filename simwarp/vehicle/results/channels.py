@@ -65,8 +65,13 @@ class WheelReadings:
         if self._last_v is not None and self._last_t is not None:
             acceleration = (motion.velocity - self._last_v) / np.maximum(motion.time - self._last_t, 1e-9)[:, None]
         self._last_v, self._last_t = motion.velocity, motion.time
-        starts = self._simulation.model.joint_dof_start
-        spins = state.joint_qd.numpy()[w][:, [starts[parts.sides[k].turn] for k in self._wheels]]
+        if vehicle.reduced is not None:
+            spins = vehicle.reduced.turn_rate.numpy()[w]
+            axes = vehicle.reduced.axis.numpy()[w].astype(float)
+        else:
+            starts = self._simulation.model.joint_dof_start
+            spins = state.joint_qd.numpy()[w][:, [starts[parts.sides[k].turn] for k in self._wheels]]
+            axes = self._axes(motion, worlds)
         loads, inputs = vehicle.tires.load.numpy()[w][:, self._wheels], vehicle.input.numpy()[w]
         found = {
             "latacc_com_mps2": np.einsum("wi,wi->w", acceleration, motion.level_axes[:, :, 1]),
@@ -77,13 +82,19 @@ class WheelReadings:
         for k, wheel in enumerate(WHEELS):
             found |= {f"omega_{wheel}_radps": spins[:, k], f"Fz_{wheel}_N": loads[:, k]}
         for k, wheel in enumerate(WHEELS[:2]):
-            axis = matrices(state.body_rot.numpy()[w, parts.sides[k].spindle].astype(float))[:, :, 1]
-            local = np.einsum("wij,wi->wj", motion.rotation, axis)
-            found[f"steerangle_{wheel}_rad"] = np.arctan2(-local[:, 0], local[:, 1])
+            found[f"steerangle_{wheel}_rad"] = np.arctan2(-axes[:, k, 0], axes[:, k, 1])
         if self._on_soil:
             sinkage = vehicle.tires.deflection.numpy()[w][:, self._wheels]
             found |= {name: sinkage[:, k] for k, name in enumerate(SINKAGES)}
         return found
+
+    def _axes(self, motion: ChassisMotion, worlds: slice) -> Array:
+        """(n, 2, 3) of the front wheels, in axes of the chassis."""
+        rotations = self._simulation.state.body_rot.numpy()
+        axes = [
+            matrices(rotations[worlds, side.spindle].astype(float))[:, :, 1] for side in self._vehicle.parts.sides[:2]
+        ]
+        return np.einsum("wij,wki->wkj", motion.rotation, np.stack(axes, axis=1))
 
 
 class Recorder(Readable):

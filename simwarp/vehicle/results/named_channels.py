@@ -93,12 +93,19 @@ class _WheelAxes:
 
     def axes(self, s: Sample) -> tuple[Array, Array]:
         """(n, 3, 3) with the axes as columns, and (n, 3) the wheel's own axis to the left."""
-        axle = matrices(s.of(self._state.body_rot)[:, self._spindle])[:, :, 1]
+        axle = self._axle(s)
         up = np.array([[0.0, 0.0, 1.0]]) if self._plane is None else self._plane
         z = np.broadcast_to(up if len(up) == 1 else up[s.worlds], axle.shape)
         x = np.cross(axle, z)
         x /= np.linalg.norm(x, axis=1)[:, None]
         return np.stack([x, np.cross(z, x), z], axis=-1), axle
+
+    def _axle(self, s: Sample) -> Array:
+        """(n, 3) the wheel's own axis."""
+        reduced = self._vehicle.reduced
+        if reduced is None:
+            return np.asarray(matrices(s.of(self._state.body_rot)[:, self._spindle])[:, :, 1])
+        return np.asarray(np.einsum("wij,wj->wi", s.motion.rotation, s.of(reduced.axis)[:, self._wheel]))
 
     def force(self, s: Sample, part: int) -> Array:
         """Force on the wheel along an axis, or from 3 on the moment about the middle of the contact."""
@@ -148,13 +155,13 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
                     partial(axes.force, part=part),
                 )
             )  # fmt: skip
-        turn = model.joint_dof_start[side.turn]
+        spins = partial(entry, source=vehicle.reduced, field="turn_rate", index=wheel)
+        if vehicle.reduced is None:
+            turn = model.joint_dof_start[side.turn]
+            spins = partial(entry, source=simulation.state, field="joint_qd", index=turn)
         found.append(
-            Channel(
-                f"spin_{name}_radps", "rad/s", "of the wheel seen from the chassis, positive forwards",
-                partial(entry, source=simulation.state, field="joint_qd", index=turn),
-            )
-        )  # fmt: skip
+            Channel(f"spin_{name}_radps", "rad/s", "of the wheel seen from the chassis, positive forwards", spins)
+        )
         found += _corner_channels(simulation, vehicle, wheel, name)
     return found
 
@@ -162,6 +169,10 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
 def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name: str) -> list[Channel]:
     """Travel of the wheel, and length and force of its springs."""
     side, parts, state = vehicle.parts.sides[wheel], vehicle.parts, simulation.state
+    if vehicle.reduced is not None:
+        travels = partial(entry, source=vehicle.reduced, field="travel", index=wheel)
+        meaning = "of the wheel's centre up along the chassis' z, from as the full vehicle is built"
+        return [Channel(f"travel_{name}_m", "m", meaning, travels)]
     bodies = simulation.model.builder.bodies
     built = matrices(np.asarray(bodies[parts.chassis].pose.rotation, float))
     zero = built.T @ (

@@ -79,6 +79,7 @@ class SetUpOptions(TypedDict, total=False):
     on_soil: bool
     solver: SolverOptions | None
     joint_reactions: bool
+    wheel_bodies: bool
 
 
 @overload
@@ -113,6 +114,7 @@ def set_up(
     solver: SolverOptions | None = None,
     joint_reactions: bool = False,
     variants: Sequence[Maneuver] = (),
+    wheel_bodies: bool = True,
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -130,6 +132,7 @@ def set_up(
         joint_reactions: record those of all joints; chains of tracks always do.
         variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
             `maneuver`'s; see `set_up_variants`.
+        wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -161,10 +164,11 @@ def set_up(
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
+        if maneuver.drawbar is not None:
+            spec.require_linkages("a drawbar test")
         driven = spec if maneuver.drawbar is None else with_locks(spec)
-        parts = add_vehicle(builder, driven, at=start, speed=maneuver.initial_speed)
-        meets_shapes = any(side.meets_shapes for side in parts.sides)
-        if not on_soil and meets_shapes:
+        parts = add_vehicle(builder, driven, at=start, speed=maneuver.initial_speed, wheel_bodies=wheel_bodies)
+        if not on_soil and any(side.meets_shapes for side in parts.sides):
             add_ground(builder, None, rotation, Material(friction=friction))
         check_road(maneuver, parts.spec, on_soil)
         asset = add_bump(builder, maneuver)

@@ -65,6 +65,7 @@ def standing_loads(spec: VehicleSpec, *, device: str = "cpu") -> StandingLoads:
     Raises:
         SpecError: parts of the vehicle do not fit together.
     """
+    spec.require_linkages("the rig of its suspensions")
     builder = ModelBuilder()
     parts = add_vehicle(builder, spec, at=pose())
     bodies = builder.bodies[parts.bodies.start : parts.bodies.stop]

@@ -15,6 +15,7 @@ _SUSPENSIONS = {
     "rigid-suspension": "no springs",
     "single-wishbone": "single wishbones",
     "solid-axle": "a solid axle",
+    "tabulated": "tables of suspensions (reduced)",
     "trailing-arm": "trailing arms",
 }
 

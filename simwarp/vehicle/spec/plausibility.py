@@ -168,7 +168,7 @@ def lengths(part: Spec, key: str) -> Iterator[tuple[str, float, object]]:
 
 
 def _is_point(name: str) -> bool:
-    return not (name.endswith("inertia") or name == "products" or "axis" in name)
+    return not (name.endswith("inertia") or name in ("products", "momentum", "moment") or "axis" in name)
 
 
 def _check_start(spec: Assembled) -> None:

@@ -16,6 +16,7 @@ from simwarp.vehicle.spec.parts import (
     check_triangle,
     refuse,
 )
+from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
 
 Lean: TypeAlias = Annotated[float, Angle(0.25 * math.pi)]
 """Camber or toe [rad]."""
@@ -249,7 +250,8 @@ Suspension: TypeAlias = Annotated[
     | SolidAxle
     | RigidSuspension
     | PinnedAxle
-    | TrailingArm,
+    | TrailingArm
+    | TabulatedSuspension,
     Tagged("template"),
 ]
 

@@ -27,6 +27,9 @@ DATA: Final = Path(__file__).parents[1] / "data"
 TRACKED: Final = DATA / "tracked"
 """The shipped tracked vehicles, likewise."""
 
+REDUCED: Final = DATA / "reduced"
+"""The shipped reduced vehicles, likewise."""
+
 MOST_FILES: Final = 100
 """Files that one vehicle may be made of: a few that name each other many times would never come to an end."""
 
@@ -41,13 +44,18 @@ def vehicle_names() -> list[str]:
     return sorted(path.stem for path in DATA.glob("*.json"))
 
 
+def reduced_vehicle_names() -> list[str]:
+    """Names of the shipped reduced vehicles, such as hmmwv-14dof."""
+    return sorted(path.stem for path in REDUCED.glob("*.json"))
+
+
 def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
     """The vehicle of a file, or the shipped one of that name.
 
     Raises:
         SpecError: unknown name, unreadable file, or a value that breaks a rule.
     """
-    names = vehicle_names()
+    names = [*vehicle_names(), *reduced_vehicle_names()]
     if path_or_name in {path.stem for path in TRACKED.glob("*.json")}:
         raise SpecError(f"vehicle {formatted(path_or_name)}: has tracks; load it by load_tracked_vehicle")
     return read_spec(VehicleSpec, shipped_or_own("vehicle", names, path_or_name))
@@ -64,7 +72,7 @@ def shipped_or_own(kind: str, names: Sequence[str], path_or_name: str | Path) ->
         return Path(path_or_name)
     if text not in names:
         raise SpecError(f"{kind} {formatted(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
-    return next(path for path in (DATA / f"{text}.json", TRACKED / f"{text}.json") if path.is_file())
+    return next(path for path in (folder / f"{text}.json" for folder in (DATA, REDUCED, TRACKED)) if path.is_file())
 
 
 def read_spec(cls: type[S], path: str | Path) -> S:

@@ -62,6 +62,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     Suspension,
     TrailingArm,
 )
+from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_parts import Axle, Brake, Chassis, SteeringMount, Tire, Wheel
 
 __all__ = [
@@ -105,6 +106,7 @@ __all__ = [
     "Steering",
     "SteeringMount",
     "Suspension",
+    "TabulatedSuspension",
     "Tire",
     "TrailingArm",
     "Transmission",
@@ -132,6 +134,20 @@ class VehicleSpec(Readable, Spec):
     start_height: float = 0.5
     """Of the frame of reference above the ground at the start [m]."""
 
+    @property
+    def full_name(self) -> str:
+        """The name, of a reduced vehicle that of the full one."""
+        return self.name.removesuffix(REDUCED)
+
+    def require_linkages(self, what: str) -> None:
+        """Refuses a reduced vehicle where its suspensions, steering or shafts are asked for.
+
+        Raises:
+            SpecError: it is one.
+        """
+        if self.is_reduced:
+            raise SpecError(f"'{self.name}' is reduced to tables, and {what} needs linkages; take the full vehicle")
+
     def check(self) -> None:
         """Checks that axles, what steers and drives them, and the declared wheelbase fit together.
 
@@ -143,6 +159,12 @@ class VehicleSpec(Readable, Spec):
             self._check_differential_drive(self.driveline)
         check_vehicle(self)
         self._check_wheelbase()
+        self._check_tables()
+
+    @property
+    def is_reduced(self) -> bool:
+        """Whether its suspensions are tables (`simwarp.vehicle.reduced`)."""
+        return all(isinstance(axle.suspension, TabulatedSuspension) for axle in self.axles)
 
     @property
     def has_gears(self) -> bool:
@@ -172,6 +194,16 @@ class VehicleSpec(Readable, Spec):
         if radii[-1] > 1.02 * radii[0]:
             rule = f"given tires of one radius within 2 % beside '{driveline.template}', which turns them alike"
             raise refuse("axles", rule, radii)
+
+    def _check_tables(self) -> None:
+        tables = [isinstance(axle.suspension, TabulatedSuspension) for axle in self.axles]
+        if not any(tables):
+            return
+        if not all(tables) or len(tables) != 2:
+            found = ", ".join(axle.suspension.template for axle in self.axles)
+            raise SpecError(f"axles: must be two of tables or none, got {found}; tables are those of a whole vehicle")
+        if isinstance(self.driveline, DifferentialDrive):
+            raise refuse("driveline", "one with an engine beside tables", self.driveline.template)
 
     def _check_wheelbase(self) -> None:
         if self.wheelbase is None:

@@ -16,6 +16,7 @@ from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import pose
 from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.vehicle.spec.parts import SpecError
+from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     DoubleWishbone,
@@ -115,6 +116,7 @@ def _side(frame: Frame, suspension: Suspension, chassis: int, tierod_body: int) 
 
 def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: AttachmentBodies) -> Side:
     builder = frame.builder
+    assert not isinstance(axle.suspension, TabulatedSuspension)  # its wheels are no bodies of the dynamics
     rotation, axis = _wheel_axis(frame, axle.suspension)
     part = axle.suspension.spindle
     inertia = np.diag(part.inertia) + np.diag(axle.wheel.inertia) + np.diag(axle.tire.inertia)

@@ -136,6 +136,7 @@ def hold_axle(
     Raises:
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
+    spec.require_linkages("the bench of its axles")
     if not 0 <= axle < len(spec.axles):
         raise SpecError(f"axle: must be in 0..{len(spec.axles) - 1}, got {axle!r}")
     lefts, rights, inputs = (np.ravel(v) for v in np.broadcast_arrays(*map(_floats, (left, right, steering))))

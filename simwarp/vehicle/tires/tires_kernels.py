@@ -94,6 +94,64 @@ def model_force(
     return tmeasy_force(patch, p, z, dt)
 
 
+@wp.struct
+class GroundForce:
+    """What the ground does to a wheel; world axes."""
+
+    patch: Patch
+    force: wp.vec3  # at its centre [N]
+    torque: wp.vec3  # about its centre [N·m]
+
+
+@wp.func
+def ground_force(
+    world: int, wheel: int, moving: Wheel, dt: float, tables: TireTables, p: wp.array[float], z: wp.array[float],
+    ground_friction: wp.array[float], terrain: TerrainTables, envelopes: Envelopes, assets: Assets,
+) -> GroundForce:  # fmt: skip
+    """Force on a wheel that moves so, for a step of `dt`; its state is advanced."""
+    result = GroundForce()
+    if tables.model[wheel] == TireModel.LUGRE:
+        discs = lugre_force(
+            world, wheel, moving, tables.contact[wheel], p, z, ground_friction, terrain, envelopes, assets, dt
+        )  # fmt: skip
+        result.patch = discs.patch
+        result.force = discs.force
+        result.torque = discs.torque
+        return result
+    patch = find_patch(world, wheel, moving, tables.contact[wheel], p, terrain, envelopes, assets)
+    if patch.touching == 1:
+        patch.load = vertical_load(patch, p)
+    if patch.load > 0.0:
+        friction = friction_at(world, contact_point(moving, patch), ground_friction, terrain)
+        patch.friction = wp.clamp(friction, p[Common.FRICTION_LOWER], p[Common.FRICTION_UPPER])
+        local = model_force(tables.model[wheel], patch, tables.mirrored[wheel], p, z, dt)
+        axes = wp.matrix_from_cols(patch.forward, patch.left, patch.normal)
+        result.force = axes * local.force
+        result.torque = axes * local.torque + wp.cross(patch.arm, result.force)
+    else:
+        for slot in range(z.shape[0]):
+            z[slot] = 0.0
+    result.patch = patch
+    return result
+
+
+@wp.func
+def report_tire(world: int, wheel: int, on: GroundForce, reports: TireReports):
+    """Publishes what the ground does to a wheel."""
+    ratio = float(0.0)
+    angle = float(0.0)
+    if on.patch.load > 0.0:
+        ratio = slip_ratio(on.patch)
+        angle = slip_angle(on.patch)
+    reports.load[world, wheel] = on.patch.load
+    reports.slip_ratio[world, wheel] = ratio
+    reports.slip_angle[world, wheel] = angle
+    reports.camber[world, wheel] = on.patch.camber
+    reports.deflection[world, wheel] = on.patch.deflection
+    reports.force_w[world, wheel] = on.force
+    reports.torque_w[world, wheel] = on.torque
+
+
 @wp.kernel
 def apply_tires(
     worlds: WorldRange, dt: float,
@@ -128,48 +186,16 @@ def apply_tires(
     index, wheel = wp.tid()
     world = worlds.first + index
     p = tire_parameter[world_row(world, tire_parameter.shape[0]), wheel]
-    z = tire_state[world, wheel]
     moving = wheel_state(world, wheel, tables, state)
-    patch = Patch()
-    force = wp.vec3()
-    torque = wp.vec3()
-    if tables.model[wheel] == TireModel.LUGRE:
-        discs = lugre_force(
-            world, wheel, moving, tables.contact[wheel], p, z, ground_friction, terrain, envelopes, assets, dt
-        )  # fmt: skip
-        patch = discs.patch
-        force = discs.force
-        torque = discs.torque
-    else:
-        patch = find_patch(world, wheel, moving, tables.contact[wheel], p, terrain, envelopes, assets)
-        if patch.touching == 1:
-            patch.load = vertical_load(patch, p)
-        if patch.load > 0.0:
-            friction = friction_at(world, contact_point(moving, patch), ground_friction, terrain)
-            patch.friction = wp.clamp(friction, p[Common.FRICTION_LOWER], p[Common.FRICTION_UPPER])
-            local = model_force(tables.model[wheel], patch, tables.mirrored[wheel], p, z, dt)
-            axes = wp.matrix_from_cols(patch.forward, patch.left, patch.normal)
-            force = axes * local.force
-            torque = axes * local.torque + wp.cross(patch.arm, force)
-        else:
-            for slot in range(z.shape[0]):
-                z[slot] = 0.0
-    ratio = float(0.0)
-    angle = float(0.0)
-    shifted = wp.vec3()
-    if patch.load > 0.0:
-        ratio = slip_ratio(patch)
-        angle = slip_angle(patch)
-        shifted = torque + wp.cross(to_float(moving.x - state.body_x[world, tables.body[wheel]]), force)
-    reports.load[world, wheel] = patch.load
-    reports.slip_ratio[world, wheel] = ratio
-    reports.slip_angle[world, wheel] = angle
-    reports.camber[world, wheel] = patch.camber
-    reports.deflection[world, wheel] = patch.deflection
-    reports.force_w[world, wheel] = force
-    reports.torque_w[world, wheel] = torque
+    on = ground_force(
+        world, wheel, moving, dt, tables, p, tire_state[world, wheel], ground_friction, terrain, envelopes, assets
+    )  # fmt: skip
+    report_tire(world, wheel, on, reports)
     body = tables.body[wheel]
-    applied_force[world, body] = force
+    shifted = wp.vec3()
+    if on.patch.load > 0.0:
+        shifted = on.torque + wp.cross(to_float(moving.x - state.body_x[world, body]), on.force)
+    applied_force[world, body] = on.force
     applied_torque[world, body] = shifted
 
 

@@ -13,6 +13,7 @@ from simwarp.vehicle.spec.vehicle_files import (
     load_vehicle,
     read_json,
     read_spec,
+    reduced_vehicle_names,
     shipped_or_own,
     to_json,
     vehicle_names,
@@ -51,7 +52,7 @@ def save_tracked_vehicle(spec: TrackedVehicleSpec, path: str | Path) -> None:
 
 def all_vehicle_names() -> list[str]:
     """Names of all shipped vehicles, those on wheels first: what `simwarp drive` and `simwarp view` know."""
-    return [*vehicle_names(), *tracked_vehicle_names()]
+    return [*vehicle_names(), *reduced_vehicle_names(), *tracked_vehicle_names()]
 
 
 def load_any_vehicle(path_or_name: str | Path) -> AnyVehicleSpec:

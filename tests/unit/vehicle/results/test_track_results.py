@@ -155,7 +155,7 @@ def test_a_drawbar_test_of_tracks_measures_slip_at_the_pins_of_the_sprockets():
 
 def test_names_lead_to_the_right_loader():
     assert sw.vehicle.all_vehicle_names() == [
-        *sw.vehicle.vehicle_names(), "m113", "m113-belt", "m113-double-pin",
+        *sw.vehicle.vehicle_names(), *sw.vehicle.reduced_vehicle_names(), "m113", "m113-belt", "m113-double-pin",
     ]  # fmt: skip
     assert sw.vehicle.load_any_vehicle("m113") == SPEC
     assert sw.vehicle.load_any_vehicle("m113-belt") == sw.vehicle.with_belts(SPEC)

@@ -1,0 +1,1 @@
+"""Reduced vehicles: a chassis on four wheels, whose suspensions are tables."""
