@@ -1,0 +1,46 @@
+"""Pages of manoeuvres: panels of their own, cones and verdicts, drawn of made-up runs."""
+
+import numpy as np
+import pytest
+
+from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
+from simwarp.vehicle.results.channels import COLUMNS, Run
+from simwarp.vehicle.results.drive_plot import draw_run
+from simwarp.vehicle.results.maneuver_panels import has_special
+from simwarp.vehicle.results.results import results
+from simwarp.vehicle.results.verdicts import verdicts
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
+
+SEDAN = load_vehicle("sedan")
+STANDARD = tuple(MANEUVERS)[tuple(MANEUVERS).index("iso-3888-1") :]
+
+
+def made_up():
+    """A vehicle on a curve that becomes narrower, with some of everything."""
+    t = np.arange(-200, 801) * 0.01
+    later = np.clip(t, 0.0, None)
+    rate = 0.03 * later
+    columns = {name: np.zeros(len(t)) for name in COLUMNS} | {
+        "t_s": t, "speed_mps": np.full(t.shape, 15.0), "x_m": 15.0 * (t + 2.0), "yawrate_radps": rate,
+        "yaw_rad": 0.015 * later**2, "latacc_com_mps2": 15.0 * rate, "steer": 0.02 * later, "roll_rad": 0.005 * rate,
+    }  # fmt: skip
+    columns |= {f"Fz_{wheel}_N": 4e3 + 100.0 * np.sin(t) for wheel in ("FL", "FR", "RL", "RR")}
+    columns |= {f"steerangle_{wheel}_rad": 0.01 * later for wheel in ("FL", "FR")}
+    return Run(columns)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STANDARD)
+def test_the_page_of_a_manoeuvre_tells_its_verdicts_and_has_its_panels(tmp_path, name):
+    what, run = maneuver(name, SEDAN), made_up()
+    judged = verdicts(run, what)
+    draw_run(run, tmp_path / "page.svg", name, results(run, what), None, what, judged)
+    drawn = (tmp_path / "page.svg").read_text(encoding="utf-8")
+    plain = tmp_path / "plain.svg"
+    draw_run(run, plain, name, results(run, what))
+    assert has_special(what) == (what.course is None)
+    # axes are groups of their own: two more, or cones in the place of the way
+    axes = [text.count('id="axes_') for text in (drawn, plain.read_text(encoding="utf-8"))]
+    assert axes[0] - axes[1] == (2 if has_special(what) else 0)
+    if judged:
+        assert drawn != plain.read_text(encoding="utf-8")
