@@ -59,7 +59,7 @@ NOISE: Final = {
 INPUTS: Final = ("steering", "throttle", "braking")
 
 
-def inputs_of_runs(times: Array) -> list[tuple[float, Array]]:
+def inputs_of_runs(times: npt.NDArray[np.floating]) -> list[tuple[float, Array]]:
     """Speed at the start [m/s] and (n, 3) inputs of each run: a sweep of the steering, then pedals and a turn."""
     sweep = 0.35 * np.sin(2.0 * np.pi * (0.3 + 0.12 * times) * times) * np.clip(times - 0.5, 0.0, 1.0)
     turn = np.where(times < 3.5, 0.15, 0.0) * np.clip((times - 1.2) / 0.2, 0.0, 1.0)

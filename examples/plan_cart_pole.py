@@ -100,7 +100,7 @@ def main() -> None:
     camera = None
     if args.film:
         shot = Shot(body=sw.WORLD, target=(0.0, 0.0, 0.1), eye=(0.0, -5.0, 0.6))
-        scene = visible(swing.real.model.builder, swing.real.model)
+        scene = visible(cart_pole(), swing.real.model)
         camera = FollowCamera(swing.real, scene, shot, width=480, height=270)
     frames, stood = [], np.zeros(args.worlds, int)
     for step in range(round(args.seconds / (DT * STEPS))):

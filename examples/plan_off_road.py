@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from simwarp.planning import Imagination, Mppi, MppiConfig
-from simwarp.tasks import Task, make
+from simwarp.tasks import make
 from simwarp.train import Frame, write_video
 from simwarp.viewer import FollowCamera, Polyline
 
@@ -28,14 +29,14 @@ class Trip:
     """
 
     def __init__(self, samples: int = 48, seed: int = 0) -> None:
-        self.real = make("off-road", 1, device="cpu", seed=seed, obs="state")
+        self.real: Any = make("off-road", 1, device="cpu", seed=seed, obs="state")
         self.imagined = make("off-road", samples, device="cpu", seed=seed, obs="state")
         config = MppiConfig(horizon=20, knots=5, noise=(0.5, 0.4), temperature=0.3, seed=seed)
         self.planner = Mppi(Imagination(self.real, self.imagined), self.cost, config)
         self.ways: list[torch.Tensor] = []
         """Places of the imagined Gators, (samples, 3) [m] after each control step of a plan."""
 
-    def cost(self, task: Task, action: torch.Tensor) -> torch.Tensor:
+    def cost(self, task: Any, action: torch.Tensor) -> torch.Tensor:
         """Of one control step, from the rewards of the task: an end counts in every step that follows it."""
         self.ways.append(task.map_position().clone())
         rewards = task.rewards()

@@ -192,10 +192,6 @@ class FittedParameters:
         index = self._columns.get((name, what))
         return otherwise if index is None else float(vector[index])
 
-    def is_physical(self, vector: Array) -> bool:
-        """Whether numbers that must be above zero are."""
-        return bool(np.isfinite(vector).all())
-
 
 def _flat(value: Any) -> list[float]:
     return [value] if is_number(value) else [number for item in value for number in _flat(item)]

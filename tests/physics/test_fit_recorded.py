@@ -83,7 +83,7 @@ def test_a_soil_comes_from_ruts_and_pull(tmp_path):
     """Exponent and frictional modulus from the depth of ruts, and from how the truck gains speed under throttle."""
     base = dataclasses.replace(of_target("hmmwv", soil="mid"), dt=0.002, sample=0.02)
     target = VehicleTarget(base, "cpu", 1)
-    truth = {("soil", "k_phi"): 1.2e6, ("soil", "exponent"): 0.95}
+    truth: dict[tuple[str | int, ...], float] = {("soil", "k_phi"): 1.2e6, ("soil", "exponent"): 0.95}
     document = replaced(target.document, truth)
     readings = ["speed_mps", *(f"sink_{wheel}_m" for wheel in ("FL", "FR", "RL", "RR"))]
     steps, samples = 600, 60

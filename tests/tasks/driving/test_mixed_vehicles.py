@@ -1,5 +1,7 @@
 """Several vehicles in one batch, and another vehicle than the task's own."""
 
+from typing import Any
+
 import pytest
 import torch
 
@@ -26,7 +28,7 @@ def test_rows_are_those_of_each_vehicle_alone(case):
     steps = [task.step(action) for action in actions]
     exact = task.observe_privileged()
     for group in task.model_groups:
-        single = make(name, group.count, seed=3, vehicle=group.name, first_world=group.rows.start, **options)
+        single: Any = make(name, group.count, seed=3, vehicle=group.name, first_world=group.rows.start, **options)
         for action, step in zip(actions, steps, strict=True):
             found = bits(vars(single.step(action[group.rows])))
             assert different(found, bits(_rows(vars(step), group.rows))) == []
@@ -41,7 +43,7 @@ def _rows(value, rows):
 
 @pytest.mark.parametrize("vehicle", DRIVEN_VEHICLES)
 def test_another_vehicle_has_its_own_measures(vehicle):
-    task = make("obstacle-avoidance", 1, obs="state", vehicle=vehicle, guard_steps=0)
+    task: Any = make("obstacle-avoidance", 1, obs="state", vehicle=vehicle, guard_steps=0)
     known = DRIVEN_VEHICLES[vehicle]
     assert task.spec.name.startswith(vehicle)
     assert task.chassis_half == known.chassis_half

@@ -102,10 +102,10 @@ def test_uniform_over_worlds_episodes_steps_and_components():
     episodes = torch.arange(65536)
     zero = torch.zeros(65536, dtype=torch.int64)
     over_episodes = WorldRandom(0, episodes, zero)
-    over_episodes._world.zero_()  # one world through many episodes
+    over_episodes.world.zero_()  # one world through many episodes
     assert chi_square(over_episodes.uniform("u").flatten(), bins) < 130.0
     over_steps = WorldRandom(0, zero, episodes)
-    over_steps._world.zero_()
+    over_steps.world.zero_()
     assert chi_square(over_steps.uniform("u", per_step=True).flatten(), bins) < 130.0
     assert chi_square(make(1).uniform("u", size=65536).flatten(), bins) < 130.0
 

@@ -39,7 +39,7 @@ def cart_pole() -> sw.ModelBuilder:
     return builder
 
 
-def force(times: Array) -> Array:
+def force(times: npt.NDArray[np.floating]) -> Array:
     """What pushes the cart [N]."""
     return np.asarray(6.0 * np.sin(9.0 * times) + 3.0 * np.cos(4.0 * times))
 

@@ -1,5 +1,7 @@
 """Paths in documents, factors of tables, and inertias that stay physical."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -8,7 +10,7 @@ from simwarp.identify.document_numbers import matches, numbers_in, patch_of, pat
 from simwarp.identify.fit_error import FitError
 from simwarp.identify.physical_inertia import inertia_of, numbers_of, second_moments
 
-DOCUMENT = {
+DOCUMENT: dict[str, Any] = {
     "mass": 2.0,
     "bodies": [{"name": "trunk", "com": [0, 1, 2]}, {"name": "leg.1", "com": [0, 0, 0]}],
     "springs": [{"curve": [[-1, -5], [0, 0], [1, 5]]}, {"curve": [[-1, -7], [1, 7]]}],
@@ -47,7 +49,7 @@ def test_a_near_name_is_proposed():
 
 
 def test_a_change_leaves_the_document_as_it_was():
-    changed = replaced(DOCUMENT, {("bodies", 0, "com", 1): 5.0, ("mass",): 3.0})
+    changed: Any = replaced(DOCUMENT, {("bodies", 0, "com", 1): 5.0, ("mass",): 3.0})
     assert (changed["mass"], changed["bodies"][0]["com"]) == (3.0, [0, 5.0, 2])
     assert (DOCUMENT["mass"], DOCUMENT["bodies"][0]["com"]) == (2.0, [0, 1, 2])
     assert changed["springs"] is DOCUMENT["springs"]

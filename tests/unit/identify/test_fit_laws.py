@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ def result(logs):
     return Fit(config_of(logs), device="cpu", threads=1).run()
 
 
+@pytest.mark.slow
 def test_data_of_the_same_model_without_noise_give_its_numbers_back(result):
     for name, value in zip(PARAMETERS, TRUTH, strict=True):
         # the wanted thousandth, of the start's size where the truth is zero
@@ -34,6 +36,7 @@ def test_data_of_the_same_model_without_noise_give_its_numbers_back(result):
     assert result.diverged == 0
 
 
+@pytest.mark.slow
 def test_the_patch_is_what_differs(result):
     pole = next(body for body in result.patch["bodies"] if body["name"] == "pole")
     assert pole["mass"] == pytest.approx(0.8, rel=1e-3)
@@ -50,6 +53,7 @@ def test_a_parameter_without_influence_is_named(logs):
     assert rows["not_told"] == ["bodies[cart].inertia[0]: no reading changes with it"]
 
 
+@pytest.mark.slow
 def test_units_change_nothing(logs, result, tmp_path):
     log = np.load(logs / "run.npz")
     push = np.load(logs / "run_force.npz")
@@ -69,15 +73,17 @@ def test_units_change_nothing(logs, result, tmp_path):
     np.testing.assert_allclose(other.values, result.values, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_any_number_of_threads_gives_the_same_bits(logs, result):
     other = Fit(config_of(logs), device="cpu", threads=2).run()
     assert np.array_equal(other.values, result.values)
     assert other.cost == result.cost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stopped_after", [1, 3])
 def test_a_stopped_fit_goes_on_as_if_it_had_not_stopped(logs, result, tmp_path, stopped_after):
-    count = []
+    count: list[Any] = []
     first = Fit(config_of(logs), device="cpu", threads=1)
     best = first.run(
         on_progress=count.append, stop=lambda: len(count) == stopped_after, state=tmp_path / "state.npz"
@@ -92,6 +98,7 @@ def test_a_stopped_fit_goes_on_as_if_it_had_not_stopped(logs, result, tmp_path, 
     assert (end.cost, end.first_cost, end.iterations) == (result.cost, result.first_cost, result.iterations)
 
 
+@pytest.mark.slow
 def test_a_state_of_another_fit_is_refused(logs, tmp_path):
     config = config_of(logs, search={"iterations": 1})
     Fit(config, device="cpu", threads=1).run(state=tmp_path / "state.npz")
@@ -103,6 +110,7 @@ def test_a_state_of_another_fit_is_refused(logs, tmp_path):
         Fit(config, device="cpu", threads=1).resume(tmp_path / "state.npz")
 
 
+@pytest.mark.slow
 def test_segments_are_worlds_and_give_the_same_numbers(logs):
     config = config_of(logs, segment=0.35, search={"iterations": 12})
     fit = Fit(config, device="cpu", threads=1)
@@ -112,6 +120,7 @@ def test_segments_are_worlds_and_give_the_same_numbers(logs):
     assert found["bodies[pole].mass"] == pytest.approx(0.8, rel=0.05)
 
 
+@pytest.mark.slow
 def test_fitted_starts_take_the_error_of_measured_ones_away(logs):
     config = config_of(logs, segment=0.35, fit_start=True, search={"iterations": 12})
     fit = Fit(config, device="cpu", threads=1)
@@ -119,6 +128,7 @@ def test_fitted_starts_take_the_error_of_measured_ones_away(logs):
     assert fit.run()["bodies[pole].mass"] == pytest.approx(0.8, rel=0.01)
 
 
+@pytest.mark.slow
 def test_delay_bias_and_gain_of_columns_are_fitted(logs, tmp_path):
     log, push = np.load(logs / "run.npz"), np.load(logs / "run_force.npz")
     sw.save_model(cart_pole(), tmp_path / "cartpole.json")
@@ -139,6 +149,7 @@ def test_delay_bias_and_gain_of_columns_are_fitted(logs, tmp_path):
     assert found["reading.joint_position:hinge gain"] == pytest.approx(1.1, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_held_out_run_is_predicted_and_not_fitted(logs):
     write_logs(logs, angle=-0.7, name="other")
     start = {"joint_velocity:slide": 0.0, "joint_velocity:hinge": 0.0}
@@ -153,12 +164,14 @@ def test_a_held_out_run_is_predicted_and_not_fitted(logs):
         assert each.rms < 1e-3 * np.ptp(each.measured)
 
 
+@pytest.mark.slow
 def test_restarts_come_from_a_spread_and_the_best_one_counts(logs):
     config = config_of(logs, search={"restarts": 3, "spread": 0.5, "seed": 4})
     fit = Fit(config, device="cpu", threads=1)
     assert fit.run()["bodies[pole].mass"] == pytest.approx(0.8, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_evolution_finds_the_same(logs):
     pytest.importorskip("cmaes")
     config = config_of(
@@ -168,13 +181,14 @@ def test_an_evolution_finds_the_same(logs):
     assert fit.run()["bodies[pole].mass"] == pytest.approx(0.8, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_stopped_evolution_goes_on_as_if_it_had_not_stopped(logs, tmp_path):
     pytest.importorskip("cmaes")
     config = config_of(
         logs, parameters={"bodies[pole].mass": {"start": 1.2}}, search={"method": "cma", "iterations": 4}
     )
     whole = Fit(config, device="cpu", threads=1).run()
-    count = []
+    count: list[Any] = []
     Fit(config, device="cpu", threads=1).run(
         on_progress=count.append, stop=lambda: len(count) == 2, state=tmp_path / "state.npz"
     )  # fmt: skip
@@ -183,6 +197,7 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_stopped(logs, tmp_path):
     assert np.array_equal(later.run().values, whole.values)
 
 
+@pytest.mark.slow
 def test_the_result_is_files_that_are_read_again(logs, result, tmp_path):
     fit = Fit(config_of(logs), device="cpu", threads=1)
     written = write_results(fit, result, tmp_path)
@@ -233,6 +248,7 @@ def test_a_model_that_diverges_where_the_fit_begins_is_one_line(logs):
         Fit(config, device="cpu", threads=1).run()
 
 
+@pytest.mark.slow
 def test_worlds_that_diverge_are_counted_and_left(logs):
     parameters = {"joints[slide].dofs[0].damping": {"start": 0.6, "low": -1e9, "scale": 2000.0}}
     config = config_of(logs, parameters=parameters, search={"difference": 1.0})
@@ -241,6 +257,7 @@ def test_worlds_that_diverge_are_counted_and_left(logs):
     assert found.cost < found.first_cost
 
 
+@pytest.mark.slow
 def test_an_inertia_stays_physical(logs):
     parameters = {"bodies[pole].inertia": {"meant": "inertia"}}
     config = config_of(logs, parameters=parameters, search={"iterations": 4})
@@ -270,6 +287,7 @@ def test_intervals_hold_the_truth_at_about_their_level(tmp_path):
     assert 2 * draws * 0.95 - 10.2 <= inside
 
 
+@pytest.mark.slow
 def test_a_target_of_ones_own_is_fitted_too(logs):
     from simwarp.identify.model_target import ModelTarget
 

@@ -5,7 +5,7 @@ import pytest
 
 from simwarp.identify import FitError, fit_config, read_fit
 from simwarp.identify.log_checks import check_speed
-from simwarp.identify.logs import Signal, read_run
+from simwarp.identify.logs import RunLog, Signal, read_run
 
 BASE = {
     "target": "hmmwv", "runs": [{"file": "log.csv"}], "readings": {"speed_mps": {"column": "v"}},
@@ -99,12 +99,8 @@ def circle(factor):
     return {name: Signal(times, values) for name, values in signals.items()}
 
 
-class Log:
-    begin, end = 0.0, 9.98
-
-    def __init__(self, readings):
-        self.readings = readings
-        self.config = fit_config(BASE).runs[0]
+def log_of(readings):
+    return RunLog(config=fit_config(BASE).runs[0], readings=readings, inputs={}, begin=0.0, end=9.98)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(3.6, "km/h"), (1.0 / 0.44704, "mph")])
@@ -112,12 +108,12 @@ class Log:
 def test_a_speed_in_another_unit_is_guessed(factor, unit, beside):
     readings = {name: signal for name, signal in circle(factor).items() if name in ("speed_mps", *beside)}
     with pytest.raises(FitError, match=f'it looks like {unit}; give unit = "{unit}"'):
-        check_speed(Log(readings))
+        check_speed(log_of(readings))
 
 
 def test_a_right_speed_passes():
-    check_speed(Log(circle(1.0)))
-    check_speed(Log({"speed_mps": circle(3.6)["speed_mps"]}))  # nothing beside it tells
+    check_speed(log_of(circle(1.0)))
+    check_speed(log_of({"speed_mps": circle(3.6)["speed_mps"]}))  # nothing beside it tells
 
 
 @pytest.mark.parametrize(

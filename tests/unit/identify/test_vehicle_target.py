@@ -1,6 +1,7 @@
 """Vehicles as targets: what worlds may differ in, what they share, and a fit of the same vehicle without noise."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def test_a_centre_of_mass_takes_the_frame_of_reference_along(target):
 
 
 def test_factors_of_what_worlds_share_are_gains_of_inputs(target):
-    parameters = {"engine.torque": {}, "axles[*].brake.max_torque": {}}
+    parameters: dict[str, Any] = {"engine.torque": {}, "axles[*].brake.max_torque": {}}
     gains = target.numbers(changed(target, parameters, [1.25, 0.5]), {}).others["gain"]
     np.testing.assert_allclose(gains, [1.0, 1.25, 0.5])
 

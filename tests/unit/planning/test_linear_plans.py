@@ -124,7 +124,7 @@ def test_plans_are_the_same_bits_for_a_seed_and_any_number_of_threads(name):
         for torch_threads, threads in ((1, 1), (2, 2)):
             torch.set_num_threads(torch_threads)
             real = cart(1)
-            config = {**KNOTS, "iterations": 2, "noise": 3.0}
+            config: dict[str, Any] = {**KNOTS, "iterations": 2, "noise": 3.0}
             imagination = imagine(real, SAMPLES, threads=threads)
             if name == "mppi":
                 planner: Any = Mppi(imagination, cost, MppiConfig(**config), end_cost=end_cost)

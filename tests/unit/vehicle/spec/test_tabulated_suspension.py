@@ -12,8 +12,10 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.reduced.reduced_construction import chassis_parts, drive_row, lock_rows, shaft_inertia
 from simwarp.vehicle.results.runs import set_up
+from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline4WD
 from simwarp.vehicle.spec.parts import SpecError, merged
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import travel_table
 from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_vehicle
 from simwarp.vehicle.vehicle import Vehicle, per_world
@@ -25,6 +27,7 @@ def test_the_shipped_ones_are_named_after_the_full_ones():
     assert set(names) <= set(all_vehicle_names())
     for name in names:
         spec = load_any_vehicle(name)
+        assert isinstance(spec, VehicleSpec)
         assert spec.name == name
         assert spec.is_reduced
         assert not load_vehicle(spec.full_name).is_reduced
@@ -119,6 +122,7 @@ def test_obstacles_need_the_bodies_of_the_wheels():
 
 def test_the_driveline_s_numbers_are_those_of_its_gears():
     spec = load_vehicle("hmmwv-14dof")
+    assert isinstance(spec.driveline, ShaftsDriveline4WD)
     # all wheels at 1 rad/s: gears of 0.2 turn every shaft at 5 rad/s
     assert drive_row(spec).sum() == pytest.approx(5.0)
     energy = np.ones(4) @ shaft_inertia(spec.driveline) @ np.ones(4)
