@@ -26,7 +26,7 @@ from simwarp.core.types import (
     pose,
 )
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.model import PARAMETERS, _initial_state
+from simwarp.model.model import PARAMETERS, initial_state
 from simwarp.model.parameters import parameter_values
 
 NAN, INF = float("nan"), float("inf")
@@ -206,7 +206,7 @@ def complaint(builder: ModelBuilder, method: str, parameter: str, value: Any) ->
         if method == "finalize":
             return "" if finite(builder, **arguments) else "not finite"
         getattr(builder, method)(**arguments)
-        values = [*parameter_values(builder).values(), *_initial_state(builder).values()]
+        values = [*parameter_values(builder).values(), *initial_state(builder).values()]
         return "" if all(np.isfinite(array).all() for array in values) else "not finite"
     except ModelError as error:
         return told(error)
