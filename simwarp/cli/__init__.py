@@ -69,7 +69,9 @@ COMMANDS = {
         Command("new-task", "NAME", "a package with a task of your own, ready to change", "simwarp.cli.new_task:run"),
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
         Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.benching:run"),
-        Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
+        Command(
+            "drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive.drive_command:run"
+        ),
         Command("fit", "CONFIG", "parameters of a model from recorded runs", "simwarp.cli.fit_command:run"),
         Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
         Command(

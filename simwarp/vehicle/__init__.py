@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.driving.path_tracking import (
     InteractiveDriver,
@@ -30,6 +30,8 @@ from simwarp.vehicle.reduced.reduction import reduce_vehicle
 from simwarp.vehicle.results.chain_record import ChainProfile, ChainRecord
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.results.verdict import Verdict
+from simwarp.vehicle.results.verdicts import verdicts
 from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_belts
@@ -75,6 +77,7 @@ __all__ = [
     "CommonTire",
     "Convoy",
     "Drive",
+    "FrictionPatch",
     "InteractiveDriver",
     "LineStance",
     "LookAhead",
@@ -108,6 +111,7 @@ __all__ = [
     "VehicleParts",
     "VehicleSpec",
     "Vehicles",
+    "Verdict",
     "add_chassis_box",
     "add_payload",
     "add_tracked_vehicle",
@@ -143,6 +147,7 @@ __all__ = [
     "twist_gains_for",
     "unicycle_for",
     "vehicle_names",
+    "verdicts",
     "with_belts",
     "with_options",
 ]

@@ -181,7 +181,7 @@ def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
         setup.simulation.state.body_v.fill_(wp.vec3(wp.nan))
         return setup
 
-    monkeypatch.setattr("simwarp.cli.drive.set_up", harmed)
+    monkeypatch.setattr("simwarp.cli.drive.drive_command.set_up", harmed)
     code, out, _ = drive("gator", "--csv", "a.csv", "--json", "a.json")
     assert code == 1
     assert "broke down at t = -1.00 s" in out

@@ -104,7 +104,7 @@ def test_an_interruption_of_a_batch_keeps_what_was_recorded(command, tmp_path, m
         if t > 0.1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("simwarp.cli.drive_progress.ManeuverBar.advance", stopped)
+    monkeypatch.setattr("simwarp.cli.drive.drive_progress.ManeuverBar.advance", stopped)
     code, out, _ = command(
         "drive", "gator", "--maneuver", "iso-3888-1", "--speeds", "5,6", "--dt", "0.005", "--device", "cpu",
         "--json", "a.json",

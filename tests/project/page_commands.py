@@ -174,7 +174,7 @@ def parse_simwarp(words: list[str]) -> None:
 
         stop = mock.patch.object(training_sweep, "read_plan", _stopping(training_sweep.read_plan))
     elif words[0] == "drive":
-        stop = mock.patch.multiple("simwarp.cli.drive", _drive=_stop, run_batch=_stop)
+        stop = mock.patch.multiple("simwarp.cli.drive.drive_command", _drive=_stop, run_batch=_stop)
     elif words[0] == "bench":
         stop = mock.patch.multiple("simwarp.cli.benching", _rows=_stop, _count_on_emulated_device=_stop)
     else:

@@ -137,11 +137,7 @@ def set_up(
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
     """
-    for name, value in (("dt", dt), ("friction", friction)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise SpecError(f"{name}: must be a positive number, got {value!r}")
-    if not FRICTION[0] <= friction <= FRICTION[1]:
-        raise SpecError(f"friction: must be from {FRICTION[0]:g} to {FRICTION[1]:g}, got {friction!r}")
+    _check(dt, friction)
     lean = -math.atan(maneuver.slope)
     rotation = np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
     builder = ModelBuilder()
@@ -183,6 +179,14 @@ def set_up(
         joint_reactions=chains or joint_reactions,
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
+
+
+def _check(dt: float, friction: float) -> None:
+    for name, value in (("dt", dt), ("friction", friction)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise SpecError(f"{name}: must be a positive number, got {value!r}")
+    if not FRICTION[0] <= friction <= FRICTION[1]:
+        raise SpecError(f"friction: must be from {FRICTION[0]:g} to {FRICTION[1]:g}, got {friction!r}")
 
 
 def _acting(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simwarp.cli import UsageError
-from simwarp.cli.drive_batch import parse_values
+from simwarp.cli.drive.drive_batch import parse_values
 from simwarp.vehicle.driving.lane_courses import (
     double_lane_change_course,
     driven_line,

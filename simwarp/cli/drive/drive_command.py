@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
-from simwarp.cli.drive_progress import ManeuverBar
+from simwarp.cli.drive.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
+from simwarp.cli.drive.drive_progress import ManeuverBar
 from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.memory import check_fits
 from simwarp.exporters.run_report import check_report
@@ -537,7 +537,7 @@ def _write(
         write_run(outcome.run, options.output, sources, {each.name: each.meaning for each in outcome.channels})
         console.print(f"wrote {options.output}", highlight=False, markup=False, soft_wrap=True)
     if options.report is not None:
-        from simwarp.cli.drive_report import Driven, write_drive_report
+        from simwarp.cli.drive.drive_report import Driven, write_drive_report
 
         driven = Driven(
             title=title, vehicle=spec, maneuver=what, run=outcome.run, results=found, verdicts=judged,

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.drive_progress import ManeuverBar
+from simwarp.cli.drive.drive_progress import ManeuverBar
 from simwarp.core.object_repr import plural
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver

@@ -1,0 +1,1 @@
+"""``simwarp drive``: one manoeuvre of a vehicle, or many at once, with their files."""
