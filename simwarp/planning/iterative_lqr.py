@@ -42,7 +42,7 @@ class IlqrConfig(Settings):
         position_step: change of a coordinate for a difference [m or rad].
         rate_step: change of a rate [m/s or rad/s].
         action_step: change of an action, as a share of its range.
-        damping: added to the curvature of the cost in the actions, where no way ahead was better; ten times more then.
+        damping: added to the cost's curvature in the actions once no way ahead was better; ten times more each time.
     """
 
     horizon: Count = 50
@@ -51,7 +51,7 @@ class IlqrConfig(Settings):
     position_step: Positive = 1e-3
     rate_step: Positive = 1e-2
     action_step: Positive = 1e-2
-    damping: Positive = 1e-6
+    damping: Positive = 1e-2
 
 
 class Ilqr(Readable):
@@ -102,7 +102,7 @@ class Ilqr(Readable):
         self.actions.copy_(0.5 * (self.low + self.high) if actions is None else actions)
         self.gains = torch.zeros(config.horizon, size, states, **options)
         self.states = torch.zeros(config.horizon + 1, states, **options)
-        self.cost, self._fresh = float("inf"), True
+        self.cost, self._fresh, self._damping = float("inf"), True, 0.0
 
     def plan(self) -> torch.Tensor:
         """Plans from the present state of the real world, beginning with the last plan one control step on.
@@ -115,18 +115,17 @@ class Ilqr(Readable):
         self._fresh = False
         none = torch.zeros_like(self.actions)
         self._take(*self._tried(none, torch.zeros_like(self.gains), torch.zeros(1, dtype=torch.float64)))
-        damping = 0.0
         for _ in range(self.config.iterations):
-            feed, gains = self._improvement(*self._differences(), damping)
+            feed, gains = self._improvement(*self._differences(), self._damping)
             lengths = 0.5 ** torch.arange(min(self.imagination.count, 11), dtype=torch.float64)
             states, actions, costs = self._tried(feed, gains, lengths)
             best = int(torch.argmin(costs))
             if not float(costs[best]) < self.cost:
-                damping = max(10.0 * damping, self.config.damping)
+                self._damping = max(10.0 * self._damping, self.config.damping)
                 continue
             gained = self.cost - float(costs[best])
             self._take(states, actions, costs, best)
-            self.gains, damping = gains, 0.0
+            self.gains, self._damping = gains, 0.1 * self._damping if self._damping > self.config.damping else 0.0
             if gained < self.config.tolerance * abs(self.cost):
                 break
         return self.actions[:1].float()
