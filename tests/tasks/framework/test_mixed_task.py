@@ -255,7 +255,7 @@ def test_shares_of_the_worlds(shares, worlds, counts):
 
 
 def test_shares_of_a_task():
-    assert [group.count for group in mixed(8, mix_shares=(2.0, 1.0, 1.0)).groups] == [4, 2, 2]
+    assert [group.count for group in mixed(8, mix_shares=(2.0, 1.0, 1.0)).model_groups] == [4, 2, 2]
 
 
 # ---- errors ---------------------------------------------------------------------------------------------------------
