@@ -18,14 +18,14 @@ from tests.tasks.framework.test_task_threads import bits, different
 
 WORLDS = 7
 MIX: dict[str, Any] = {"mix": "links=1,2,3"}
-UNCERTAIN = {
+UNCERTAIN: dict[str, Any] = {
     "action_delay": (0, 2),
     "action_rise_time": 0.1,
     "randomise": {"body_mass": Range(0.8, 1.2)},
     "sensing": {"policy": Sensing(noise=0.01, bias=0.1, delay=(0, 2))},
     "curriculum": Curriculum(driver=Driver.PROGRESS),
 }
-CASES = {"plain": {}, "uncertain": UNCERTAIN}
+CASES: dict[str, dict[str, Any]] = {"plain": {}, "uncertain": UNCERTAIN}
 
 
 @pytest.fixture(autouse=True)
@@ -214,9 +214,9 @@ def test_frames_show_each_model_in_its_place():
     for group in task.model_groups:
         single = TaskVectorEnv(alone(group), render_mode="rgb_array", render_size=(32, 24))
         single.reset(seed=1)
-        pictures = single.render()
-        assert pictures is not None
-        assert np.array_equal(np.stack(list(frames)[group.rows]), np.stack(pictures))
+        seen = single.render()
+        assert seen is not None
+        assert np.array_equal(np.array(frames[group.rows]), np.array(seen))
 
 
 def test_a_break_is_kept_and_replayed(tmp_path):
@@ -259,7 +259,7 @@ def test_shares_of_the_worlds(shares, worlds, counts):
 
 
 def test_shares_of_a_task():
-    assert [group.count for group in mixed(8, mix_shares=(2.0, 1.0, 1.0)).groups] == [4, 2, 2]
+    assert [group.count for group in mixed(8, mix_shares=(2.0, 1.0, 1.0)).model_groups] == [4, 2, 2]
 
 
 # ---- errors ---------------------------------------------------------------------------------------------------------
