@@ -100,44 +100,32 @@ def bar_load(axle: int, side: int, first: Corner, second: Corner, rates: wp.vec2
     return -torque * second.bar_slope
 
 
-@wp.kernel
-def run_reduced_vehicle(
-    # inputs
-    worlds: WorldRange,
-    dt: float,
-    vehicle: VehicleTables,
-    t: ReducedTables,
-    powertrain: Powertrain,
-    vehicle_input: wp.array3d[float],  # (W, V, 4): steering -1..1 (left +), throttle, braking, clutch 0..1
-    lock: wp.array3d[float],  # (W, V, locks) 0..1
-    tires: TireArrays,
-    terrain: TerrainTables,
-    envelopes: Envelopes,
-    assets: Assets,
-    parameters: Parameters,
-    state: StateArrays,
-    # outputs
-    reduced: ReducedState,
-    memory: PowertrainState,
-    motion: VehicleMotion,
-    reports: TireReports,
-    control: ControlArrays,
-):
-    """Wheels and powertrain move on by a step, and the chassis' forces for it are found; dim (W, V)."""
-    index, number = wp.tid()
-    world = worlds.first + index
-    of = member_of(world, number, vehicle)
-    body = of.body + vehicle.chassis
-    steering = wp.clamp(vehicle_input[world, number, 0], -1.0, 1.0)
-    throttle = wp.clamp(vehicle_input[world, number, 1], 0.0, 1.0)
-    braking = wp.clamp(vehicle_input[world, number, 2], 0.0, 1.0)
-    clutch = wp.clamp(vehicle_input[world, number, 3], 0.0, 1.0)
-    c = chassis_of(world, body, state)
+@wp.struct
+class Loads:
+    """What acts on chassis, travels and wheels; axes of the chassis."""
+
+    force: wp.vec3  # on the vehicle [N]
+    torque: wp.vec3  # about the chassis' centre of mass [N·m]
+    push: wp.vec4  # on the travels [N]
+    damping: wp.vec4  # slopes of the dampers [N·s/m]
+    windup: wp.vec4  # turns of the calipers per travel [rad/m]
+    moment: wp.vec4  # about the wheels' axes [N·m]
+    speed: wp.vec4  # of the wheels, seen from the chassis [rad/s]
+    caliper: wp.vec4  # of the calipers, likewise
+    axes: wp.mat44  # rows: the wheels' axes
+    spins: wp.vec3  # moment of momentum of the turning wheels [N·m·s]
+
+
+@wp.func
+def act_on_wheels(
+    world: int, number: int, dt: float, c: Chassis, drag: float, steering: float, t: ReducedTables, tires: TireArrays,
+    terrain: TerrainTables, envelopes: Envelopes, assets: Assets, reduced: ReducedState, reports: TireReports,
+) -> Loads:  # fmt: skip
+    """Ground, springs, dampers, anti-roll bars and drag; the tires' states are advanced."""
     back = wp.transpose(c.axes)
     factors = world_row(world, reduced.scale.shape[0])
     p_row = world_row(world, tires.parameter.shape[0])
-
-    force = (-vehicle.drag * wp.length(c.v)) * c.v
+    force = (-drag * wp.length(c.v)) * c.v
     torque = wp.vec3()
     push = wp.vec4()
     damping = wp.vec4()
@@ -182,40 +170,33 @@ def run_reduced_vehicle(
             caliper[wheel] = place.windup * rate
             axes[wheel] = wp.vec4(place.axis[0], place.axis[1], place.axis[2], 0.0)
             spins += (t.spin_inertia[wheel] * spin) * place.axis
+    result = Loads()
+    result.force = force
+    result.torque = torque
+    result.push = push
+    result.damping = damping
+    result.windup = windup
+    result.moment = moment
+    result.speed = speed
+    result.caliper = caliper
+    result.axes = axes
+    result.spins = spins
+    return result
 
-    drive_speed = wp.dot(t.drive, speed)
-    memory.drive_speed[world, number] = drive_speed
-    reacting = wp.vec3()
-    drive = run_engine(
-        of, dt, throttle, clutch, drive_speed, state.world_time[world], t, powertrain, memory, reduced
-    )  # fmt: skip
-    if powertrain.engine > 0:
-        reacting = reaction(of, dt, drive.torque, drive_speed, powertrain, memory)
-        moment += (drive.direct * drive.torque) * t.drive + biased(speed, drive.torque, t, powertrain)
-    turned = turn_wheels(of, dt, drive, speed, moment, caliper, braking, lock, t, reduced)
 
-    torque += reacting - wp.cross(c.omega, spins)
-    for wheel in range(4):
-        slot = WHEELS * number + wheel
-        change = turned.speed[wheel] - speed[wheel]
-        reduced.spin[world, slot] += change
-        reduced.turn_rate[world, slot] = turned.speed[wheel]
-        angle = reduced.turn[world, slot] + wp.float64(dt * turned.speed[wheel])
-        if angle > HALF_TURN:
-            angle -= FULL_TURN
-        elif angle < -HALF_TURN:
-            angle += FULL_TURN
-        reduced.turn[world, slot] = angle
-        push[wheel] = push[wheel] - windup[wheel] * turned.brake[wheel]
-        axis = wp.vec3(axes[wheel, 0], axes[wheel, 1], axes[wheel, 2])
-        torque -= (t.spin_inertia[wheel] * change / dt) * axis
-        reduced.axis[world, slot] = axis
-
-    mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
-    inertia = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
+@wp.func
+def move_travels(
+    world: int, number: int, dt: float, mass: float, inertia: wp.mat33, omega: wp.vec3, loads: Loads,
+    t: ReducedTables, reduced: ReducedState,
+) -> Loads:  # fmt: skip
+    """The four travels move on; returns the loads with those that their masses leave to the chassis."""
+    force = loads.force
+    torque = loads.torque
+    push = loads.push
+    damping = loads.damping
     inverse = wp.inverse(inertia)
     a = force / mass
-    b = inverse * (torque - wp.cross(c.omega, inertia * c.omega))
+    b = inverse * (torque - wp.cross(omega, inertia * omega))
     coupled = wp.mat44()
     for i in range(4):
         p = t.momentum[i]
@@ -234,7 +215,84 @@ def run_reduced_vehicle(
         reduced.travel[world, slot] += dt * rate
         force -= accelerations[wheel] * t.momentum[wheel]
         torque -= accelerations[wheel] * t.moment[wheel]
+    result = loads
+    result.force = force
+    result.torque = torque
+    return result
+
+
+@wp.kernel
+def run_reduced_vehicle(
+    # inputs
+    worlds: WorldRange,
+    dt: float,
+    vehicle: VehicleTables,
+    t: ReducedTables,
+    powertrain: Powertrain,
+    vehicle_input: wp.array3d[float],  # (W, V, 4): steering -1..1 (left +), throttle, braking, clutch 0..1
+    lock: wp.array3d[float],  # (W, V, locks) 0..1
+    tires: TireArrays,
+    terrain: TerrainTables,
+    envelopes: Envelopes,
+    assets: Assets,
+    parameters: Parameters,
+    state: StateArrays,
+    # outputs
+    reduced: ReducedState,
+    memory: PowertrainState,
+    motion: VehicleMotion,
+    reports: TireReports,
+    control: ControlArrays,
+):
+    """Wheels and powertrain move on by a step, and the chassis' forces for it are found; dim (W, V)."""
+    index, number = wp.tid()
+    world = worlds.first + index
+    of = member_of(world, number, vehicle)
+    body = of.body + vehicle.chassis
+    steering = wp.clamp(vehicle_input[world, number, 0], -1.0, 1.0)
+    throttle = wp.clamp(vehicle_input[world, number, 1], 0.0, 1.0)
+    braking = wp.clamp(vehicle_input[world, number, 2], 0.0, 1.0)
+    clutch = wp.clamp(vehicle_input[world, number, 3], 0.0, 1.0)
+    c = chassis_of(world, body, state)
+    loads = act_on_wheels(
+        world, number, dt, c, vehicle.drag, steering, t, tires, terrain, envelopes, assets, reduced, reports
+    )  # fmt: skip
+    speed = loads.speed
+    moment = loads.moment
+    drive_speed = wp.dot(t.drive, speed)
+    memory.drive_speed[world, number] = drive_speed
+    reacting = wp.vec3()
+    drive = run_engine(
+        of, dt, throttle, clutch, drive_speed, state.world_time[world], t, powertrain, memory, reduced
+    )  # fmt: skip
+    if powertrain.engine > 0:
+        reacting = reaction(of, dt, drive.torque, drive_speed, powertrain, memory)
+        moment += (drive.direct * drive.torque) * t.drive + biased(speed, drive.torque, t, powertrain)
+    turned = turn_wheels(of, dt, drive, speed, moment, loads.caliper, braking, lock, t, reduced)
+
+    torque = loads.torque + reacting - wp.cross(c.omega, loads.spins)
+    push = loads.push
+    for wheel in range(4):
+        slot = WHEELS * number + wheel
+        change = turned.speed[wheel] - speed[wheel]
+        reduced.spin[world, slot] += change
+        reduced.turn_rate[world, slot] = turned.speed[wheel]
+        angle = reduced.turn[world, slot] + wp.float64(dt * turned.speed[wheel])
+        if angle > HALF_TURN:
+            angle -= FULL_TURN
+        elif angle < -HALF_TURN:
+            angle += FULL_TURN
+        reduced.turn[world, slot] = angle
+        push[wheel] = push[wheel] - loads.windup[wheel] * turned.brake[wheel]
+        axis = wp.vec3(loads.axes[wheel, 0], loads.axes[wheel, 1], loads.axes[wheel, 2])
+        torque -= (t.spin_inertia[wheel] * change / dt) * axis
+        reduced.axis[world, slot] = axis
+    loads.torque = torque
+    loads.push = push
+    mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
+    inertia = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
+    loads = move_travels(world, number, dt, mass, inertia, c.omega, loads, t, reduced)
     arm = c.axes * vehicle.point
     motion.last_v[world, number] = point_velocity(world, body, arm, state)
-    control.element_force[world, body] = c.axes * force
-    control.element_torque[world, body] = c.axes * torque
+    control.element_force[world, body] = c.axes * loads.force
+    control.element_torque[world, body] = c.axes * loads.torque
