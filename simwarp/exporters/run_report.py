@@ -20,8 +20,8 @@ from PIL import Image
 
 from simwarp.core.files import FileError, write_file
 from simwarp.exporters.vehicle_sheet import Fact, Section
+from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.results.run_result import Result
-from simwarp.vehicle.results.verdict import Verdict
 
 SUFFIXES: Final = (".html", ".htm")
 DPI: Final = 110

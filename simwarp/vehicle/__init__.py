@@ -7,6 +7,8 @@ parts = sw.vehicle.add_vehicle(builder, spec)
 
 from __future__ import annotations
 
+from simwarp.vehicle.assessment.verdict import Verdict
+from simwarp.vehicle.assessment.verdicts import verdicts
 from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
@@ -30,8 +32,6 @@ from simwarp.vehicle.reduced.reduction import reduce_vehicle
 from simwarp.vehicle.results.chain_record import ChainProfile, ChainRecord
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
-from simwarp.vehicle.results.verdict import Verdict
-from simwarp.vehicle.results.verdicts import verdicts
 from simwarp.vehicle.spec.belt_parts import BeltLaw, BeltTrack, belt_of
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec, with_belts

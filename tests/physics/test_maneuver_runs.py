@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simwarp.vehicle.assessment.maneuver_variants import drive_variants, highest_passed, outcomes, set_up_variants
+from simwarp.vehicle.assessment.straight_results import climbed
+from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.driving.path_tracking import wheelbase
-from simwarp.vehicle.results.maneuver_variants import drive_variants, highest_passed, outcomes, set_up_variants
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.road import tire_ground
 from simwarp.vehicle.results.run_result import lateral_acceleration, smoothed
 from simwarp.vehicle.results.runs import Drive, set_up
-from simwarp.vehicle.results.straight_results import climbed
-from simwarp.vehicle.results.verdicts import passed, verdicts
 from simwarp.vehicle.rigs import tire_forces
 from simwarp.vehicle.rigs.standing_loads import standing_loads
 from simwarp.vehicle.spec.vehicle_files import load_vehicle

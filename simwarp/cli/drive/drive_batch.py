@@ -18,13 +18,13 @@ from rich.table import Table
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.drive.drive_progress import ManeuverBar
 from simwarp.core.object_repr import plural
+from simwarp.vehicle.assessment.course_plot import draw_course
+from simwarp.vehicle.assessment.maneuver_variants import Outcome, highest_passed, outcomes, set_up_variants
+from simwarp.vehicle.assessment.verdict import Verdict
+from simwarp.vehicle.assessment.verdicts import verdict_rows
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver
-from simwarp.vehicle.results.course_plot import draw_course
-from simwarp.vehicle.results.maneuver_variants import Outcome, highest_passed, outcomes, set_up_variants
 from simwarp.vehicle.results.runs import Drive, SetUpOptions
-from simwarp.vehicle.results.verdict import Verdict
-from simwarp.vehicle.results.verdicts import verdict_rows
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 MOST_VARIANTS: Final = 1000

@@ -27,6 +27,8 @@ from simwarp.exporters.run_tables import check_run_file, write_run
 from simwarp.importers.chrono_json import vehicle_template
 from simwarp.model.model import resolve_device
 from simwarp.soil import Soil, soil_under
+from simwarp.vehicle.assessment.verdict import Verdict
+from simwarp.vehicle.assessment.verdicts import passed, verdict_rows, verdicts
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
@@ -39,8 +41,6 @@ from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
-from simwarp.vehicle.results.verdict import Verdict
-from simwarp.vehicle.results.verdicts import passed, verdict_rows, verdicts
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.tires.soil_tires import SoilTires

@@ -15,13 +15,13 @@ from simwarp.exporters.run_report import Report, number_text, write_report
 from simwarp.exporters.vehicle_sheet import vehicle_sheet
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
+from simwarp.vehicle.assessment.verdict import Verdict
+from simwarp.vehicle.assessment.verdicts import passed
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import run_figure
 from simwarp.vehicle.results.run_result import Result
-from simwarp.vehicle.results.verdict import Verdict
-from simwarp.vehicle.results.verdicts import passed
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
 from simwarp.viewer.portrait import portrait

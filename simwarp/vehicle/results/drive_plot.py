@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
+from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
@@ -19,7 +20,6 @@ from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, l
 from simwarp.vehicle.results.results import ON_TRACKS
 from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.track_panels import arms, ground_or_pins, tensions, track_speeds
-from simwarp.vehicle.results.verdict import Verdict
 
 WHEELS: Final = {"FL": BLUE, "FR": "#5bb5d5", "RL": ORANGE, "RR": "#f0a35e"}
 """Front wheels blue, rear ones orange; the left ones darker."""

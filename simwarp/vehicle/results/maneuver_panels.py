@@ -10,12 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.patches import Polygon
 
-from simwarp.vehicle.driving.braking_maneuvers import HOLD
-from simwarp.vehicle.driving.handling_maneuvers import SINE_END
-from simwarp.vehicle.driving.lane_courses import LaneCourse
-from simwarp.vehicle.driving.maneuver_spec import Maneuver
-from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.results.handling_results import (
+from simwarp.vehicle.assessment.handling_results import (
     FIT_WINDOW,
     LEAST_DISPLACEMENT,
     RATIO_LIMITS,
@@ -23,10 +18,8 @@ from simwarp.vehicle.results.handling_results import (
     dwell_peak,
     linear_range,
 )
-from simwarp.vehicle.results.lane_verdicts import outline_corners
-from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, spanned, title_of
-from simwarp.vehicle.results.run_result import lateral_acceleration, since_zero, smoothed
-from simwarp.vehicle.results.straight_results import (
+from simwarp.vehicle.assessment.lane_verdicts import outline_corners
+from simwarp.vehicle.assessment.straight_results import (
     MOST_ROLLBACK,
     QUARTER_MILE,
     climbed,
@@ -34,6 +27,13 @@ from simwarp.vehicle.results.straight_results import (
     ground_speed,
     travelled,
 )
+from simwarp.vehicle.driving.braking_maneuvers import HOLD
+from simwarp.vehicle.driving.handling_maneuvers import SINE_END
+from simwarp.vehicle.driving.lane_courses import LaneCourse
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, spanned, title_of
+from simwarp.vehicle.results.run_result import lateral_acceleration, since_zero, smoothed
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

@@ -9,16 +9,23 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.vehicle.driving.maneuver_spec import Maneuver
-from simwarp.vehicle.driving.paths import Path
-from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.results.handling_results import (
+from simwarp.vehicle.assessment.handling_results import (
     dwell_results,
     fishhook_results,
     steady_state,
     step_input_response,
 )
-from simwarp.vehicle.results.lane_verdicts import lane_results
+from simwarp.vehicle.assessment.lane_verdicts import lane_results
+from simwarp.vehicle.assessment.straight_results import (
+    acceleration_times,
+    braking_results,
+    bump_results,
+    hill_results,
+    turn_braking_results,
+)
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.driving.paths import Path
+from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.run_result import (
     STANDSTILL,
     STEADY,
@@ -27,13 +34,6 @@ from simwarp.vehicle.results.run_result import (
     last_mean,
     lateral_acceleration,
     since_zero,
-)
-from simwarp.vehicle.results.straight_results import (
-    acceleration_times,
-    braking_results,
-    bump_results,
-    hill_results,
-    turn_braking_results,
 )
 
 Array = npt.NDArray[np.float64]

@@ -14,8 +14,8 @@ from PIL import Image
 from simwarp.core.files import FileError
 from simwarp.exporters.run_report import Report, check_report, report_page, write_report
 from simwarp.exporters.vehicle_sheet import Fact, Section
+from simwarp.vehicle.assessment.verdict import at_most
 from simwarp.vehicle.results.run_result import Result
-from simwarp.vehicle.results.verdict import at_most
 
 HOSTILE = """<script>alert("1")</script>&amp;'"><img src=x onerror=y>$title"""
 VOID = {"meta", "img"}

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from simwarp.vehicle.assessment.verdicts import verdicts
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.maneuver_panels import has_special
 from simwarp.vehicle.results.results import results
-from simwarp.vehicle.results.verdicts import verdicts
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 SEDAN = load_vehicle("sedan")

@@ -12,14 +12,14 @@ import warp as wp
 
 from simwarp.core.types import WorldStatus
 from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.assessment.verdict import Verdict
+from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result, until
 from simwarp.vehicle.results.runs import Drive, Setup, SetUpOptions, set_up
-from simwarp.vehicle.results.verdict import Verdict
-from simwarp.vehicle.results.verdicts import passed, verdicts
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 

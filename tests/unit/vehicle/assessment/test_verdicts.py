@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simwarp.vehicle.assessment.lane_verdicts import lane_verdicts
+from simwarp.vehicle.assessment.verdicts import passed, verdict_rows, verdicts
 from simwarp.vehicle.driving.handling_maneuvers import SINE_END, sine_pattern
 from simwarp.vehicle.driving.lane_courses import obstacle_avoidance_course
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.driving.vehicle_outline import Outline
 from simwarp.vehicle.results.channels import COLUMNS, Run
-from simwarp.vehicle.results.lane_verdicts import lane_verdicts
 from simwarp.vehicle.results.results import results
-from simwarp.vehicle.results.verdicts import passed, verdict_rows, verdicts
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 SEDAN = load_vehicle("sedan")

@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
+from simwarp.vehicle.assessment.maneuver_variants import Outcome
 from simwarp.vehicle.results.maneuver_panels import draw_lanes
-from simwarp.vehicle.results.maneuver_variants import Outcome
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, title_of
 
 LANE_COLOURS: Final = (BLUE, ORANGE, GREY)

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
+from simwarp.vehicle.assessment.handling_results import dwell_verdicts, lift_verdicts
+from simwarp.vehicle.assessment.lane_verdicts import lane_verdicts
+from simwarp.vehicle.assessment.straight_results import braking_verdicts, hill_verdicts
+from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.results.handling_results import dwell_verdicts, lift_verdicts
-from simwarp.vehicle.results.lane_verdicts import lane_verdicts
 from simwarp.vehicle.results.run_result import since_zero
-from simwarp.vehicle.results.straight_results import braking_verdicts, hill_verdicts
-from simwarp.vehicle.results.verdict import Verdict
 
 __all__ = ["Verdict", "passed", "verdict_rows", "verdicts"]
 

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.vehicle.assessment.verdict import Verdict, at_least, at_most
 from simwarp.vehicle.driving.lane_courses import Cone, Lane, LaneCourse
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.run_result import Result, crossing, lateral_acceleration
-from simwarp.vehicle.results.verdict import Verdict, at_least, at_most
 
 Array = npt.NDArray[np.float64]
 

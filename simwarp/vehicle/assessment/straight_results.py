@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.vehicle.assessment.verdict import Verdict, at_least, at_most
 from simwarp.vehicle.driving.braking_maneuvers import HOLD
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import WHEELS, Run
@@ -19,7 +20,6 @@ from simwarp.vehicle.results.run_result import (
     smoothed,
     until,
 )
-from simwarp.vehicle.results.verdict import Verdict, at_least, at_most
 
 Array = npt.NDArray[np.float64]
 

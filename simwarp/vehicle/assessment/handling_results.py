@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.vehicle.assessment.verdict import Verdict, at_least, at_most
 from simwarp.vehicle.driving.handling_maneuvers import DWELL_FREQUENCY, SINE_END, USUAL_FACTOR
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import WHEELS, Run
 from simwarp.vehicle.results.run_result import Result, crossing, lateral_acceleration, smoothed
-from simwarp.vehicle.results.verdict import Verdict, at_least, at_most
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
