@@ -72,7 +72,8 @@ def draw(runs: list[tuple[str, Columns, Columns]], file: Path) -> None:
             rates.plot(each["t_s"], np.degrees(each["yawrate_radps"]), color=colors[0], linewidth=width, label=label)
             for wheel, color in zip(WHEELS, colors, strict=False):
                 loads.plot(each["t_s"], 1e-3 * each[f"Fz_{wheel}_N"], color=color, linewidth=width)
-        legend(rates)
+        if column == 0:
+            legend(rates)
     figure.savefig(file, dpi=110)
 
 

@@ -15,7 +15,7 @@ from simwarp.vehicle.results.runs import set_up
 from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline4WD
 from simwarp.vehicle.spec.parts import SpecError, merged
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
-from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import ShaftsDriveline4WD, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import travel_table
 from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_vehicle
 from simwarp.vehicle.vehicle import Vehicle, per_world
@@ -127,6 +127,7 @@ def test_the_driveline_s_numbers_are_those_of_its_gears():
     assert drive_row(spec).sum() == pytest.approx(5.0)
     energy = np.ones(4) @ shaft_inertia(spec.driveline) @ np.ones(4)
     assert energy == pytest.approx(25.0 * (0.5 + 2.0 * (0.5 + 0.6 * 0.2**2)))
+    assert isinstance(spec.driveline, ShaftsDriveline4WD)
     assert lock_rows(spec.driveline) == []
     locked = dataclasses.replace(spec.driveline, lockable=True)
     rows = lock_rows(locked)
