@@ -18,7 +18,7 @@ from simwarp.core.files import check_input
 from simwarp.core.stopping import stop_on_signals
 from simwarp.identify import Fit, FitResult, Progress, list_parameters, read_fit
 from simwarp.identify.fit_config import FitConfig
-from simwarp.identify.fit_report import content_of, share_of, strong_correlations, untold, write_results
+from simwarp.identify.fit_report import content_of, share_of, strong_correlations, unidentified, write_results
 from simwarp.model.model import resolve_device
 
 USAGE = "usage: simwarp fit CONFIG [options], or simwarp fit --list TARGET"
@@ -171,7 +171,7 @@ def _print_result(console: Console, result: FitResult) -> None:
             "held out" if each.held_out else "",
         )  # fmt: skip
     console.print(readings)
-    for line in untold(result):
+    for line in unidentified(result):
         console.print(f"not told: {line}", highlight=False, markup=False, soft_wrap=True)
     for pair in strong_correlations(result):
         text = f"correlated: {pair['first']} and {pair['second']} ({pair['correlation']:+.3f})"

@@ -47,7 +47,7 @@ class EvolutionThenLeastSquares:
         self._strategy = cmaes.CMA(
             mean=np.zeros(len(start)), sigma=1.0, bounds=self._bounds, seed=seed, population_size=population
         )  # fmt: skip
-        self._told: list[Array] = []
+        self._rounds: list[Array] = []
         """Costs of the candidates of every iteration: with the seed they tell the strategy's whole state."""
         self._asked: list[Array] = []
         self._polish = LevenbergMarquardt(space)
@@ -56,7 +56,7 @@ class EvolutionThenLeastSquares:
 
     @property
     def _evolving(self) -> bool:
-        return len(self._told) < self.space.iterations and not self._strategy.should_stop()
+        return len(self._rounds) < self.space.iterations and not self._strategy.should_stop()
 
     @property
     def point(self) -> Array:
@@ -81,7 +81,7 @@ class EvolutionThenLeastSquares:
     @property
     def iteration(self) -> int:
         """Batches so far."""
-        return len(self._told) + self._polish.iteration
+        return len(self._rounds) + self._polish.iteration
 
     @property
     def diverged(self) -> int:
@@ -116,7 +116,7 @@ class EvolutionThenLeastSquares:
         self._diverged += int(np.isinf(costs).sum())
         if costs[0] < self._best_cost:
             self._best_cost = float(costs[0])
-        self._take(costs[1:])
+        self._update(costs[1:])
         best = int(np.argmin(costs[1:]))
         if costs[1 + best] < self._best_cost:
             self._best_cost = float(costs[1 + best])
@@ -124,26 +124,26 @@ class EvolutionThenLeastSquares:
         if not self._evolving:
             self._polish.point = self._best.copy()
 
-    def _take(self, costs: Array) -> None:
+    def _update(self, costs: Array) -> None:
         """Tell the strategy; what diverged is worse than all that did not."""
         finite = costs[np.isfinite(costs)]
         worst = 10.0 * float(finite.max()) + 1.0 if finite.size else 1e30
         self._strategy.tell(
             [(each, cost if np.isfinite(cost) else worst) for each, cost in zip(self._asked, costs, strict=True)]
         )
-        self._told.append(costs)
+        self._rounds.append(costs)
 
     def state(self) -> dict[str, Any]:
         """All that a search needs to go on, as arrays and plain values."""
         inner = {f"polish.{name}": value for name, value in self._polish.state().items()}
-        own = {"told": np.array(self._told), "best": self._best, "best_cost": self._best_cost}
+        own = {"rounds": np.array(self._rounds), "best": self._best, "best_cost": self._best_cost}
         return {**own, "evolution_diverged": self._diverged, **inner}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from `state`: the strategy takes the same costs again, which brings it to the same point."""
-        for costs in state["told"]:
+        for costs in state["rounds"]:
             self._asked = [self._strategy.ask() for _ in range(self._strategy.population_size)]
-            self._take(costs)
+            self._update(costs)
         self._best, self._best_cost = state["best"], float(state["best_cost"])
         self._diverged = int(state["evolution_diverged"])
         own = {name.removeprefix("polish."): value for name, value in state.items() if name.startswith("polish.")}

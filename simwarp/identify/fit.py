@@ -316,7 +316,7 @@ class Fit:
         if not self._held_out:
             return []
         held = FitProblem(self.config, self.target, self._held_out, self.parameters, fitted=False)
-        held.take_worlds_of(self.problem)
+        held.share_differences_of(self.problem)
         return self._readings(held, point[: len(self.parameters.unknowns)], True)
 
     @staticmethod

@@ -199,7 +199,7 @@ class FitProblem:
                 raise FitError(f"parameters: {unknown.name}: {rule}; leave it out")
             self._differing |= found
 
-    def take_worlds_of(self, other: FitProblem) -> None:
+    def share_differences_of(self, other: FitProblem) -> None:
         """Let worlds differ in what those of another problem of the same target differ in."""
         self._differing = set(other._differing)
 

@@ -29,7 +29,7 @@ def content_of(result: FitResult) -> dict[str, Any]:
     return {
         "parameters": result.rows(), "cost": result.cost, "first_cost": result.first_cost,
         "iterations": result.iterations, "reason": result.reason, "diverged": result.diverged,
-        "correlations": strong_correlations(result), "not_told": untold(result),
+        "correlations": strong_correlations(result), "unidentified": unidentified(result),
         "readings": [
             {"run": each.run, "reading": each.reading, "held_out": each.held_out, "rms": each.rms,
              "share": share_of(each)}
@@ -56,7 +56,7 @@ def strong_correlations(result: FitResult) -> list[dict[str, Any]]:
     return sorted(found, key=lambda row: -abs(row["correlation"]))
 
 
-def untold(result: FitResult) -> list[str]:
+def unidentified(result: FitResult) -> list[str]:
     """A line for every parameter and combination of parameters that the data do not tell."""
     lines = []
     found = result.uncertainty

@@ -114,7 +114,7 @@ class Ilqr(Readable):
             self.actions = torch.cat([self.actions[1:], self.actions[-1:]])
         self._fresh = False
         none = torch.zeros_like(self.actions)
-        self._take(*self._tried(none, torch.zeros_like(self.gains), torch.zeros(1, dtype=torch.float64)))
+        self._accept(*self._tried(none, torch.zeros_like(self.gains), torch.zeros(1, dtype=torch.float64)))
         for _ in range(self.config.iterations):
             feed, gains = self._improvement(*self._differences(), self._damping)
             lengths = 0.5 ** torch.arange(min(self.imagination.count, 11), dtype=torch.float64)
@@ -124,13 +124,13 @@ class Ilqr(Readable):
                 self._damping = max(10.0 * self._damping, self.config.damping)
                 continue
             gained = self.cost - float(costs[best])
-            self._take(states, actions, costs, best)
+            self._accept(states, actions, costs, best)
             self.gains, self._damping = gains, 0.1 * self._damping if self._damping > self.config.damping else 0.0
             if gained < self.config.tolerance * abs(self.cost):
                 break
         return self.actions[:1].float()
 
-    def _take(self, states: torch.Tensor, actions: torch.Tensor, costs: torch.Tensor, world: int = 0) -> None:
+    def _accept(self, states: torch.Tensor, actions: torch.Tensor, costs: torch.Tensor, world: int = 0) -> None:
         self.states, self.actions, self.cost = states[world].clone(), actions[world].clone(), float(costs[world])
 
     def _tried(

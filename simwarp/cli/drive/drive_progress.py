@@ -19,7 +19,7 @@ class ManeuverBar:
 
     def __init__(self, console: Console, title: str, what: Maneuver) -> None:
         self.console, self.title, self.what = console, title, what
-        self._told = time.perf_counter()
+        self._printed_at = time.perf_counter()
         columns = (
             TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[t]}"),
             TimeRemainingColumn(),
@@ -38,6 +38,6 @@ class ManeuverBar:
         """To a time of the manoeuvre [s]."""
         if self.console.is_terminal:
             self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
-        elif time.perf_counter() - self._told > PROGRESS_INTERVAL:
-            self._told = time.perf_counter()
+        elif time.perf_counter() - self._printed_at > PROGRESS_INTERVAL:
+            self._printed_at = time.perf_counter()
             self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)

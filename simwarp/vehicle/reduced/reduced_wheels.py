@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
+from simwarp.core.object_repr import Readable, plural
 from simwarp.model.model import Model
 from simwarp.simulation.attachments import StepContext
 from simwarp.vehicle.drivetrain.transmissions import EXCHANGE_TIME
@@ -33,8 +34,8 @@ from simwarp.vehicle.tires.tires import Tires
 WHEELS: Final = 4
 
 
-class ReducedWheels:
-    """Of V alike reduced vehicles in every world.
+class ReducedWheels(Readable):
+    """Wheels, suspensions and drivelines of V alike reduced vehicles in every world.
 
     Args:
         spec: of the vehicles.
@@ -92,6 +93,10 @@ class ReducedWheels:
             setattr(part, name, getattr(self, name)[:, wheels])
         return part
 
+    def _readable_title(self) -> str:
+        worlds = plural(self.travel.shape[0], "world")
+        return f": {plural(self.travel.shape[1], 'wheel')} in each of {worlds} on {self.travel.device}"
+
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
@@ -102,7 +107,17 @@ class ReducedWheels:
         self, simulation: StepContext, dt: float, vehicle: Any, powertrain: Any, vehicle_input: wp.array,
         lock: wp.array, tires: Tires, outputs: Sequence[Any],
     ) -> Any:  # fmt: skip
-        """The launch of one sub-step; `outputs`: state of the powertrain and motion of the vehicles."""
+        """Launch of one sub-step.
+
+        Args:
+            simulation: whose state and controls it reads and writes.
+            dt: length of the sub-step [s].
+            vehicle, powertrain: structures of the vehicles and of what drives them.
+            vehicle_input: (W, V, 4) steering, throttle, brakes and clutch, -1 or 0 to 1.
+            lock: (W, V, L) of the differentials, 0 to 1.
+            tires: on the wheels.
+            outputs: state of the powertrain and motion of the vehicles.
+        """
         model, control = simulation.model, simulation.control.arrays
         given: Any = TireArrays()
         given.tables, given.parameter = tires.tables, tires.parameter
@@ -117,7 +132,7 @@ class ReducedWheels:
         )  # fmt: skip
 
     def record_poses(self, simulation: StepContext, vehicle: Any, vehicle_input: wp.array) -> list[Any]:
-        """The launch that moves the wheels' bodies to where the wheels are."""
+        """Launch that moves the wheels' bodies to where the wheels are; `vehicle_input` (W, V, 4) is without a unit."""
         if not self._bodies.size:
             return []
         inputs = [vehicle, self.tables, self._bodies, vehicle_input, self.state]
@@ -128,7 +143,7 @@ class ReducedWheels:
     def record_set_poses(
         self, simulation: StepContext, mask: wp.array, vehicle: Any, vehicle_input: wp.array
     ) -> list[Any]:
-        """The same in worlds whose state was set."""
+        """Launch of `record_poses` in worlds whose state was set: those of `mask`, (W,); inputs are without a unit."""
         if not self._bodies.size:
             return []
         inputs = [mask, vehicle, self.tables, self._bodies, vehicle_input, self.state]

@@ -50,7 +50,7 @@ def test_a_parameter_without_influence_is_named(logs):
     rows = content_of(Fit(config, device="cpu", threads=1).run())
     last = rows["parameters"][-1]
     assert (last["identifiable"], last["influence"], last["value"]) == (False, False, 1.0)
-    assert rows["not_told"] == ["bodies[cart].inertia[0]: no reading changes with it"]
+    assert rows["unidentified"] == ["bodies[cart].inertia[0]: no reading changes with it"]
 
 
 @pytest.mark.slow

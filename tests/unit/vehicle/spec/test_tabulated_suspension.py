@@ -12,7 +12,6 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.reduced.reduced_construction import chassis_parts, drive_row, lock_rows, shaft_inertia
 from simwarp.vehicle.results.runs import set_up
-from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline4WD
 from simwarp.vehicle.spec.parts import SpecError, merged
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import ShaftsDriveline4WD, VehicleSpec
