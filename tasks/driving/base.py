@@ -307,8 +307,7 @@ class DrivingTask(Task[DrivingT]):
 
     def make_spec(self) -> sw.vehicle.VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
-        own = self.full_name if self.config.full else self.vehicle_name
-        spec = sw.vehicle.load_vehicle(self.config.vehicle or own)
+        spec = sw.vehicle.load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         tire = (self.config.tires or self.tire) if self.config.soil is SoilKind.NONE else "soil-rigid"
         return sw.vehicle.with_options(spec, tire=tire) if tire is not None else spec
 

@@ -38,7 +38,11 @@ class DrivenVehicle:
 HMMWV: Final = DrivenVehicle("hmmwv-reduced", "hmmwv", None, (2.3, 1.05, 0.5), (0.0, 0.0, 0.2), (1.5, 0.0, 0.875))
 GATOR: Final = DrivenVehicle("gator", "gator", "tmeasy", (1.35, 0.75, 0.35), (0.0, 0.0, 0.2), (0.65, 0.0, 0.75))
 SEDAN: Final = DrivenVehicle("sedan", "sedan", "tmeasy", (2.2, 0.9, 0.4), (0.0, 0.0, 0.0), (1.5, 0.0, 0.875))
-DRIVEN_VEHICLES: Final[Mapping[str, DrivenVehicle]] = MappingProxyType({"hmmwv": HMMWV, "gator": GATOR, "sedan": SEDAN})
+_FULL: Final = {"hmmwv": HMMWV, "gator": GATOR, "sedan": SEDAN}
+_REDUCED: Final = {f"{name}-14dof": known for name, known in _FULL.items()}
+DRIVEN_VEHICLES: Final[Mapping[str, DrivenVehicle]] = MappingProxyType(
+    _FULL | {name: dataclasses.replace(known, vehicle_name=name) for name, known in _REDUCED.items()}
+)
 """Vehicles of the size of a road, by the names that the field ``vehicle`` has for them."""
 
 
@@ -47,8 +51,8 @@ class VehicleChoiceConfig(DrivingConfig):
     """Fields of driving tasks whose world has room for any of `DRIVEN_VEHICLES`."""
 
     vehicle: str | None = None
-    """Vehicle that is driven: hmmwv, gator or sedan; several with commas between them, such as hmmwv,gator,sedan, share
-    the batch, a group of worlds for each. None: the task's own."""
+    """Vehicle that is driven: hmmwv, gator or sedan, or one of them reduced, such as hmmwv-14dof; several with commas
+    between them, such as hmmwv,gator,sedan, share the batch, a group of worlds for each. None: the task's own."""
 
     def validate(self) -> None:
         """Check that the vehicles are known, and different ones."""

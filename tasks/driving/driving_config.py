@@ -51,9 +51,6 @@ class DrivingConfig(ConditionsConfig):
     which trains fast on a CPU."""
     full: bool = False
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
-    vehicle: str | None = None
-    """Drive another model of the vehicle: a shipped one by name, such as hmmwv-14dof, or a JSON file. The box, the
-    places of sensors and the looks stay those of the task's own."""
     soil: SoilKind = SoilKind.NONE
     """Deformable ground below rigid wheels: a soil by name; random: between soft and hard, drawn for every episode, one
     in five nearly rigid. none: rigid ground below the vehicle's own tires. On soil its own strength counts in place of
@@ -86,7 +83,6 @@ class DrivingConfig(ConditionsConfig):
     def validate(self) -> None:
         """Check what depends on several fields."""
         super().validate()
-        require(self.vehicle is None or not self.full, self, "vehicle", "None with full, which chooses one itself")
         require(self.tires is None or self.soil is SoilKind.NONE, self, "tires", "None on soil, which has its own")
 
     @property
