@@ -4,9 +4,9 @@
 are the parts that the shipped tasks share.
 """
 
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingTask
+from .base import DrivingTask
 from .conditions import Conditions
-from .driven_vehicles import DRIVEN_VEHICLES, DrivenVehicle, VehicleChoiceConfig
+from .driven_vehicles import CHASSIS_GROUP, DRIVEN_VEHICLES, VEHICLE_ARRAYS, DrivenVehicle, VehicleChoiceConfig
 from .driving_config import DrivingConfig, Frame, Observing
 from .hills import Hills
 from .lapping import LappingConfig, LappingTask, Start

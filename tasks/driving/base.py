@@ -17,42 +17,16 @@ from ..framework.errors import InputError, TaskError
 from ..framework.recorded_launches import TensorFunction, WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 from ..framework.task_simulation import Attachments
-from .base_kernels import (
-    Car,
-    Drive,
-    begin_drive,
-    begin_drive_episode,
-    drive_on,
-    find_upset,
-    finish_physics,
-    measure_motion,
-    measure_pose,
-    measure_tilt,
-    place_cars,
-    steer,
-)
+from . import base_kernels as kernels
 from .camera_images import CameraImages
-from .conditions import DrawnConditions, middle
-from .driven_vehicles import HMMWV, VehicleChoiceConfig
+from .conditions import DrawnConditions, middle, set_middle_mass
+from .driven_vehicles import CHASSIS_GROUP, HMMWV, OWN_MEASURES, VEHICLE_ARRAYS, VehicleChoiceConfig, settling_time
 from .driving_config import DrivingConfig, Observing
 from .navigation import Navigation
 from .navigation_kernels import Navigator
 from .soil import DrivenSoil, SoilKind
 from .tire_ground import CONTACT_ARRAYS, TIRE_GROUP, add_flat_ground, stands_on_shapes
 from .training_defaults import PEDALS_BY_CAMERA, PEDALS_BY_LIDAR
-
-SETTLING = 0.9
-"""Time in which a vehicle comes to rest on its springs before the first episode [s]."""
-SETTLING_ON_AIR = 1.6
-"""The same on flexible tires, whose air damps little [s]."""
-VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
-"""Model parameters that a vehicle writes, world by world."""
-OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
-"""What a class that drives another vehicle says together."""
-CHASSIS_GROUP = 1 << 20
-"""Bit of the collision group of vehicles' chassis; obstacles meet nothing else. Chassis of two vehicles meet. Tracks,
-which take the lowest free bits, leave it free."""
-
 
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
 
@@ -341,7 +315,7 @@ class DrivingTask(Task[DrivingT]):
 
     def settling(self) -> float:
         """Return the time in which the vehicle comes to rest before the first episode [s]."""
-        return SETTLING_ON_AIR if any(side.mesh is not None for side in self.parts.sides) else SETTLING
+        return settling_time(self.parts)
 
     def attach(self, model: sw.Model) -> Attachments:
         """Return the vehicle, and the camera or lidar where there is one.
@@ -449,18 +423,12 @@ class DrivingTask(Task[DrivingT]):
         places, turns = (sw.to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
         start_x, start_rot = wp.from_torch(places, dtype=wp.vec3d), wp.from_torch(turns, dtype=wp.quatd)
         self._car = filled(
-            Car,
-            chassis=self.parts.chassis,
-            shape=self.chassis_shape,
-            reference=wp.vec3d(*self.parts.reference),
-            bodies=self.vehicle.bodies,
-            start_x=start_x,
-            start_rot=start_rot,
-            force=self.simulation.contacts.shape_contact_force,
-            input=self.vehicle.input,
+            kernels.Car, chassis=self.parts.chassis, shape=self.chassis_shape,
+            reference=wp.vec3d(*self.parts.reference), bodies=self.vehicle.bodies, start_x=start_x, start_rot=start_rot,
+            force=self.simulation.contacts.shape_contact_force, input=self.vehicle.input,
             throttle_alone=int(self.throttle_alone),
-        )
-        self._drive = zeros_of(Drive, self)
+        )  # fmt: skip
+        self._drive = zeros_of(kernels.Drive, self)
         self.difficulty = sw.to_torch(self._drive.difficulty).fill_(1.0)
         """(W,) float32: of the running episodes, in [0, 1]."""
         self.hit = sw.to_torch(self._drive.hit)
@@ -474,18 +442,18 @@ class DrivingTask(Task[DrivingT]):
         """Record what every driving task launches."""
         car, drive, state, device = self._car, self._drive, self.simulation.state.arrays, self.device
         flag, point, turn = (torch.bool, ()), (torch.float64, (3,)), (torch.float32, ())
-        self._measure_pose = TensorFunction(measure_pose, [car, state], [point, turn], device)
-        self._measure_motion = TensorFunction(measure_motion, [car, state], [(torch.float32, (3,))], device)
-        self._measure_tilt = TensorFunction(measure_tilt, [car, state], [(torch.float32, (2,))], device)
-        self._find_upset = TensorFunction(find_upset, [car, state], [flag], device)
+        self._measure_pose = TensorFunction(kernels.measure_pose, [car, state], [point, turn], device)
+        self._measure_motion = TensorFunction(kernels.measure_motion, [car, state], [(torch.float32, (3,))], device)
+        self._measure_tilt = TensorFunction(kernels.measure_tilt, [car, state], [(torch.float32, (2,))], device)
+        self._find_upset = TensorFunction(kernels.find_upset, [car, state], [flag], device)
         self._navigator = Navigator() if self.navigation is None else self.navigation.tables
-        self._place = TensorFunction(place_cars, [car, self._navigator, state], [], device)
+        self._place = TensorFunction(kernels.place_cars, [car, self._navigator, state], [], device)
         self._level_ground = torch.zeros(self.num_worlds, 3, dtype=torch.float64, device=device)
         self._level_ground[:, 2] = 1.0
-        self._begin_drive = launch_over(self, begin_drive, drive)
-        self._begin_drive_episode = launch_over(self, begin_drive_episode, self._every_world, self.level, drive)
-        self._steer = launch_over(self, steer, self._actions, car)
-        self._notice = launch_over(self, finish_physics, car, drive)
+        self._begin_drive = launch_over(self, kernels.begin_drive, drive)
+        self._begin_drive_episode = launch_over(self, kernels.begin_drive_episode, self._every_world, self.level, drive)
+        self._steer = launch_over(self, kernels.steer, self._actions, car)
+        self._notice = launch_over(self, kernels.finish_physics, car, drive)
 
     def physics_launches(self) -> Sequence[WorldLaunch]:
         """Return what stands for `apply` and `after_physics`: the action's way, steering and pedals, and touches.
@@ -496,10 +464,11 @@ class DrivingTask(Task[DrivingT]):
         if not hasattr(self, "_car"):
             raise TaskError(f"task '{self.name}': its setup() must call super().setup() first; add that line")
         path = self._path
-        return [share_over(self.simulation, drive_on, path.reach, path.request, self.action, self._car, self._drive)]
+        arrays = (path.reach, path.request, self.action, self._car, self._drive)
+        return [share_over(self.simulation, kernels.drive_on, *arrays)]
 
     def _settle(self) -> None:
-        self._load()
+        set_middle_mass(self.config, self.simulation.model)
         self.input.zero_()
         self.input[..., 2] = 1.0
         for _ in range(round(self.settling() / self.config.dt)):
@@ -508,15 +477,6 @@ class DrivingTask(Task[DrivingT]):
             self.soil.keep(sw.to_torch(self.simulation.state.body_x))
         self.input.zero_()
         self.simulation.keep_as_initial()
-
-    def _load(self) -> None:
-        """Let vehicles settle with the middle of the masses that episodes draw, which write them anew."""
-        span = self.config.span("mass")
-        if span is not None:
-            model = self.simulation.model
-            bodies = [model.body(name) for name in self.config.chassis_names()]
-            for name in ("body_mass", "body_inertia_b"):
-                sw.to_torch(getattr(model, name))[:, bodies] *= middle(span)
 
     def apply(self, action: torch.Tensor) -> None:
         """Write steering, throttle and brake from ``action`` (W, A) in [-1, 1]; not called but by an override."""

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import torch
 
+import simwarp as sw
 from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig, require
@@ -170,6 +171,15 @@ def _whole(span: Span) -> Delay:
 def middle(value: float | Span) -> float:
     """Return a number, or the middle between two."""
     return 0.5 * (value[0] + value[1]) if isinstance(value, tuple) else value
+
+
+def set_middle_mass(config: ConditionsConfig, model: sw.Model) -> None:
+    """Give chassis the middle of the masses that episodes draw, which write them anew: vehicles settle with it."""
+    span = config.span("mass")
+    if span is not None:
+        bodies = [model.body(name) for name in config.chassis_names()]
+        for name in ("body_mass", "body_inertia_b"):
+            sw.to_torch(getattr(model, name))[:, bodies] *= middle(span)
 
 
 class DrawnConditions:

@@ -37,7 +37,7 @@ from ..framework.recorded_launches import (
 )
 from ..framework.registry import register
 from ..framework.variants import Variant
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingTask
+from .base import DrivingTask
 from .convoy_kernels import (
     BESIDE,
     LEADERS,
@@ -58,6 +58,7 @@ from .convoy_kernels import (
     start_following,
     write_follower_metrics,
 )
+from .driven_vehicles import CHASSIS_GROUP, VEHICLE_ARRAYS
 from .driving_config import DrivingConfig, Frame, Observing
 from .obstacles import ObstacleKind, Obstacles
 from .outlines import outline

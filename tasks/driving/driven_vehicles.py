@@ -7,9 +7,23 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
+from simwarp.vehicle import VehicleParts
+
 from ..framework.config import require
 from ..framework.mixing import Mix
 from .driving_config import DrivingConfig
+
+SETTLING = 0.9
+"""Time in which a vehicle comes to rest on its springs before the first episode [s]."""
+SETTLING_ON_AIR = 1.6
+"""The same on flexible tires, whose air damps little [s]."""
+VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
+"""Model parameters that a vehicle writes, world by world."""
+OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
+"""What a class that drives another vehicle says together."""
+CHASSIS_GROUP = 1 << 20
+"""Bit of the collision group of vehicles' chassis; obstacles meet nothing else. Chassis of two vehicles meet. Tracks,
+which take the lowest free bits, leave it free."""
 
 Place = tuple[float, float, float]
 
@@ -44,6 +58,11 @@ DRIVEN_VEHICLES: Final[Mapping[str, DrivenVehicle]] = MappingProxyType(
     _FULL | {name: dataclasses.replace(known, vehicle_name=name) for name, known in _REDUCED.items()}
 )
 """Vehicles of the size of a road, by the names that the field ``vehicle`` has for them."""
+
+
+def settling_time(parts: VehicleParts) -> float:
+    """Return the time in which a vehicle comes to rest before the first episode [s]."""
+    return SETTLING_ON_AIR if any(side.mesh is not None for side in parts.sides) else SETTLING
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,9 +19,9 @@ import simwarp as sw
 from ..framework.agents import lead_of
 from ..framework.drawing import Line
 from ..framework.recorded_launches import TensorLaunch, WorldLaunch, filled, launch_over, share_over
-from .base import CHASSIS_GROUP, SETTLING
 from .convoy import ConvoyTask
 from .convoy_kernels import Platoon
+from .driven_vehicles import CHASSIS_GROUP, SETTLING
 from .outlines import outline
 from .platoon_kernels import (
     Touches,

@@ -18,7 +18,7 @@ from simwarp.tasks import Ge, Gt, Le, NotNegative, Positive
 from ..framework.config import require
 from ..framework.registry import register
 from ..framework.variants import Variant
-from .base import CHASSIS_GROUP, SETTLING
+from .driven_vehicles import CHASSIS_GROUP, SETTLING
 from .driving_config import DrivingConfig
 from .hills import Hills
 from .off_road import FIELDS, SIDE, OffRoadConfig, OffRoadTask
