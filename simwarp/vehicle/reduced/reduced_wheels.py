@@ -99,7 +99,7 @@ class ReducedWheels(Readable):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """State that a reset restores and a snapshot keeps."""
+        """State that a reset restores and a snapshot keeps: (W, V · 4), of motors (W, V), in SI units."""
         names = ("travel", "travel_rate", "spin", "turn", "turn_rate", "motor_speed", "input_speed")
         return {f"wheels_{name}": getattr(self.state, name) for name in names}
 

@@ -581,6 +581,7 @@ APART: Final[dict[str, str]] = {
     "Snapshot.empty": "allocates like the arrays that it gets",
     "Vehicles.record_outputs": "Vehicle.record_outputs calls it",
     "TrackedVehicle.record_outputs": "as that of Vehicle, with readings of tracks",
+    **{f"ReducedWheels.record{what}": "Vehicle calls it" for what in ("", "_poses", "_set_poses")},
     **dict.fromkeys(
         ("Imported.q_from", "Imported.qd_from", "Imported.qpos_from", "Imported.qvel_from"), "another simulator's data"
     ),
