@@ -23,6 +23,9 @@ LINEAR: Final = (1.0, 4.0)
 quarter of what they reach on."""
 FIT_WINDOW: Final = 101
 """Rows of the means from which gradients are fitted: a second."""
+LEAST_STRAIGHTNESS: Final = 0.5
+"""Of the line of a gradient: below it, what is beside the line is larger than the line, and its sign is not sure."""
+NO_LINE: Final = "not a line: see the plot"
 UNIT_RANGE: Final = (0.1 * GRAVITY, 0.375 * GRAVITY)
 UNIT_LATERAL: Final = 0.3 * GRAVITY
 """FMVSS 126: range of the fit, and lateral acceleration at which the steering is the unit of amplitudes [m/s²]."""
@@ -46,7 +49,8 @@ def steady_state(run: Run, maneuver: Maneuver) -> list[Result]:
         return [*found, Result("understeer_gradient", "understeer gradient", math.nan, "rad/(m/s²)", missing)]
     lateral_used, angle = lateral[used], 0.5 * sign * (left + right)[used]
     curvature = sign * yaw_rate[used] / np.maximum(speed[used], 1e-3)
-    gradient = slope(lateral_used, angle - maneuver.wheelbase * curvature)
+    beyond = angle - maneuver.wheelbase * curvature
+    gradient, straight = slope(lateral_used, beyond), straightness(lateral_used, beyond)
     missing = "its wheels do not steer"
     if np.abs(angle).max() < 1e-3:
         gradient = math.nan
@@ -54,7 +58,8 @@ def steady_state(run: Run, maneuver: Maneuver) -> list[Result]:
         *found,
         Result("understeer_gradient", "understeer gradient", gradient, "rad/(m/s²)", missing),
         Result("understeer_gradient_deg_g", "understeer gradient", math.degrees(gradient) * GRAVITY, "deg/g", missing),
-        *_characteristic(gradient, maneuver.wheelbase),
+        Result("understeer_straightness", "variance that its line explains, 0 to 1", straight),
+        *_characteristic(gradient, straight, maneuver.wheelbase),
         Result("steering_gradient", "steering input per lateral acceleration",
                slope(lateral_used, sign * steer[used]), "1/(m/s²)"),
         Result("steering_at_0.3_g", "steering input at 0.3 g", _steering_unit(lateral, sign * steer), "",
@@ -80,14 +85,20 @@ def slope(x: Array, y: Array) -> float:
     return float(np.polyfit(x, y, 1)[0])
 
 
-def _characteristic(gradient: float, wheelbase: float) -> list[Result]:
-    """The speed at which the yaw gain is greatest, or beyond which the vehicle is unstable."""
+def straightness(x: Array, y: Array) -> float:
+    """Share of the variance of y that the line of least squares explains, 0 to 1; NaN of a constant."""
+    spread = float(np.var(y))
+    return float(np.corrcoef(x, y)[0, 1]) ** 2 if spread > 0.0 else math.nan
+
+
+def _characteristic(gradient: float, straight: float, wheelbase: float) -> list[Result]:
+    """The speed at which the yaw gain is greatest, or beyond which the vehicle is unstable; NaN without a line."""
     if math.isnan(gradient) or gradient == 0.0:
         return []
-    speed = math.sqrt(wheelbase / abs(gradient))
+    speed = math.sqrt(wheelbase / abs(gradient)) if straight >= LEAST_STRAIGHTNESS else math.nan
     if gradient > 0.0:
-        return [Result("characteristic_speed", "characteristic speed", speed, "m/s")]
-    return [Result("critical_speed", "critical speed", speed, "m/s")]
+        return [Result("characteristic_speed", "characteristic speed", speed, "m/s", NO_LINE)]
+    return [Result("critical_speed", "critical speed", speed, "m/s", NO_LINE)]
 
 
 def _steering_unit(lateral: Array, steer: Array) -> float:

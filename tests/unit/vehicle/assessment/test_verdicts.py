@@ -172,6 +172,23 @@ def test_the_understeer_gradient_of_a_bicycle_is_found(constant, gradient):
     key = "characteristic_speed" if gradient > 0.0 else "critical_speed"
     assert found[key] == pytest.approx(math.sqrt(SEDAN_WHEELBASE / abs(gradient)), rel=0.02)
     assert found["roll_gradient"] == pytest.approx(math.degrees(0.01) * 9.81, rel=0.01)
+    assert found["understeer_straightness"] > 0.98
+
+
+def test_a_curve_in_place_of_a_line_has_no_critical_speed():
+    """Oversteer below 2.6 m/s², understeer above, as the HMMWV has it: one line through both has no sure sign."""
+    t = np.arange(0, 6001) * 0.01
+    lateral = 6.0 * t / 60.0
+    curvature = lateral / 400.0
+    angle = SEDAN_WHEELBASE * curvature + 0.001 * (lateral - 2.6) ** 2
+    run = made_up(
+        t, latacc_com_mps2=lateral, speed_mps=np.full(t.shape, 20.0), yawrate_radps=20.0 * curvature,
+        steerangle_FL_rad=angle, steerangle_FR_rad=angle, steer=angle, roll_rad=0.01 * lateral,
+    )  # fmt: skip
+    found = values(results(run, maneuver("slow-steer", SEDAN)))
+    # with u = a - 2.5 from -1.5 to 1.5: u² has a variance of 1.5⁴ · 4/45 = 0.45, the slope's -0.2 u one of 0.03
+    assert found["understeer_straightness"] == pytest.approx(0.03 / 0.48, abs=0.005)
+    assert math.isnan(found["critical_speed"])
 
 
 SEDAN_WHEELBASE = 2.776
