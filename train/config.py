@@ -16,6 +16,7 @@ from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import InputError, Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.config_values import Settings
+from simwarp.tasks.framework.mirror import Mirror
 from simwarp.tasks.framework.observation_kinds import ObservationKind
 from simwarp.tasks.framework.registry import task_class_of
 from simwarp.tasks.framework.variants import variant_of
@@ -154,6 +155,9 @@ class NetworkConfig(Settings):
     """layers: weights as each layer draws them; normal: those of all layers from N(0, 0.1), with biases of 0.1."""
     tanh_output: bool = False
     """Bound the mean action to (-1, 1) by a tanh."""
+    symmetric: bool = False
+    """Act mirrored on what is mirrored, by construction: actor and critic answer with the mean over a state and its
+    mirror image. For mlp and thesis-mlp, and tasks that have a `mirror()`."""
     cell: Cell = Cell.GRU
     """Memory cell of recurrent."""
     memory: Units = 64
@@ -263,6 +267,11 @@ class TrainConfig(Settings):
         if self.network.precision is not Precision.FLOAT32:
             seen = self.network.kind in _CONVOLVES and self.network.class_ is None
             require(seen, self.network, "precision", "float32 for a network without convolutions")
+        if self.network.symmetric:
+            plain = self.network.kind in (NetworkKind.MLP, NetworkKind.THESIS_MLP) and self.network.class_ is None
+            require(plain, self.network, "symmetric", "off for other networks than mlp and thesis-mlp")
+            unmixed = self.ppo.symmetry is Symmetry.NONE
+            require(unmixed, self.ppo, "symmetry", "none for a network that is symmetric by construction")
         if self.network.recurrent:
             same = self.network.critic is CriticSees.SAME
             require(same, self.network, "critic", "same for a recurrent network, whose critic remembers too")
@@ -317,8 +326,9 @@ _CONVOLVES = (*_SEES_IMAGES, NetworkKind.MULTI_INPUT)
 
 
 def _model_config(
-    network: NetworkConfig, kind: NetworkKind | None, action_size: int, kinds: Mapping[str, Any], prefix: str
-) -> dict[str, Any]:
+    network: NetworkConfig, kind: NetworkKind | None, action_size: int, kinds: Mapping[str, Any], prefix: str,
+    mirror: Mirror | None,
+) -> dict[str, Any]:  # fmt: skip
     """Return what actor and critic have in common; without a kind, of a network of an author's own."""
     model: dict[str, Any] = {
         "class_name": f"simwarp.train.networks.{_CLASSES[kind] if kind else 'own_network:own_network'}",
@@ -326,6 +336,10 @@ def _model_config(
         "obs_normalization": network.normalise,
         "init_weights": network.init_weights.value,
     }
+    if mirror is not None:
+        groups = {f"{prefix}{name}": one for name, one in mirror.observations.items()}
+        model["class_name"] = "simwarp.train.networks.symmetric:SymmetricPerceptron"
+        model["mirror"] = Mirror(groups, mirror.actions)
     if kind in (None, NetworkKind.MLP, NetworkKind.RECURRENT, NetworkKind.MULTI_INPUT):
         model["hidden_dims"] = list(network.hidden)
     if kind is None:
@@ -391,7 +405,7 @@ def _mean_actions(network: NetworkConfig, action_size: int) -> list[float]:
 
 def rsl_rl_config(
     config: TrainConfig, groups: list[str], action_size: int = 1, kinds: Mapping[str, Any] | None = None,
-    prefix: str = "",
+    prefix: str = "", mirror: Mirror | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the dictionary rsl-rl wants; a fresh one each time, since rsl-rl changes it.
 
@@ -401,6 +415,7 @@ def rsl_rl_config(
         action_size: number of action components.
         kinds: group -> kind, where its shape does not say it (``Task.observation_kinds``).
         prefix: of the groups, before the names that the task and its networks know.
+        mirror: of the task, for networks that are symmetric.
 
     Raises:
         InputError: the mean action at the start does not fit the actions.
@@ -414,12 +429,12 @@ def rsl_rl_config(
         "obs_groups": {"actor": list(groups), "critic": [CRITIC] if privileged else list(groups)},
         "algorithm": _algorithm_config(config.ppo),
         "actor": {
-            **_model_config(network, kind, action_size, kinds, prefix),
+            **_model_config(network, kind, action_size, kinds, prefix, mirror),
             "tanh_output": network.tanh_output,
             "init_mean": _mean_actions(network, action_size),
             "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": network.init_std},
         },
-        "critic": _model_config(network, NetworkKind.MLP if privileged else kind, action_size, kinds, prefix),
+        "critic": _model_config(network, NetworkKind.MLP if privileged else kind, action_size, kinds, prefix, mirror),
     }
 
 

@@ -133,14 +133,12 @@ class TaskRun:
         """A network such as training makes, untrained."""
         from tensordict import TensorDict
 
-        from simwarp.train.config import default_config, rsl_rl_config
+        from simwarp.train.config import default_config
         from simwarp.train.networks.policies import build_actor
+        from simwarp.train.networks.symmetric import task_settings
 
         task = self.task
-        settings = rsl_rl_config(
-            default_config(type(task), task.config), list(task.observation_shapes), task.action_size
-        )
-        actor = build_actor(settings, task)
+        actor = build_actor(task_settings(task, default_config(type(task), task.config)), task)
 
         def act(observations: dict[str, torch.Tensor]) -> None:
             with torch.inference_mode():

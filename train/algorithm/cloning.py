@@ -19,9 +19,10 @@ from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import origin_of
 
-from ..config import TrainConfig, rsl_rl_config
+from ..config import TrainConfig
 from ..networks.group_checks import check_groups
 from ..networks.policies import build_actor
+from ..networks.symmetric import task_settings
 from .learner import TrainingError
 from .trajectories import Trajectories
 
@@ -134,9 +135,7 @@ def clone(
     )
     groups, actions = _groups(task, data), torch.from_numpy(data.actions)
     torch.manual_seed(config.seed)
-    actor = build_actor(
-        rsl_rl_config(train_config, list(task.observation_shapes), task.action_size, task.observation_kinds), task
-    )
+    actor = build_actor(task_settings(task, train_config), task)
     rows, held = _split(data, config)
     actor.train()
     actor.update_normalization(groups[rows])

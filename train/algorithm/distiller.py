@@ -19,6 +19,7 @@ from simwarp.tasks.framework.saved_state import check_like
 
 from ..config import TrainConfig, rsl_rl_config, train_config_from_plain
 from ..networks.group_checks import check_groups
+from ..networks.symmetric import network_mirror, task_settings
 from ..runs.checkpoint import inference_only
 from .distillation import DistillationConfig, ThreadedDistillation
 from .distributed import Processes
@@ -105,8 +106,15 @@ class Distiller(Learner):
         settings = {
             "num_steps_per_env": self.config.steps_per_iteration,
             "obs_groups": {"student": own, "teacher": seen},
-            "student": rsl_rl_config(self.config, own, task.action_size, task.observation_kinds)["actor"],
-            "teacher": rsl_rl_config(teaching, seen, task.action_size, kinds, prefix=TEACHER)["actor"],
+            "student": task_settings(task, self.config)["actor"],
+            "teacher": rsl_rl_config(
+                teaching,
+                seen,
+                task.action_size,
+                kinds,
+                prefix=TEACHER,
+                mirror=network_mirror(task, teaching.network, shapes),
+            )["actor"],
             "multi_gpu": self.group.rsl_rl(),
             "algorithm": {
                 "class_name": "simwarp.train.algorithm.distillation:ThreadedDistillation",

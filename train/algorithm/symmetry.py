@@ -49,6 +49,12 @@ class MirrorImages:
         return _mirrored(values, *self._actions)
 
 
+def privileged_group(task: Task[Any], config: TrainConfig) -> dict[str, tuple[int, ...]]:
+    """Return the group of a privileged critic, name -> shape; none where the critic sees what the actor does."""
+    seen = task.observe_privileged() if config.network.critic is CriticSees.PRIVILEGED else None
+    return {} if seen is None else {CRITIC: tuple(seen.shape[1:])}
+
+
 def symmetry_settings(task: Task[Any], config: TrainConfig) -> dict[str, Any] | None:
     """Return rsl-rl's ``symmetry_cfg``; None where no symmetry is used.
 
@@ -58,10 +64,7 @@ def symmetry_settings(task: Task[Any], config: TrainConfig) -> dict[str, Any] | 
     ppo = config.ppo
     if ppo.symmetry is Symmetry.NONE:
         return None
-    groups = dict(task.observation_shapes)
-    if config.network.critic is CriticSees.PRIVILEGED:
-        told = task.observe_privileged()
-        groups |= {} if told is None else {CRITIC: tuple(told.shape[1:])}
+    groups = {**task.observation_shapes, **privileged_group(task, config)}
     mirror = check_mirror(task, groups, f"--ppo.symmetry {ppo.symmetry.value}")
     return {
         "data_augmentation_func": MirrorImages(mirror, str(task.device)),

@@ -14,13 +14,14 @@ from tensordict import TensorDict
 
 from simwarp.tasks import InputError, Task
 
-from ..config import CriticSees, TrainConfig, rsl_rl_config
+from ..config import CriticSees, TrainConfig
 from ..networks.group_checks import check_groups
+from ..networks.symmetric import task_settings
 from .acting_rows import ActingRows
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .learner import Learner
-from .symmetry import symmetry_settings
+from .symmetry import privileged_group, symmetry_settings
 from .threaded_ppo import ThreadedPPO, apply_gradients
 from .vec_env import TaskVecEnv
 
@@ -54,9 +55,7 @@ class Trainer(Learner):
             )
 
     def _make_algorithm(self, observations: TensorDict) -> ThreadedPPO:
-        settings = rsl_rl_config(
-            self.config, list(self.task.observation_shapes), self.task.action_size, self.task.observation_kinds
-        )
+        settings = task_settings(self.task, self.config, privileged_group(self.task, self.config))
         settings["multi_gpu"] = self.group.rsl_rl()
         settings["algorithm"]["symmetry_cfg"] = symmetry_settings(self.task, self.config)
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])

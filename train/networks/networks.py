@@ -116,7 +116,10 @@ class Perceptron(MLPModel):
         if hidden_dims is None:
             hidden_dims = thesis_sizes(sum(obs[group].shape[-1] for group in obs_groups[obs_set]), output_dim)
         super().__init__(obs, obs_groups, obs_set, output_dim, hidden_dims=hidden_dims, **options)
-        finish(self, tanh_output, init_mean, init_weights)
+        self._finish(tanh_output=tanh_output, init_mean=init_mean, init_weights=init_weights)
+
+    def _finish(self, **drawn: Any) -> None:
+        finish(self, **drawn)
 
 
 class Recurrent(RNNModel):

@@ -21,10 +21,11 @@ from simwarp.tasks.framework.saved_state import check_like
 from simwarp.tasks.framework.variants import variant_of
 
 from ..algorithm.learner import TrainingError
-from ..config import rsl_rl_config, train_config_from_plain
+from ..config import train_config_from_plain
 from ..runs.checkpoint import SUFFIX, load_checkpoint
 from ..runs.run_folder import RUNS, latest_run, read_policy
 from .group_checks import check_groups
+from .symmetric import task_settings
 
 Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
 """Observation groups -> (W, A) actions. A recurrent one has ``reset_memory`` too, see :func:`reset_memory`."""
@@ -223,7 +224,7 @@ def network_policy(content: dict[str, Any], task: Task[Any]) -> NetworkPolicy:
     config = train_config_from_plain(content["train_config"], "train_config of the checkpoint")
     groups = list(task.observation_shapes)
     check_groups(config.network, task.name, task.observation_shapes, task.observation_dtypes, task.observation_kinds)
-    actor = build_actor(rsl_rl_config(config, groups, task.action_size, task.observation_kinds), task)
+    actor = build_actor(task_settings(task, config), task)
     try:
         check_like(actor.state_dict(), content["actor_state_dict"], "actor_state_dict")
     except InputError as error:
