@@ -238,6 +238,9 @@ class TrainConfig(Settings):
     """Seed of worlds, networks and exploration."""
     iterations: Count = 100
     """Training iterations in total; a resumed run goes on up to this number."""
+    minutes: Positive | None = None
+    """Time that training may take by the clock [min], from its start or resume: the iteration in which it runs out is
+    the last one, where `iterations` does not end it before."""
     steps_per_iteration: Axis = 32
     """Control steps of every world per iteration."""
     save_interval: Count = 25

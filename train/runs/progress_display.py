@@ -95,20 +95,24 @@ class ProgressDisplay(LiveLine):
         console: for the output; a terminal gets a live bar.
         first: iterations done before.
         total: iterations to reach.
+        budget: time after which the training ends at the latest [s].
     """
 
-    def __init__(self, console: Console, first: int, total: int) -> None:
+    def __init__(self, console: Console, first: int, total: int, budget: float = math.inf) -> None:
         super().__init__(console, total, first, f"iteration {first}/{total}")
         self._total = total
         self._first = first
         self._seconds: float | None = None
+        self._budget = budget
+        self._started = time.monotonic()
 
     def update(self, report: IterationReport) -> None:
         """Show one more iteration."""
         seconds = report.collect_s + report.learn_s
         # The first iteration compiles kernels: an average that forgets it gives a better guess of what is left
         self._seconds = seconds if self._seconds is None else self._seconds + _SMOOTHING * (seconds - self._seconds)
-        left = duration(self._seconds * (self._total - report.iteration))
+        allowed = max(0.0, self._budget - (time.monotonic() - self._started))
+        left = duration(min(self._seconds * (self._total - report.iteration), allowed))
         text = (
             f"reward {number(report.mean_reward)}  episode {number(report.mean_episode_length)} steps"
             f"  {report.env_steps_per_s:,.0f} env steps/s  ETA {left}"

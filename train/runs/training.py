@@ -316,6 +316,7 @@ class _Course:
         film: the last one.
         broken: iterations in which the physics of all worlds broke down.
         stopped: it was asked to stop.
+        spent: its time is used up.
         drawn: there is a picture of the learning curve.
     """
 
@@ -324,6 +325,7 @@ class _Course:
     film: Path | None = None
     broken: int = 0
     stopped: bool = False
+    spent: bool = False
     drawn: bool = False
 
 
@@ -337,15 +339,30 @@ def _log_of(
     return log
 
 
+def _spent(trainer: Learner, seconds: float) -> bool:
+    """Return True if the time of a run is used up by the clock of its first process: all leave in the same iteration.
+
+    Args:
+        trainer: what learns.
+        seconds: since the start or the resume.
+    """
+    minutes, group = trainer.config.minutes, trainer.group
+    if minutes is None:
+        return False
+    over = group.first and seconds >= 60.0 * minutes
+    return group.sums({"over": float(over)}, trainer.device)["over"] > 0.0
+
+
 def _iterate(
     trainer: Learner, folder: RunFolder, saver: RunSaver, course: _Course, console: Console,
     description: dict[str, Any], films: FilmMaker | None,
 ) -> None:  # fmt: skip
     """Learn until all iterations are done, or until there is a request to stop; what was learnt is saved."""
     config, group, started = trainer.config, trainer.group, time.perf_counter()
-    with ProgressDisplay(console, trainer.iteration, config.iterations) as display:
+    budget = math.inf if config.minutes is None else 60.0 * config.minutes
+    with ProgressDisplay(console, trainer.iteration, config.iterations, budget) as display:
         saver.say = display.say
-        while trainer.iteration < config.iterations and not course.stopped:
+        while trainer.iteration < config.iterations and not course.stopped and not course.spent:
             try:
                 course.report = report = trainer.iterate()
             except IterationLeftError:
@@ -365,6 +382,10 @@ def _iterate(
                 saver.save()
             if films is not None and report.iteration % films.every == 0 and not course.stopped:
                 course.film = _film(trainer, folder, films, display.say)
+            course.spent = _spent(trainer, time.perf_counter() - started)
+        if course.spent and trainer.iteration < config.iterations:
+            where = f"iteration {trainer.iteration} of {config.iterations}"
+            display.say(f"the {config.minutes:g} min are used up after {where}; go on with --resume {folder.path}")
         saver.save()
 
 

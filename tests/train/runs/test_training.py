@@ -288,3 +288,33 @@ def test_a_resumed_run_over_physics_equals_an_uninterrupted_one(tmp_path):
     assert all(torch.equal(left["actor_state_dict"][k], right["actor_state_dict"][k]) for k in left["actor_state_dict"])
     states = left["worlds"]["simulation"]["state"], right["worlds"]["simulation"]["state"]
     assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
+
+
+def test_a_run_ends_when_its_minutes_are_used_up(tmp_path, monkeypatch):
+    """By a clock that goes on by 20 min in each iteration, so that the third is the last within an hour."""
+    late, clock = [0.0], time.perf_counter
+    iterate = Trainer.iterate
+
+    def timed(self):
+        report = iterate(self)
+        late[0] += 1200.0
+        return report
+
+    monkeypatch.setattr(Trainer, "iterate", timed)
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() + late[0])
+    result = run(tmp_path, minutes=60.0, iterations=9)
+    assert (result.iterations, result.interrupted) == (3, False)
+    assert result.checkpoint.endswith("000003.pt")  # between two save intervals, and saved all the same
+    resumed = run(tmp_path, resume=open_run_path(result), minutes=60.0, iterations=9)
+    assert resumed.iterations == 6  # an hour more
+    whole = run(tmp_path / "whole", iterations=6)
+    torch.testing.assert_close(parameters(resumed.checkpoint), parameters(whole.checkpoint), rtol=0.0, atol=0.0)
+
+
+def test_iterations_end_a_run_with_minutes_left(tmp_path):
+    assert run(tmp_path, minutes=60.0).iterations == 4
+
+
+def test_a_run_without_time_is_refused():
+    with pytest.raises(InputError, match="minutes must be"):
+        small(minutes=0.0)
