@@ -41,6 +41,8 @@ READINGS: Final = {
 """What the fit is told, and the standard deviations of such sensors, in SI."""
 DRAWN: Final = {"speed_mps": "speed [m/s]", "yawrate_radps": "yaw rate [rad/s]", "Fz_FL_N": "load front left [N]"}
 """Columns of the pictures, and what stands above them."""
+LINES: Final = ((INK, "recorded", 3.0), (ORANGE, "before", 1.2), (BLUE, "after", 1.2))
+"""Colours, names and widths of the runs of a picture."""
 SAMPLE_OF_RUNS: Final = 0.01
 """Time between the rows of records and of runs [s]."""
 INPUTS: Final = {"steering": "steer", "throttle": "throttle", "braking": "brake"}
@@ -82,11 +84,9 @@ CHASSIS: Final[dict[str, dict[str, Any]]] = {
     "axles[*].brake.max_torque": {"low": 0.5, "high": 1.5},
 }
 """Ten numbers; the brakes are those of the vehicle, which the first two logs cannot tell."""
+ALONG: Final = (MASS, CENTER, f"axles[0].{SPRING}", f"axles[1].{SPRING}", f"axles[*].{DAMPER}", "engine.torque")
 STRAIGHT: Final[dict[str, dict[str, Any]]] = {
-    **{
-        name: CHASSIS[name] for name in (MASS, CENTER, f"axles[0].{SPRING}", f"axles[1].{SPRING}", f"axles[*].{DAMPER}")
-    },
-    "engine.torque": CHASSIS["engine.torque"],
+    **{name: CHASSIS[name] for name in ALONG},
     "axles[*].brake.max_torque": {"start": 0.8, "low": 0.5, "high": 1.5},
     "axles[*].tire.parameters.slope_y": {"low": 0.3, "high": 2.0},
     "steerings[0].steering.max_angle": {"low": 0.3, "high": 0.8},
@@ -94,11 +94,9 @@ STRAIGHT: Final[dict[str, dict[str, Any]]] = {
 """Nine numbers; what turns the vehicle is as it is, which logs of straight runs cannot tell."""
 FIALA, PACEJKA = "f_full_FIALA_steer", "f_full_PAC89_accel"
 PROOFS: Final = {
-    "hmmwv": Proof(
-        "hmmwv", {ACCEL: (-0.98, 6.0), STEER: (13.5, 19.0)}, [BRAKE, FIALA, PACEJKA], CHASSIS
-    ),
-    "hmmwv-straight": Proof("hmmwv", {ACCEL: (-0.98, 6.0), BRAKE: (18.5, 23.0)}, [STEER], STRAIGHT),
-}  # fmt: skip
+    "hmmwv": Proof("hmmwv", {ACCEL: (-0.98, 6.0), STEER: (13.5, 19.0)}, [BRAKE, FIALA, PACEJKA], CHASSIS),
+    "hmmwv-straight": Proof("hmmwv", {ACCEL: (-0.98, 6.0), BRAKE: (18.5, 22.5)}, [STEER], STRAIGHT),
+}
 """By what is named on the command line."""
 
 
@@ -111,8 +109,8 @@ def configuration(proof: Proof, folder: Path, iterations: int) -> FitConfig:
                 {"file": f"{name}.csv", "begin": begin, "end": end, "start": AT_REST if begin < 0.0 else {}}
                 for name, (begin, end) in proof.fitted.items()
             ],
-            "readings": {name: {"noise": noise} for name, noise in READINGS.items()}, "inputs": INPUTS, "parameters": proof.parameters,
-            "search": {"iterations": iterations, "tolerance": 1e-2},
+            "readings": {name: {"noise": noise} for name, noise in READINGS.items()}, "inputs": INPUTS,
+            "parameters": proof.parameters, "search": {"iterations": iterations, "tolerance": 1e-2},
         },
         folder=str(folder),
     )  # fmt: skip
@@ -149,28 +147,37 @@ def check_rows(name: str, held_out: bool, known: Run, before: Run, after: Run) -
     return rows
 
 
+def title_of(name: str) -> str:
+    """A record for people: its tires and its manoeuvre."""
+    case = case_of(name)
+    assert case is not None
+    return f"{case.tire}, {case.maneuver.removeprefix('reference-')}"
+
+
 def error_of(row: CheckResult) -> float:
     """How far a quantity is from that of the record."""
     return abs(row.got - row.expected)
 
 
-def proof_of(proof: Proof, given: argparse.Namespace, pictures: Path | None) -> dict[str, Any]:
-    """Fit, drive all manoeuvres before and after, and compare."""
+def proof_of(proof: Proof, iterations: int, threads: int | None, picture: Path | None = None) -> dict[str, Any]:
+    """Fit, drive all manoeuvres before and after, compare, and draw those that were held out."""
     begin = time.perf_counter(), time.process_time()
-    fit = Fit(configuration(proof, RECORDED, given.iterations), device="cpu", threads=given.threads)
+    fit = Fit(configuration(proof, RECORDED, iterations), device="cpu", threads=threads)
     result = fit.run(on_progress=lambda at: print(f"  iteration {at.iteration}: cost {at.cost:.6g}", flush=True))
     seconds = {"wall": time.perf_counter() - begin[0], "cpu": time.process_time() - begin[1]}
     print_fit(result, seconds)
     before, after = (vehicle_at(fit, values) for values in (result.starts, result.values))
-    rows = []
+    rows, drawn = [], {}
     for name in (*proof.fitted, *proof.held_out):
         known = Run.read(RECORDED / f"{name}.csv")
-        runs = [driven(name, spec, "cpu") for spec in (before, after)]
-        found = check_rows(name, name in proof.held_out, known, *runs)
+        runs = known, driven(name, before, "cpu"), driven(name, after, "cpu")
+        found = check_rows(name, name in proof.held_out, *runs)
         print_checks(found)
         rows += found
-        if pictures is not None:
-            draw_run(known, *runs, pictures / f"fit_{name}.png", f"{name}: measured, before and after")
+        if name in proof.held_out:
+            drawn[title_of(name)] = runs
+    if picture is not None:
+        draw_runs(drawn, picture, f"{proof.vehicle}: predicted manoeuvres, before and after a fit to others")
     return {**content_of(result), "vehicle": proof.vehicle, "seconds": seconds, "checks": rows}
 
 
@@ -194,35 +201,36 @@ def print_checks(rows: Sequence[Mapping[str, Any]]) -> None:
         print(f"{what:<80} before {before}  after {row['after']:7.3g}  bound {row['bound']:.3g}{mark}", flush=True)
 
 
-def draw_run(known: Run, before: Run, after: Run, target: Path, title: str) -> None:
-    """Write a picture of one manoeuvre as it was recorded, and as the vehicle drives it before and after the fit."""
-    with plot_page(target, title, 1, len(DRAWN), (4.6 * len(DRAWN), 3.2)) as panels:
-        for axes, name in zip(panels.flat, DRAWN, strict=True):
-            for run, color, label, width in (
-                (known, INK, "recorded", 3.0), (before, ORANGE, "before", 1.2), (after, BLUE, "after", 1.2),
-            ):  # fmt: skip
-                values = low_pass(run[name], SAMPLE_OF_RUNS) if name in LOADS else run[name]
-                axes.plot(run["t_s"], values, color=color, label=label, linewidth=width)
-            label_axes(axes, DRAWN[name], "t [s]")
-            legend(axes)
+def draw_runs(runs: Mapping[str, tuple[Run, Run, Run]], target: Path, title: str) -> None:
+    """Write a page with a row for each manoeuvre: as recorded, and as the vehicle drives it before and after the fit."""
+    size = (4.6 * len(DRAWN), 2.8 * len(runs) + 0.6)
+    with plot_page(target, title, len(runs), len(DRAWN), size) as panels:
+        for row, (title_of_run, each) in zip(panels, runs.items(), strict=True):
+            for axes, name in zip(row, DRAWN, strict=True):
+                for run, (color, label, width) in zip(each, LINES, strict=True):
+                    shown = run["t_s"] >= 0.0
+                    values = low_pass(run[name], SAMPLE_OF_RUNS) if name in LOADS else run[name]
+                    axes.plot(run["t_s"][shown], values[shown], color=color, label=label, linewidth=width)
+                label_axes(axes, f"{title_of_run}: {DRAWN[name]}", "t [s]")
+                legend(axes)
 
 
 def main() -> None:
     """Fit, compare, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("proofs", nargs="*", choices=[*PROOFS, []], default=[], help="all by default")
-    parser.add_argument("--iterations", type=int, default=10)
+    parser.add_argument("--iterations", type=int, default=14)
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--json", type=Path, default=None, help="file of all rows")
-    parser.add_argument("--pictures", type=Path, default=None, help="folder for a picture of every manoeuvre")
+    parser.add_argument("--picture", type=Path, default=None, help="of the predicted manoeuvres of the first proof")
     given = parser.parse_args()
     if not RECORDED.is_dir():
         raise SystemExit(f"fit_recorded_runs: needs the recorded runs of the reference in {RECORDED}")
     start_warp()
     found = {}
     for name in given.proofs or PROOFS:
-        print(f"{name}:")
-        found[name] = proof_of(PROOFS[name], given, given.pictures)
+        print(f"{name}:", flush=True)
+        found[name] = proof_of(PROOFS[name], given.iterations, given.threads, None if found else given.picture)
     if given.json is not None:
         given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 

@@ -1,6 +1,6 @@
 """Fits to recorded runs of the reference: how records are read and held against runs, and that others are predicted."""
 
-import argparse
+import dataclasses
 
 import numpy as np
 import pytest
@@ -95,8 +95,7 @@ def test_a_name_that_is_no_record_is_one_line():
 @pytest.mark.slow
 def test_a_vehicle_fitted_to_some_records_predicts_the_others(capsys):
     """Full throttle and a step of the steering are fitted; the brakes are predicted within the bounds of `verify`."""
-    given = argparse.Namespace(iterations=12, threads=1)
-    found = proof_of(PROOFS["hmmwv"], given, None)
+    found = proof_of(dataclasses.replace(PROOFS["hmmwv"], held_out=[BRAKE]), 12, 1)
     held = [row for row in found["checks"] if row["run"] == BRAKE]
     assert held
     for row in held:
