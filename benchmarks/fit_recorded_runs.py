@@ -110,7 +110,7 @@ def configuration(proof: Proof, folder: Path, iterations: int) -> FitConfig:
                 for name, (begin, end) in proof.fitted.items()
             ],
             "readings": {name: {"noise": noise} for name, noise in READINGS.items()}, "inputs": INPUTS,
-            "parameters": proof.parameters, "search": {"iterations": iterations, "tolerance": 1e-2},
+            "parameters": proof.parameters, "search": {"iterations": iterations, "tolerance": 1e-2, "huber": 3.0},
         },
         folder=str(folder),
     )  # fmt: skip
@@ -202,7 +202,7 @@ def print_checks(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def draw_runs(runs: Mapping[str, tuple[Run, Run, Run]], target: Path, title: str) -> None:
-    """Write a page with a row for each manoeuvre: as recorded, and as the vehicle drives it before and after the fit."""
+    """Write a page with a row for each manoeuvre: as recorded, and as driven before and after the fit."""
     size = (4.6 * len(DRAWN), 2.8 * len(runs) + 0.6)
     with plot_page(target, title, len(runs), len(DRAWN), size) as panels:
         for row, (title_of_run, each) in zip(panels, runs.items(), strict=True):
