@@ -27,6 +27,7 @@ from simwarp.core.schema import Place, Schema
 from simwarp.core.types import formatted
 from simwarp.core.wording import shortened
 from simwarp.identify.fit_error import FitError
+from simwarp.vehicle.driving.drawbar import DrawbarSpec
 
 LARGEST: Final = 1.0e15
 """Of a number of a configuration."""
@@ -195,6 +196,8 @@ class FitConfig:
         ground_friction: of the road below a vehicle.
         soil: of a vehicle on soil: the name of a preset; None: a road.
         base: of a robot from a file of another tool: "fixed" or "floating".
+        drawbar: the programme of a drawbar test, which all runs are of, in place of inputs; it begins to pull at
+            `start` by the clock of the logs.
         search: how.
         folder: that file names start from.
     """
@@ -213,6 +216,7 @@ class FitConfig:
     ground_friction: Annotated[float, Ge(1e-4), Le(10.0)] = 0.9
     soil: str | None = None
     base: Literal["fixed", "floating"] | None = None
+    drawbar: DrawbarSpec | None = None
     search: Search = dataclasses.field(default_factory=Search)
     folder: str = "."
 
@@ -223,6 +227,28 @@ class FitConfig:
             raise FitError(f"sample: must be a whole multiple of dt = {self.dt:g} s, got {self.sample:g}")
         if all(run.held_out for run in self.runs):
             raise FitError("runs: must have one that is not held out, got none; set held_out = false")
+        if self.drawbar is not None:
+            self._check_drawbar()
+
+    def _check_drawbar(self) -> None:
+        """Every run is the whole test: one programme drives all worlds."""
+        if self.inputs:
+            told = formatted(next(iter(self.inputs)))
+            raise FitError(f"inputs: must be none in a drawbar test, whose carriage and slip drive it, got {told}")
+        if self.segment is not None:
+            raise FitError(f"segment: must be left out in a drawbar test, got {self.segment:g}; its runs are whole")
+        begins = [run.begin for run in self.runs]
+        if None in begins or len(set(begins)) > 1:
+            told = ", ".join("none" if begin is None else f"{begin:g}" for begin in begins)
+            raise FitError(f"runs: must have one and the same begin in a drawbar test, got {told}")
+
+    @property
+    def drawbar_test(self) -> DrawbarSpec | None:
+        """The drawbar test by the clock of a simulation, which begins where the runs do."""
+        begin = self.runs[0].begin
+        if self.drawbar is None or begin is None:
+            return None
+        return dataclasses.replace(self.drawbar, start=self.drawbar.start - begin)
 
     @property
     def sample_steps(self) -> int:

@@ -29,6 +29,7 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.soil import Soil, SoilSpec, soil_preset
 from simwarp.soil.vehicle_wheels import soil_under
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.driving.drawbar import MEASURED, Drawbar, with_locks
 from simwarp.vehicle.results.channels import COLUMNS, WheelReadings
 from simwarp.vehicle.results.chassis_motion import ChassisMotion
 from simwarp.vehicle.results.named_channels import NamedReadings, channels_of, wants_reactions
@@ -87,6 +88,9 @@ class VehicleTarget:
         if config.soil is not None:
             spec = with_options(spec, tire="soil-rigid")
         self._every = config.sample_steps
+        self._drawbar = config.drawbar_test
+        if self._drawbar is not None and spec.is_reduced:
+            raise FitError(f"drawbar: must be of a vehicle with linkages, got the reduced {formatted(spec.name)}")
         self.document: Any = _plain_lists(plain(spec))
         for axle, entry in zip(spec.axles, self.document["axles"], strict=True):
             entry["tire"]["parameters"] = _explicit(axle.tire)
@@ -105,7 +109,8 @@ class VehicleTarget:
 
     def _build(self, document: Any, speed: float) -> tuple[ModelBuilder, VehicleParts]:
         builder = ModelBuilder()
-        parts = add_vehicle(builder, self._spec(document), speed=speed)
+        spec = self._spec(document)
+        parts = add_vehicle(builder, spec if self._drawbar is None else with_locks(spec), speed=speed)
         if any(side.meets_shapes for side in parts.sides) and "soil" not in document:
             builder.add_shape_plane(name="ground", material=Material(friction=document["ground"]["friction"]))
         return builder, parts
@@ -187,7 +192,13 @@ class VehicleTarget:
     def rollout(
         self, worlds: int, differing: set[str], readings: Sequence[str], inputs: Sequence[str]
     ) -> VehicleRollout:
-        """A simulation of so many worlds."""
+        """A simulation of so many worlds.
+
+        Raises:
+            FitError: in a drawbar test worlds differ in what acts by the driver's inputs, which the test writes.
+        """
+        if self._drawbar is not None and "gain" in differing:
+            raise FitError("parameters: engine, brakes and steering cannot be fitted to a drawbar test; leave them out")
         return VehicleRollout(self, worlds, differing, readings, inputs)
 
 
@@ -215,6 +226,13 @@ class VehicleRollout:
         )  # fmt: skip
         self.vehicle = Vehicle(parts, model, randomised=True)
         elements: list[Any] = [self.vehicle]
+        self.pulled: Mapping[str, Any] = {}
+        """(W,) arrays that a drawbar test measures, by their reading."""
+        if target._drawbar is not None:
+            drawbar = Drawbar(self.vehicle, target._drawbar)
+            elements.append(drawbar)
+            # the weight is that of the vehicle as it is: worlds of other masses have another share of it
+            self.pulled = {name: array for name, array in drawbar.measured.items() if name != MEASURED["share"]}
         self.soil: Soil | None = None
         if "soil" in document:
             self.soil = soil_under(self.vehicle, SoilSpec(**document["soil"]), per_world=True)
@@ -232,7 +250,8 @@ class VehicleRollout:
     @property
     def usual_names(self) -> tuple[str, ...]:
         """Names of the readings that are not channels by name."""
-        return (*COLUMNS[1:], *WheelReadings(self.simulation, self.vehicle).names[len(COLUMNS) :])
+        columns = (*COLUMNS[1:], *WheelReadings(self.simulation, self.vehicle).names[len(COLUMNS) :])
+        return (*columns, *self.pulled)
 
     def run(self, worlds: Sequence[World], samples: int) -> Array:
         """(samples + 1, W, readings); nan from where a world broke down on."""
@@ -255,8 +274,9 @@ class VehicleRollout:
         written = rows_of_inputs.values[:, 0]
         for sample in range(1, samples + 1):
             for step in range((sample - 1) * self._every, sample * self._every):
-                written[:, self._columns] = inputs[:, step]
-                rows_of_inputs.publish()
+                if self._columns:
+                    written[:, self._columns] = inputs[:, step]
+                    rows_of_inputs.publish()
                 simulation.step()
             record[sample] = self._read(wheels, named)
         return record[:, : len(worlds)]
@@ -265,7 +285,8 @@ class VehicleRollout:
         """Let no reading at the start be that of a run before: what only a step computes is zero until then."""
         tires, vehicle, diagnostics = self.vehicle.tires, self.vehicle, self.simulation.diagnostics
         for array in (
-            *(getattr(tires, name) for name in REPORTED), vehicle.engine_torque, vehicle.drive_torque,
+            *(getattr(tires, name) for name in REPORTED), *self.pulled.values(), vehicle.engine_torque,
+            vehicle.drive_torque,
             diagnostics.joint_reaction_force, diagnostics.joint_reaction_torque,
         ):  # fmt: skip
             if array.size:
@@ -308,6 +329,7 @@ class VehicleRollout:
         speed = np.einsum("wi,wi->w", motion.velocity + np.cross(motion.omega, arm), motion.rotation[:, :, 0])
         motion = dataclasses.replace(motion, position=motion.center + arm, speed=speed)
         found = {**motion.columns(), **wheels.read(motion, every), **named.read(motion, every)}
+        found |= {name: array.numpy().astype(float) for name, array in self.pulled.items()}
         values = (
             np.stack([found[name] for name in self._readings], axis=1) if self._readings else np.zeros((len(arm), 0))
         )

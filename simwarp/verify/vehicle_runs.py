@@ -13,6 +13,7 @@ from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.vehicle_cases import LOADS, Case, low_pass, read_folder, read_shipped
 
@@ -65,9 +66,9 @@ def vehicles(
     return rows
 
 
-def repeat(case: Case, device: str) -> Run:
-    """The run of ours that a recorded one is compared with."""
-    spec = with_options(load_vehicle(case.vehicle), tire=case.tire, powertrain=case.powertrain)
+def repeat(case: Case, device: str, vehicle: VehicleSpec | None = None) -> Run:
+    """The run of ours that a recorded one is compared with; of another vehicle than its own, if one is given."""
+    spec = vehicle or with_options(load_vehicle(case.vehicle), tire=case.tire, powertrain=case.powertrain)
     return Drive(set_up(spec, maneuver(case.maneuver, spec), device=device, dt=case.dt)).run()
 
 

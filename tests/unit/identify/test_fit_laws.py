@@ -172,6 +172,26 @@ def test_restarts_come_from_a_spread_and_the_best_one_counts(logs):
 
 
 @pytest.mark.slow
+def test_stopped_restarts_go_on_as_if_they_had_not_stopped(logs, tmp_path):
+    """Some of the searches are over when it is stopped, and others are not."""
+    config = config_of(logs, search={"restarts": 3, "spread": 0.5, "seed": 4})
+    whole = Fit(config, device="cpu", threads=1)
+    end = whole.run()
+    iterations = [search.iteration for search in whole._searches]
+    after = min(iterations)
+    assert after < max(iterations)
+    count: list[Any] = []
+    Fit(config, device="cpu", threads=1).run(
+        on_progress=count.append, stop=lambda: len(count) == after, state=tmp_path / "state.npz"
+    )  # fmt: skip
+    later = Fit(config, device="cpu", threads=2)
+    later.resume(tmp_path / "state.npz")
+    found = later.run()
+    assert np.array_equal(found.values, end.values)
+    assert (found.cost, found.iterations, found.diverged) == (end.cost, end.iterations, end.diverged)
+
+
+@pytest.mark.slow
 def test_an_evolution_finds_the_same(logs):
     pytest.importorskip("cmaes")
     config = config_of(

@@ -136,8 +136,10 @@ def test_a_rollout_remembers_nothing_of_the_one_before(soil):
     assert np.array_equal(rollout.run([light, light], 20), first)
 
 
-@pytest.mark.slow
-def test_three_numbers_of_a_truck_come_back_from_its_own_run(target, tmp_path):
+@pytest.fixture(scope="module")
+def truck(target, tmp_path_factory):
+    """A fit of three numbers to 2 s of a reduced HMMWV with others, without noise."""
+    folder = tmp_path_factory.mktemp("truck")
     readings = ["speed_mps", "yawrate_radps", "latacc_com_mps2", "roll_rad", "pitch_rad", "engine_radps"]
     truth = {("chassis", "components", 0, "mass"): 2300.0, ("ground", "friction"): 0.7}
     document = replaced(target.document, truth)
@@ -149,9 +151,9 @@ def test_three_numbers_of_a_truck_come_back_from_its_own_run(target, tmp_path):
     rollout = target.rollout(1, differing, readings, names)
     start = {"speed_mps": 9.0}
     record = rollout.run([World(target.numbers(document, start), inputs, start)], samples)[:, 0]
-    np.savez(tmp_path / "log.npz", t_s=0.01 * np.arange(samples + 1), **dict(zip(readings, record.T, strict=True)))
-    np.savez(tmp_path / "pedals.npz", t_s=times, **dict(zip(names, inputs.T, strict=True)))
-    config = fit_config(
+    np.savez(folder / "log.npz", t_s=0.01 * np.arange(samples + 1), **dict(zip(readings, record.T, strict=True)))
+    np.savez(folder / "pedals.npz", t_s=times, **dict(zip(names, inputs.T, strict=True)))
+    return fit_config(
         {
             **BASE, "runs": [{"file": ["log.npz", "pedals.npz"], "start": start}], "warmup": 0.0,
             "readings": {name: {} for name in readings},
@@ -159,10 +161,36 @@ def test_three_numbers_of_a_truck_come_back_from_its_own_run(target, tmp_path):
             "parameters": {"chassis.components[0].mass": {}, "ground.friction": {},
                            "axles[*].suspension.springs[0].stiffness": {"start": 1.1}},
         },
-        folder=str(tmp_path),
+        folder=str(folder),
     )  # fmt: skip
-    found = Fit(config, device="cpu", threads=1, target=target).run()
-    np.testing.assert_allclose(found.values[:3], [2300.0, 0.7, 1.0], rtol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def fitted_truck(truck, target):
+    return Fit(truck, device="cpu", threads=1, target=target).run()
+
+
+@pytest.mark.slow
+def test_three_numbers_of_a_truck_come_back_from_its_own_run(fitted_truck):
+    np.testing.assert_allclose(fitted_truck.values[:3], [2300.0, 0.7, 1.0], rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_threads_and_an_interruption_change_no_bit_of_a_vehicles_fit(truck, fitted_truck, tmp_path):
+    """Stopped after each batch in turn, and gone on with another number of threads."""
+    threads, fit = 1, Fit(truck, device="cpu", threads=1)
+    while not fit.done:
+        fit.iterate()
+        fit.save(tmp_path / "state.npz")
+        threads = 3 - threads
+        fit = Fit(truck, device="cpu", threads=threads)
+        fit.resume(tmp_path / "state.npz")
+    found = fit.result()
+    assert np.array_equal(found.values, fitted_truck.values)
+    assert np.array_equal(found.uncertainty.deviation, fitted_truck.uncertainty.deviation)
+    assert (found.cost, found.iterations) == (fitted_truck.cost, fitted_truck.iterations)
+    for mine, theirs in zip(found.readings, fitted_truck.readings, strict=True):
+        assert np.array_equal(mine.predicted, theirs.predicted)
 
 
 def test_a_given_start_counts_before_a_measured_one(tmp_path):
