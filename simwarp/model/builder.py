@@ -46,6 +46,7 @@ from simwarp.model.checks import (
     check_perpendicular,
     checked_dof,
     checked_dofs,
+    checked_flag,
     checked_inertia,
     checked_member,
     checked_name,
@@ -150,7 +151,7 @@ class ModelBuilder(Readable, ShapeList, FlexibleParts):
         )
         return len(self.bodies) - 1
 
-    def add_massless_body(self, name: str, *, pose: Pose | None = None) -> int:
+    def add_massless_body(self, name: str, *, pose: Pose | None = None, posed: bool = False) -> int:
         """A frame between joints, with no mass of its own; returns its body index.
 
         Two bodies are tied by several joints in a row through such frames: hinges whose axes cross make a shoulder,
@@ -161,10 +162,12 @@ class ModelBuilder(Readable, ShapeList, FlexibleParts):
         Args:
             name: unique among bodies.
             pose: of the frame in the world, best where the joints' axes meet; identity when None.
+            posed: a force element writes its pose and velocities, which pictures and sensors see: no joint and no shape
+                touches it, forces on it do nothing, and a step does not know it.
         """
-        thing = self._new_name("body", name, (body.name for body in self.bodies))
-        zero = np.zeros(3)
-        self.bodies.append(BodySpec(name, 0.0, np.zeros((3, 3)), checked_pose(thing, pose), zero, zero))
+        thing, zero = self._new_name("body", name, (body.name for body in self.bodies)), np.zeros(3)
+        is_posed = checked_flag(thing, "posed", posed)
+        self.bodies.append(BodySpec(name, 0.0, np.zeros((3, 3)), checked_pose(thing, pose), zero, zero, is_posed))
         return len(self.bodies) - 1
 
     @RULES.arguments("shaft '{name}'")

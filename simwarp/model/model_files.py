@@ -214,7 +214,7 @@ def _body_entry(body: BodySpec) -> BodyEntry:
         name=body.name, mass=float(body.mass),
         inertia=floats(np.diag(rows)) if diagonal else tuple(floats(row) for row in rows),
         position=floats(body.pose.position), rotation=floats(body.pose.rotation), velocity=floats(body.velocity),
-        omega=floats(body.omega),
+        omega=floats(body.omega), posed=body.posed,
     )  # fmt: skip
 
 
@@ -355,11 +355,13 @@ def _body(entry: BodyEntry, taken: NameColumns) -> BodySpec:
     if entry.mass != 0.0:
         positive_number(thing, "mass", entry.mass, "kg", "0 is that of a frame between joints")
         inertia = checked_inertia(thing, entry.inertia, strict=False)
+        if entry.posed:
+            raise ModelError(f"{thing}: mass must be 0 of a body that is posed, got {formatted(entry.mass)}")
     elif np.any(entry.inertia):
         raise ModelError(f"{thing}: without mass the inertia must be 0, got {formatted(entry.inertia)}; leave it out")
     return BodySpec(
         entry.name, entry.mass, inertia, _pose(thing, entry), np.array(entry.velocity, np.float64),
-        np.array(entry.omega, np.float64),
+        np.array(entry.omega, np.float64), entry.posed,
     )  # fmt: skip
 
 

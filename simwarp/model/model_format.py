@@ -162,6 +162,7 @@ class BodyEntry:
     rotation: Numbers4 = UNTURNED
     velocity: Numbers3 = ZERO
     omega: Numbers3 = ZERO
+    posed: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -27,10 +27,12 @@ class BodySpec(ReadableFields):
     pose: Pose
     velocity: Array
     omega: Array
+    posed: bool = False
+    """Moved by a force element alone: the step leaves it out."""
 
     @property
     def is_massless(self) -> bool:
-        """True of a frame between joints (`ModelBuilder.add_massless_body`)."""
+        """True of a frame between joints, or one that is posed (`ModelBuilder.add_massless_body`)."""
         return self.mass == 0.0
 
 

@@ -160,6 +160,7 @@ def all_sums(builder: Specification) -> list[CouplingSpec]:
 
 def build_tables(builder: Specification) -> Tables:
     """Tables of the builder's model."""
+    _check_posed(builder)
     dof_start = _dof_starts(builder)
     coupled = {dof for coupling in all_sums(builder) for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
@@ -327,7 +328,7 @@ def _ordered_links(builder: Specification, tree: set[int], meshes: MeshColumns |
 
     grow([WORLD])
     for body in sorted(range(len(builder.bodies)), key=lambda index: (-builder.bodies[index].mass, index)):
-        if body not in placed and body not in nodes:
+        if body not in placed and body not in nodes and not builder.bodies[body].posed:
             placed[body] = len(links)
             links.append(Link(body, -1, -1, JointType.FREE, 1.0))
             grow([body])
@@ -391,6 +392,20 @@ def _check_massless(builder: Specification, links: list[Link]) -> None:
                 raise ModelError(f"{thing}: is massless, but joint '{spec.name}' closes a loop at it; {remedy}")
         if any(shape.body == link.body for shape in builder.shapes):
             raise ModelError(f"{thing}: a massless body must have no shape; put it on a body with mass")
+
+
+def _check_posed(builder: Specification) -> None:
+    """Bodies that are posed are touched by nothing: the step has no link for them."""
+    posed = {index for index, body in enumerate(builder.bodies) if body.posed}
+    touching = [(f"joint '{each.name}'", {each.parent, each.child}) for each in builder.joints]
+    touching += [(f"shape '{each.name}'", {each.body}) for each in builder.shapes]
+    touching += [(f"mesh '{each.name}'", set(each.bodies)) for each in builder.flexible_meshes]
+    for thing, bodies in touching:
+        for body in posed & bodies:
+            raise ModelError(
+                f"{thing}: its bodies must be moved by the step, but '{builder.bodies[body].name}' is posed; "
+                "add it without posed=True"
+            )
 
 
 def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_start: list[int]) -> None:

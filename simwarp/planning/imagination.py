@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import torch
 import warp as wp
@@ -14,9 +14,33 @@ from simwarp.core.object_repr import Readable, plural
 from simwarp.core.types import ModelError, WorldStatus, formatted
 from simwarp.model.checks import whole_number
 from simwarp.simulation.simulation import Simulation
-from simwarp.tasks import Task
 
-Worlds: TypeAlias = Task[Any] | Simulation
+
+@runtime_checkable
+class ActingWorlds(Protocol):
+    """Worlds that have actions, as a task's: what plans need of them.
+
+    Attributes:
+        num_worlds: how many there are.
+        agents, action_size: agents of a world, and numbers of the action of each.
+        device: of tensors.
+        simulation: their physics.
+    """
+
+    num_worlds: int
+    agents: int
+    action_size: int
+    device: Any
+    simulation: Any
+
+    def look_ahead(self, action: torch.Tensor) -> None:
+        """Takes the physics through one control step by actions (W, agents · action_size) from -1 to 1."""
+
+    def copy_worlds(self, source: Any, targets: Any = None, *, of: Any = None) -> None:
+        """Makes worlds copies of those of another one, as `Simulation.copy_worlds`."""
+
+
+Worlds: TypeAlias = ActingWorlds | Simulation
 Cost: TypeAlias = Callable[[Any, torch.Tensor], torch.Tensor]
 """Takes the imagined task or simulation and the action (N, A); returns (N,) the cost of the control step just made."""
 EndCost: TypeAlias = Callable[[Any], torch.Tensor]
@@ -59,7 +83,7 @@ class Imagination(Readable):
             raise ModelError(f"{thing}: imagined must be worlds of its own, got those of real; make a second one")
         self.real, self.imagined = real, imagined
         self._parameters = parameters
-        if isinstance(real, Task) and isinstance(imagined, Task):
+        if isinstance(real, ActingWorlds) and isinstance(imagined, ActingWorlds):
             if act is not None or action_size is not None:
                 raise ModelError(
                     f"{thing}: act and action_size must be left out for tasks, which have their own, got some"
@@ -100,12 +124,11 @@ class Imagination(Readable):
 
     def begin(self) -> None:
         """All imagined worlds become copies of their real one."""
-        if isinstance(self.imagined, Task):
-            assert isinstance(self.real, Task)
-            self.imagined.copy_worlds(self._sources, of=self.real)
-        else:
+        if isinstance(self.imagined, Simulation):
             assert isinstance(self.real, Simulation)
             self.imagined.copy_worlds(self._sources, of=self.real, parameters=self._parameters)
+        else:
+            self.imagined.copy_worlds(self._sources, of=self.real)
 
     def advance(self, action: torch.Tensor) -> None:
         """Takes the imagined worlds through one control step; `action` is (N, A)."""

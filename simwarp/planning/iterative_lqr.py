@@ -19,9 +19,9 @@ from simwarp.core.constraints import Count, Positive
 from simwarp.core.interop import to_torch
 from simwarp.core.object_repr import Readable
 from simwarp.core.types import JointType, ModelError
+from simwarp.model.rules import Configuration
 from simwarp.planning.imagination import Imagination
 from simwarp.simulation.simulation import Simulation
-from simwarp.tasks.framework.config_values import Settings
 
 StateCost: TypeAlias = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """Cost of one state (2d,) of coordinates and rates and one action (A,), both float64: a number, by torch operations."""
@@ -32,7 +32,7 @@ TURNING = (JointType.SPHERICAL, JointType.FREE)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class IlqrConfig(Settings):
+class IlqrConfig(Configuration):
     """Configuration of `Ilqr`.
 
     Attributes:

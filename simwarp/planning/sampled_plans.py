@@ -11,13 +11,13 @@ import torch
 from simwarp.core.constraints import As, Count, Positive, Whole
 from simwarp.core.object_repr import Readable
 from simwarp.core.types import ModelError
+from simwarp.model.rules import Configuration
 from simwarp.planning.action_splines import ActionSpline, Spline
 from simwarp.planning.imagination import Cost, EndCost, Imagination
-from simwarp.tasks.framework.config_values import Settings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SamplingConfig(Settings):
+class SamplingConfig(Configuration):
     """What planners that sample have in common.
 
     Attributes:

@@ -109,6 +109,13 @@ class ForceElement(Readable):
         """Recorded launches that follow each sub-step of `dt` [s]: of an element that also measures."""
         return ()
 
+    def record_shown(self, simulation: StepContext) -> Sequence[Any]:
+        """Recorded launches that publish what no sub-step needs: what sensors and whoever reads between steps see, such
+        as poses of bodies that are posed. They come before the sensors that are launched, and once behind the last
+        sub-step of `Simulation.step(n)`. What they publish follows from the present state.
+        """
+        return ()
+
     def record_outputs(self, simulation: StepContext, mask: wp.array[wp.bool]) -> Sequence[Any]:
         """Recorded launches that publish outputs of the present state. They run at construction, and whenever the state
         of worlds is set.

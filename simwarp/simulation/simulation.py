@@ -85,7 +85,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     1. force elements write their forces (`ForceElement.record`);
     2. collision finds the contacts, and the step moves the bodies (`stage_recording.py`);
-    3. force elements measure (`ForceElement.record_after`), and sensors follow on their clocks (`Sensor.record`).
+    3. force elements measure (`record_after`, `record_shown`), and sensors follow on their clocks (`Sensor.record`).
 
     All launches are recorded when the Simulation is made; nothing is allocated or read back to the host in `step`.
 
@@ -169,6 +169,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = [recorded(sensor.record, self, self._config.dt) for sensor in self.sensors]
         """Those of each sensor in every sub-step."""
+        self._showing = [command for part in self.elements for command in recorded(part.record_shown, self)]
         self.read_interval.sensors += [sensor.record_interval(self) for sensor in self.sensors]
         self._setting = self._record_setting()
         self._measuring_energy = [
@@ -216,9 +217,8 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def program(self, before: Sequence[WorldLaunch]) -> StepProgram:
         """A step with launches before it (`shares.record`), to be run many times over without Python in between."""
-        return StepProgram(
-            self.read_interval, self.shares, before, self.physics_commands, self.sensor_commands, self.substeps
-        )  # fmt: skip
+        parts = self.physics_commands, self._showing, self.sensor_commands
+        return StepProgram(self.read_interval, self.shares, before, *parts, self.substeps)
 
     def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
         """Puts the worlds of the mask (all when None) back to the model's initial state.
@@ -552,7 +552,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         return [*launches, (flag, 1)]
 
     def _warn_of_unshared(self) -> None:
-        names = unshared(self._program.every.commands)
+        names = unshared([*self._program.every.commands, *self._showing])
         if names and self.shares.threads > 1:
             warnings.warn(
                 f"Simulation: {', '.join(names)} will run on one of {self.shares.threads} threads, as wp.launch "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from simwarp.simulation.read_interval import ReadInterval
@@ -18,27 +18,35 @@ class StepProgram:
         shares: of the worlds.
         before: launches before each step.
         physics: launches of a sub-step.
-        sensors: those that follow it, of each sensor in turn.
+        shown: those that publish what only sensors and whoever reads between steps see.
+        sensors: those that follow a sub-step, of each sensor in turn.
         substeps: of a step.
 
     Attributes:
         every: a step in which all sensors are launched in every sub-step.
+        shown: what comes once behind the last sub-step of a run.
     """
 
     def __init__(
         self, interval: ReadInterval, shares: WorldShares, before: Sequence[WorldLaunch], physics: Sequence[Any],
-        sensors: Sequence[Sequence[Any]], substeps: int,
+        shown: Sequence[Any], sensors: Sequence[Sequence[Any]], substeps: int,
     ) -> None:  # fmt: skip
         self._interval, self._substeps = interval, substeps
-        every = [*physics, *itertools.chain.from_iterable(sensors)]
+
+        def substep(measuring: Iterable[Sequence[Any]]) -> list[Any]:
+            due = list(itertools.chain.from_iterable(measuring))
+            return [*physics, *(shown if due else ()), *due]
+
+        every = substep(sensors)
+        self.shown = WorldProgram(shares, [(tuple(shown), 1)])
         self.every = WorldProgram(shares, step_blocks(before, [every] * substeps))
         self._whole = self.every
         if any(interval.sensors):
             due = [
-                [*physics, *itertools.chain.from_iterable(
+                substep(
                     launches if each is None else each.launches[k]
                     for each, launches in zip(interval.sensors, sensors, strict=True)
-                )]
+                )
                 for k in range(interval.length)
             ]  # fmt: skip
             steps = [due[first : first + substeps] for first in range(0, interval.length, substeps)]
@@ -55,7 +63,7 @@ class StepProgram:
             yield from program.commands * times
 
     def _programs(self, steps: int) -> Iterator[tuple[WorldProgram, int]]:
-        """Whole read intervals, then the steps that are left, each with how often it runs."""
+        """Whole read intervals, the steps that are left, and what is shown, each with how often it runs."""
         substeps = steps * self._substeps
         intervals = 0 if self._whole is self.every else self._interval.whole(substeps)
         if intervals:
@@ -64,6 +72,8 @@ class StepProgram:
         if rest:
             self._interval.advance(rest)
             yield self.every, rest // self._substeps
+        if steps and self.shown.commands:
+            yield self.shown, 1
 
 
 def step_blocks(before: Sequence[Any], parts: Sequence[Sequence[Any]]) -> list[Block]:

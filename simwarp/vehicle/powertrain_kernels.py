@@ -233,6 +233,33 @@ def split_torque(
 
 
 @wp.func
+def shifted_gear(
+    of: Member, speed: float, time: wp.float64, powertrain: Powertrain, memory: PowertrainState
+) -> int:  # fmt: skip
+    """The gear of an automatic with shafts for a speed of the one before the gears [rad/s]; it is engaged."""
+    elapsed = float(time - memory.shift_time[of.world, of.vehicle])
+    gear = next_gear(engaged_gear(memory.gear[of.world, of.vehicle], powertrain), speed, elapsed, powertrain)
+    if gear != memory.gear[of.world, of.vehicle]:
+        memory.gear[of.world, of.vehicle] = gear
+        memory.shift_time[of.world, of.vehicle] = time
+    return gear
+
+
+@wp.func
+def geared_torque(
+    of: Member, dt: float, torque: float, speed: float, ratio: float, powertrain: Powertrain, memory: PowertrainState
+) -> float:
+    """Torque on the drive shaft, of one on the input shaft, which turns with `speed` [rad/s]; none in neutral [N·m]."""
+    onward = float(0.0)
+    if ratio != 0.0:
+        # what accelerates the input shaft does not reach the drive shaft
+        change = powertrain.input_inertia * (speed - memory.last_input[of.world, of.vehicle]) / dt
+        onward = (torque - change) / ratio
+    memory.last_input[of.world, of.vehicle] = speed
+    return onward
+
+
+@wp.func
 def drive_shafts(
     of: Member, dt: float, throttle: float, clutch: float, time: wp.float64, powertrain: Powertrain,
     memory: PowertrainState, parameters: Parameters, state: StateArrays, joint_force: wp.array2d[float],
@@ -247,12 +274,7 @@ def drive_shafts(
         joint_force[of.world, of.dof + powertrain.motor_dof] = torque + pair[0]
         joint_force[of.world, of.dof + powertrain.input_dof] = pair[1]
         drive_torque = pair[1]
-        elapsed = float(time - memory.shift_time[of.world, of.vehicle])
-        gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
-        gear = next_gear(gear, input_speed, elapsed, powertrain)
-        if gear != memory.gear[of.world, of.vehicle]:
-            memory.gear[of.world, of.vehicle] = gear
-            memory.shift_time[of.world, of.vehicle] = time
+        shifted_gear(of, input_speed, time, powertrain, memory)
     else:
         joint_force[of.world, of.dof + powertrain.motor_dof] = torque
         limit = powertrain.clutch_limit * (1.0 - clutch)
@@ -260,14 +282,8 @@ def drive_shafts(
         drive_torque = wp.clamp(torque, -limit, limit)
     ratio = powertrain.ratio[engaged_gear(memory.gear[of.world, of.vehicle], powertrain) + 1]
     engage(of, ratio, powertrain, parameters.coupling_coefficient)
-    if ratio != 0.0:
-        # what accelerates the input shaft does not reach the drive shaft
-        change = powertrain.input_inertia * (input_speed - memory.last_input[of.world, of.vehicle]) / dt
-        drive_torque = (drive_torque - change) / ratio
-    else:
-        drive_torque = 0.0
+    drive_torque = geared_torque(of, dt, drive_torque, input_speed, ratio, powertrain, memory)
     split_torque(of, drive_torque, 0.5, powertrain, state, joint_force)
-    memory.last_input[of.world, of.vehicle] = input_speed
     memory.engine_speed[of.world, of.vehicle] = motor_speed
     memory.engine_torque[of.world, of.vehicle] = torque
     memory.drive_torque[of.world, of.vehicle] = drive_torque
@@ -275,10 +291,9 @@ def drive_shafts(
 
 @wp.func
 def drive_directly(
-    of: Member, throttle: float, time: wp.float64, powertrain: Powertrain, memory: PowertrainState, state: StateArrays,
-    joint_force: wp.array2d[float],
-):  # fmt: skip
-    """Transmissions whose engine turns with the drive shaft."""
+    of: Member, throttle: float, time: wp.float64, powertrain: Powertrain, memory: PowertrainState
+) -> float:  # fmt: skip
+    """Transmissions whose engine turns with the drive shaft: the torque on that, and the gear for the next step."""
     speed = memory.drive_speed[of.world, of.vehicle]
     gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
     ratio = powertrain.ratio[gear + 1]
@@ -302,10 +317,21 @@ def drive_directly(
     memory.engine_speed[of.world, of.vehicle] = motor_speed
     memory.engine_torque[of.world, of.vehicle] = torque
     memory.drive_torque[of.world, of.vehicle] = drive_torque
-    if powertrain.drive_dof >= 0:
-        joint_force[of.world, of.dof + powertrain.drive_dof] = drive_torque
-    else:
-        split_torque(of, drive_torque, 0.0, powertrain, state, joint_force)
+    return drive_torque
+
+
+@wp.func
+def chassis_reaction(of: Member, dt: float, powertrain: Powertrain, memory: PowertrainState) -> wp.vec3:
+    """Torque of this step's drive torque on the chassis in its own axes, beside that of the wheels [N·m]."""
+    torque = memory.drive_torque[of.world, of.vehicle]
+    speed = memory.drive_speed[of.world, of.vehicle]
+    onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[of.world, of.vehicle]) / dt
+    memory.last_drive[of.world, of.vehicle] = speed
+    rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
+    pitching = float(0.0)
+    for axle in range(powertrain.split_count):
+        pitching += torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
+    return wp.vec3(rolling, (1.0 - powertrain.wheel_reaction) * pitching, 0.0)
 
 
 @wp.func
@@ -330,13 +356,9 @@ def run_powertrain(
     if powertrain.motor_dof >= 0:
         drive_shafts(of, dt, throttle, clutch, time, powertrain, memory, parameters, state, control.element_joint_force)
     else:
-        drive_directly(of, throttle, time, powertrain, memory, state, control.element_joint_force)
-    torque = memory.drive_torque[of.world, of.vehicle]
-    speed = memory.drive_speed[of.world, of.vehicle]
-    onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[of.world, of.vehicle]) / dt
-    memory.last_drive[of.world, of.vehicle] = speed
-    rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
-    pitching = float(0.0)
-    for axle in range(powertrain.split_count):
-        pitching += torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
-    return wp.vec3(rolling, (1.0 - powertrain.wheel_reaction) * pitching, 0.0)
+        direct = drive_directly(of, throttle, time, powertrain, memory)
+        if powertrain.drive_dof >= 0:
+            control.element_joint_force[of.world, of.dof + powertrain.drive_dof] = direct
+        else:
+            split_torque(of, direct, 0.0, powertrain, state, control.element_joint_force)
+    return chassis_reaction(of, dt, powertrain, memory)

@@ -232,8 +232,8 @@ class Vehicles(ForceElement):
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motions after a sub-step."""
         loads = [] if isinstance(self.tires, Tires) else self.tires.record_after(simulation)
-        if self.reduced is not None:
-            loads = self.reduced.record_poses(simulation, self._tables, self.input)
+        if self._has_obstacles:  # which are looked for around the bodies of wheels
+            loads = self._record_poses(simulation)
         return [
             *loads,
             simulation.shares.record(
@@ -241,6 +241,17 @@ class Vehicles(ForceElement):
                 inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
             ),
         ]  # fmt: skip
+
+    def record_shown(self, simulation: StepContext) -> Sequence[Any]:
+        """The launch that moves the bodies of a reduced vehicle's wheels."""
+        return () if self._has_obstacles else self._record_poses(simulation)
+
+    @property
+    def _has_obstacles(self) -> bool:
+        return isinstance(self.tires, Tires) and self.tires.obstacles is not None
+
+    def _record_poses(self, simulation: StepContext) -> list[Any]:
+        return [] if self.reduced is None else self.reduced.record_poses(simulation, self._tables, self.input)
 
     def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that measures the motions in worlds whose state was set."""
@@ -368,6 +379,10 @@ class Vehicle(ForceElement):
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motion after a sub-step."""
         return self._element().record_after(simulation, dt)
+
+    def record_shown(self, simulation: StepContext) -> Sequence[Any]:
+        """The launch that moves the bodies of a reduced vehicle's wheels."""
+        return self._element().record_shown(simulation)
 
     def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that measures the motion in worlds whose state was set."""

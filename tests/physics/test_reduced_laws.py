@@ -200,6 +200,40 @@ def test_bodies_of_wheels_show_them_and_change_nothing():
         assert turn.T @ state.body_omega.numpy()[0, side.spindle] == pytest.approx(omega, abs=1e-3)
 
 
+def wheels_of(rig):
+    """Poses and velocities of the bodies that show wheels."""
+    bodies = [side.spindle for side in rig.parts.sides]
+    names = ("body_x", "body_rot", "body_q", "body_v", "body_omega")
+    return {name: getattr(rig.sim.state, name).numpy()[:, bodies].copy() for name in names}
+
+
+def test_wheels_are_shown_alike_after_one_call_and_after_many():
+    at_once, one_by_one = (Rig("sedan-14dof", 2, wheel_bodies=True, speed=6.0) for _ in range(2))
+    for rig in (at_once, one_by_one):
+        rig.drive(steering=0.3, throttle=[0.2, 0.8])
+    at_once.sim.step(60)
+    for _ in range(60):
+        one_by_one.sim.step()
+    equal(wheels_of(at_once), wheels_of(one_by_one))
+
+
+def test_a_kerb_is_climbed_within_one_call():
+    """Obstacles are looked for around the bodies of wheels, which are moved in every step there."""
+    heights = []
+    for ahead in (4.0, 400.0):
+        builder = sw.ModelBuilder()
+        parts = add_vehicle(builder, load_vehicle("hmmwv-14dof"), speed=6.0)
+        builder.add_shape_box(sw.WORLD, half=(1.0, 4.0, 0.1), pose=sw.pose((ahead + 1.0, 0.0, 0.0)), name="kerb")
+        model = builder.finalize(1, "cpu", per_world=per_world())
+        vehicle = Vehicle(parts, model, obstacles=["kerb"])
+        sim = sw.Simulation(model, 1.0e-3, elements=[vehicle], solver=VEHICLE_SOLVER)
+        sim.step(600)  # front wheels are at 1.6 m + 3.6 m then
+        heights.append(sim.state.body_x.numpy()[0, [side.spindle for side in parts.sides], 2])
+    climbed = heights[0] - heights[1]
+    assert climbed[:2] == pytest.approx([0.1, 0.1], abs=0.04)  # of 0.1 m, tires and springs swing by some of it
+    assert np.abs(climbed[2:]).max() < 0.02  # the rear ones are before it
+
+
 def at_a_place(name, seed):
     """A coasting vehicle in the middle of some motion, and what one step makes of it."""
     rng = np.random.default_rng(seed)

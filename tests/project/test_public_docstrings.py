@@ -25,7 +25,15 @@ PACKAGES = (
 )  # fmt: skip
 
 INTERFACES = {
-    sw.ForceElement: {"memory", "record", "record_after", "record_outputs", "record_reset", "world_parameters"},
+    sw.ForceElement: {
+        "memory",
+        "record",
+        "record_after",
+        "record_outputs",
+        "record_reset",
+        "record_shown",
+        "world_parameters",
+    },
     sw.Sensor: {"memory", "record", "begin", "check", "world_parameters"},
     gymnasium.Env: {"step", "reset"},
     gymnasium.vector.VectorEnv: {"step", "reset"},

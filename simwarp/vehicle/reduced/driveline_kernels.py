@@ -7,17 +7,17 @@ gears, clutches and brakes are found together, implicitly, by projected Gauss-Se
 import warp as wp
 
 from simwarp.vehicle.powertrain_kernels import (
-    AUTOMATIC_MAP,
     AUTOMATIC_SHAFTS,
-    CVT,
     Member,
     Powertrain,
     PowertrainState,
     converter_torques,
     differential_share,
+    drive_directly,
     engaged_gear,
     engine_torque,
-    next_gear,
+    geared_torque,
+    shifted_gear,
 )
 from simwarp.vehicle.reduced.reduced_tables_kernels import ReducedState, ReducedTables
 
@@ -48,76 +48,37 @@ class Turned:
 
 @wp.func
 def run_engine(
-    of: Member, dt: float, throttle: float, clutch: float, drive_speed: float, time: wp.float64, t: ReducedTables,
-    powertrain: Powertrain, memory: PowertrainState, state: ReducedState,
+    of: Member, dt: float, throttle: float, clutch: float, time: wp.float64, t: ReducedTables, powertrain: Powertrain,
+    memory: PowertrainState, state: ReducedState,
 ) -> Drive:  # fmt: skip
-    """Torques of engine and transmission, and the gear for this step."""
+    """Torques of engine and transmission, and the gear for this step; `memory` knows the drive shaft's speed."""
     result = Drive()
-    gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
-    torque = float(0.0)
-    if t.motor_inertia > 0.0:
-        motor = state.motor_speed[of.world, of.vehicle]
-        turbine = state.input_speed[of.world, of.vehicle]
-        torque = engine_torque(throttle, motor, powertrain)
-        passed = float(0.0)
-        if powertrain.transmission == AUTOMATIC_SHAFTS:
-            pair = converter_torques(motor, turbine, powertrain)
-            result.motor = motor + dt * (torque + pair[0]) / t.motor_inertia
-            result.input = turbine + dt * pair[1] / t.input_inertia
-            passed = pair[1]
-            elapsed = float(time - memory.shift_time[of.world, of.vehicle])
-            gear = next_gear(gear, turbine, elapsed, powertrain)
-            if gear != memory.gear[of.world, of.vehicle]:
-                memory.gear[of.world, of.vehicle] = gear
-                memory.shift_time[of.world, of.vehicle] = time
-        else:
-            result.motor = motor + dt * torque / t.motor_inertia
-            result.input = turbine
-            result.clutch = powertrain.clutch_limit * (1.0 - clutch)
-            passed = wp.clamp(torque, -result.clutch, result.clutch)
-        result.ratio = powertrain.ratio[gear + 1]
-        if result.ratio != 0.0:
-            # what accelerates the input shaft does not reach the drive shaft
-            change = powertrain.input_inertia * (turbine - memory.last_input[of.world, of.vehicle]) / dt
-            result.torque = (passed - change) / result.ratio
-        memory.last_input[of.world, of.vehicle] = turbine
-        memory.engine_speed[of.world, of.vehicle] = motor
-    else:
-        ratio = powertrain.ratio[gear + 1]
-        efficiency = float(1.0)
-        if powertrain.transmission == CVT:
-            part = (wp.abs(drive_speed) - powertrain.speed_low) / (powertrain.speed_high - powertrain.speed_low)
-            forward = powertrain.ratio_low + wp.clamp(part, 0.0, 1.0) * (powertrain.ratio_high - powertrain.ratio_low)
-            ratio = float(gear) * forward
-            efficiency = powertrain.efficiency
-        motor_speed = float(0.0)
-        if ratio != 0.0:
-            motor_speed = wp.abs(drive_speed / ratio)
-            torque = engine_torque(throttle, motor_speed, powertrain)
-            if drive_speed / ratio < 0.0 and torque < 0.0:
-                torque = -torque  # losses oppose an engine that the wheels turn backwards
-            result.torque = efficiency * torque / ratio
+    if t.motor_inertia == 0.0:
+        result.torque = drive_directly(of, throttle, time, powertrain, memory)
         result.direct = 1.0
-        if powertrain.transmission == AUTOMATIC_MAP:
-            memory.gear[of.world, of.vehicle] = next_gear(gear, motor_speed, float(time), powertrain)
-        memory.engine_speed[of.world, of.vehicle] = motor_speed
+        return result
+    motor = state.motor_speed[of.world, of.vehicle]
+    turbine = state.input_speed[of.world, of.vehicle]
+    gear = engaged_gear(memory.gear[of.world, of.vehicle], powertrain)
+    torque = engine_torque(throttle, motor, powertrain)
+    passed = float(0.0)
+    if powertrain.transmission == AUTOMATIC_SHAFTS:
+        pair = converter_torques(motor, turbine, powertrain)
+        result.motor = motor + dt * (torque + pair[0]) / t.motor_inertia
+        result.input = turbine + dt * pair[1] / t.input_inertia
+        passed = pair[1]
+        gear = shifted_gear(of, turbine, time, powertrain, memory)
+    else:
+        result.motor = motor + dt * torque / t.motor_inertia
+        result.input = turbine
+        result.clutch = powertrain.clutch_limit * (1.0 - clutch)
+        passed = wp.clamp(torque, -result.clutch, result.clutch)
+    result.ratio = powertrain.ratio[gear + 1]
+    result.torque = geared_torque(of, dt, passed, turbine, result.ratio, powertrain, memory)
+    memory.engine_speed[of.world, of.vehicle] = motor
     memory.engine_torque[of.world, of.vehicle] = torque
     memory.drive_torque[of.world, of.vehicle] = result.torque
     return result
-
-
-@wp.func
-def reaction(
-    of: Member, dt: float, torque: float, speed: float, powertrain: Powertrain, memory: PowertrainState
-) -> wp.vec3:
-    """Torque of the powertrain on the chassis, in its axes, beside that of the wheels (powertrain_kernels.py)."""
-    onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[of.world, of.vehicle]) / dt
-    memory.last_drive[of.world, of.vehicle] = speed
-    pitching = float(0.0)
-    for axle in range(powertrain.split_count):
-        pitching += torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
-    rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
-    return wp.vec3(rolling, (1.0 - powertrain.wheel_reaction) * pitching, 0.0)
 
 
 @wp.func
@@ -193,12 +154,10 @@ def turn_wheels(
                 u += (now - brakes[wheel]) * t.spin_compliance[wheel]
                 brakes[wheel] = now
         for each in range(t.locks):
-            row = t.lock_row[each]
-            held = t.spin_compliance * row
             closed = wp.clamp(lock[of.world, of.vehicle, each], 0.0, 1.0)
             most = (t.lock_held[each] + closed * t.lock_torque[each]) * dt
-            now = wp.clamp(clutches[each] - wp.dot(row, u) / wp.dot(row, held), -most, most)
-            u += (now - clutches[each]) * held
+            now = wp.clamp(clutches[each] - wp.dot(t.lock_row[each], u) * t.lock_inertia[each], -most, most)
+            u += (now - clutches[each]) * t.lock_answer[each]
             clutches[each] = now
     if t.motor_inertia > 0.0:
         state.motor_speed[of.world, of.vehicle] = motor

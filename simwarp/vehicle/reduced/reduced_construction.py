@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from simwarp.core.rotation import rotate
@@ -22,9 +20,6 @@ from simwarp.vehicle.spec.vehicle_spec import (
     VehicleSpec,
 )
 from simwarp.vehicle.suspensions import Side
-
-WHEEL_MASS: Final = 1.0e-3
-"""Of the bodies that show the wheels, whose masses are the chassis' [kg]."""
 
 
 def tables_of(axle: Axle) -> TabulatedSuspension:
@@ -82,10 +77,7 @@ def add_reduced_bodies(
                 place = pose(
                     origin.position + rotate(origin.rotation, np.array(standing_center(axle, column))), origin.rotation
                 )
-                around = 0.5 * WHEEL_MASS * axle.tire.radius**2
-                spindle = builder.add_body(
-                    f"{label}.spindle", mass=WHEEL_MASS, inertia=(around, around, around), pose=place, strict=False
-                )
+                spindle = builder.add_massless_body(f"{label}.spindle", pose=place, posed=True)
             sides.append(Side(label, index, side, chassis, spindle, -1, -1, chassis))
     return chassis, tuple(sides), -com
 

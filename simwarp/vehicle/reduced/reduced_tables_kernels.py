@@ -44,6 +44,8 @@ class ReducedTables:
     gear_damping: float  # of the slip behind the gears [N·m·s/rad]
     locks: int  # clutches of differentials
     lock_row: wp.mat44  # rows: clutches; slip per wheel's speed
+    lock_answer: wp.mat44  # the wheels' speeds per impulse of each [1/(kg·m²)]
+    lock_inertia: wp.vec4  # against the slip of each [kg·m²]
     lock_held: wp.vec4  # torque of the open clutch [N·m]
     lock_torque: wp.vec4  # torque added when it closes [N·m]
 

@@ -22,8 +22,8 @@ from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import matrix_to_float, to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.vehicle.inputs_kernels import VehicleMotion, VehicleTables, member_of, point_velocity
-from simwarp.vehicle.powertrain_kernels import Powertrain, PowertrainState
-from simwarp.vehicle.reduced.driveline_kernels import biased, reaction, run_engine, turn_wheels
+from simwarp.vehicle.powertrain_kernels import Powertrain, PowertrainState, chassis_reaction
+from simwarp.vehicle.reduced.driveline_kernels import biased, run_engine, turn_wheels
 from simwarp.vehicle.reduced.reduced_tables_kernels import (
     WHEELS,
     Corner,
@@ -36,7 +36,10 @@ from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.patch_kernels import Envelopes, Wheel
 from simwarp.vehicle.tires.tires_kernels import TireReports, TireTables, ground_force, report_tire
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+# As those of the step (kernels/dynamics/world.py): calls of the tires' laws copy all tables unless they are inlined.
+CPU_FLAGS = "-march=native -mllvm=-inline-threshold=9000 -ffp-contract=fast"
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
 
 HALF_TURN = wp.constant(wp.float64(3.141592653589793))
 FULL_TURN = wp.constant(wp.float64(6.283185307179586))
@@ -244,55 +247,56 @@ def run_reduced_vehicle(
     reports: TireReports,
     control: ControlArrays,
 ):
-    """Wheels and powertrain move on by a step, and the chassis' forces for it are found; dim (W, V)."""
+    """Wheels and powertrain move on by a step, and the chassis' forces for it are found; dim (W, V), or (1, V) where
+    one thread takes all worlds of the range: it fetches the tables once.
+    """
     index, number = wp.tid()
-    world = worlds.first + index
-    of = member_of(world, number, vehicle)
-    body = of.body + vehicle.chassis
-    steering = wp.clamp(vehicle_input[world, number, 0], -1.0, 1.0)
-    throttle = wp.clamp(vehicle_input[world, number, 1], 0.0, 1.0)
-    braking = wp.clamp(vehicle_input[world, number, 2], 0.0, 1.0)
-    clutch = wp.clamp(vehicle_input[world, number, 3], 0.0, 1.0)
-    c = chassis_of(world, body, state)
-    loads = act_on_wheels(
-        world, number, dt, c, vehicle.drag, steering, t, tires, terrain, envelopes, assets, reduced, reports
-    )  # fmt: skip
-    speed = loads.speed
-    moment = loads.moment
-    drive_speed = wp.dot(t.drive, speed)
-    memory.drive_speed[world, number] = drive_speed
-    reacting = wp.vec3()
-    drive = run_engine(
-        of, dt, throttle, clutch, drive_speed, state.world_time[world], t, powertrain, memory, reduced
-    )  # fmt: skip
-    if powertrain.engine > 0:
-        reacting = reaction(of, dt, drive.torque, drive_speed, powertrain, memory)
-        moment += (drive.direct * drive.torque) * t.drive + biased(speed, drive.torque, t, powertrain)
-    turned = turn_wheels(of, dt, drive, speed, moment, loads.caliper, braking, lock, t, reduced)
+    end = wp.where(worlds.own_slots == 1, index + 1, worlds.count)
+    for turn in range(index, end):
+        world = worlds.first + turn
+        of = member_of(world, number, vehicle)
+        body = of.body + vehicle.chassis
+        steering = wp.clamp(vehicle_input[world, number, 0], -1.0, 1.0)
+        throttle = wp.clamp(vehicle_input[world, number, 1], 0.0, 1.0)
+        braking = wp.clamp(vehicle_input[world, number, 2], 0.0, 1.0)
+        clutch = wp.clamp(vehicle_input[world, number, 3], 0.0, 1.0)
+        c = chassis_of(world, body, state)
+        loads = act_on_wheels(
+            world, number, dt, c, vehicle.drag, steering, t, tires, terrain, envelopes, assets, reduced, reports
+        )  # fmt: skip
+        speed = loads.speed
+        moment = loads.moment
+        memory.drive_speed[world, number] = wp.dot(t.drive, speed)
+        reacting = wp.vec3()
+        drive = run_engine(of, dt, throttle, clutch, state.world_time[world], t, powertrain, memory, reduced)
+        if powertrain.engine > 0:
+            reacting = chassis_reaction(of, dt, powertrain, memory)
+            moment += (drive.direct * drive.torque) * t.drive + biased(speed, drive.torque, t, powertrain)
+        turned = turn_wheels(of, dt, drive, speed, moment, loads.caliper, braking, lock, t, reduced)
 
-    torque = loads.torque + reacting - wp.cross(c.omega, loads.spins)
-    push = loads.push
-    for wheel in range(4):
-        slot = WHEELS * number + wheel
-        change = turned.speed[wheel] - speed[wheel]
-        reduced.spin[world, slot] += change
-        reduced.turn_rate[world, slot] = turned.speed[wheel]
-        angle = reduced.turn[world, slot] + wp.float64(dt * turned.speed[wheel])
-        if angle > HALF_TURN:
-            angle -= FULL_TURN
-        elif angle < -HALF_TURN:
-            angle += FULL_TURN
-        reduced.turn[world, slot] = angle
-        push[wheel] = push[wheel] - loads.windup[wheel] * turned.brake[wheel]
-        axis = wp.vec3(loads.axes[wheel, 0], loads.axes[wheel, 1], loads.axes[wheel, 2])
-        torque -= (t.spin_inertia[wheel] * change / dt) * axis
-        reduced.axis[world, slot] = axis
-    loads.torque = torque
-    loads.push = push
-    mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
-    inertia = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
-    loads = move_travels(world, number, dt, mass, inertia, c.omega, loads, t, reduced)
-    arm = c.axes * vehicle.point
-    motion.last_v[world, number] = point_velocity(world, body, arm, state)
-    control.element_force[world, body] = c.axes * loads.force
-    control.element_torque[world, body] = c.axes * loads.torque
+        torque = loads.torque + reacting - wp.cross(c.omega, loads.spins)
+        push = loads.push
+        for wheel in range(4):
+            slot = WHEELS * number + wheel
+            change = turned.speed[wheel] - speed[wheel]
+            reduced.spin[world, slot] += change
+            reduced.turn_rate[world, slot] = turned.speed[wheel]
+            angle = reduced.turn[world, slot] + wp.float64(dt * turned.speed[wheel])
+            if angle > HALF_TURN:
+                angle -= FULL_TURN
+            elif angle < -HALF_TURN:
+                angle += FULL_TURN
+            reduced.turn[world, slot] = angle
+            push[wheel] = push[wheel] - loads.windup[wheel] * turned.brake[wheel]
+            axis = wp.vec3(loads.axes[wheel, 0], loads.axes[wheel, 1], loads.axes[wheel, 2])
+            torque -= (t.spin_inertia[wheel] * change / dt) * axis
+            reduced.axis[world, slot] = axis
+        loads.torque = torque
+        loads.push = push
+        mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
+        inertia = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
+        loads = move_travels(world, number, dt, mass, inertia, c.omega, loads, t, reduced)
+        arm = c.axes * vehicle.point
+        motion.last_v[world, number] = point_velocity(world, body, arm, state)
+        control.element_force[world, body] = c.axes * loads.force
+        control.element_torque[world, body] = c.axes * loads.torque

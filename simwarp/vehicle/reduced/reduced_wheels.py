@@ -128,7 +128,7 @@ class ReducedWheels(Readable):
                 dt, vehicle, self.tables, powertrain, vehicle_input, lock, given, tires.terrain, tires.envelopes,
                 model.assets, model.parameters, simulation.state.arrays,
             ],
-            outputs=[self.state, *outputs, tires.reports, control],
+            outputs=[self.state, *outputs, tires.reports, control], in_turn=not simulation.shares.own_slots,
         )  # fmt: skip
 
     def record_poses(self, simulation: StepContext, vehicle: Any, vehicle_input: wp.array) -> list[Any]:
@@ -233,3 +233,6 @@ def _fill_driveline(table: Any, spec: VehicleSpec, wheels: Sequence[WheelTable])
     for index, (row, open_torque, added) in enumerate(locks):
         rows[index], held[index], locking[index] = row, open_torque, added
     table.lock_row, table.lock_held, table.lock_torque = wp.mat44(*rows.ravel()), wp.vec4(*held), wp.vec4(*locking)
+    answers = rows @ compliance
+    slips = np.einsum("ij,ij->i", rows, answers)
+    table.lock_answer, table.lock_inertia = wp.mat44(*answers.ravel()), wp.vec4(*(1.0 / np.where(slips, slips, 1.0)))

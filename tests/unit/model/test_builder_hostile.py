@@ -123,7 +123,7 @@ VALID: dict[str, dict[str, Any]] = {
         **PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6, "dofs": (),
     },
     "add_joint_relative_rotation": {**PAIR, "axis": (0, 0, 1)},
-    "add_massless_body": {"name": "new", "pose": None},
+    "add_massless_body": {"name": "new", "pose": None, "posed": False},
     "add_loop_joint": {**PAIR, "kind": JointType.FIXED, "frame0": pose(), "frame1": pose()},
     "coordinate_of": {"column": 0},
     "set_drive": {"joint": 0, "drive": PositionDrive(stiffness=1.0), "dof": 0},

@@ -82,6 +82,7 @@ def everything():
     base = builder.add_body("base", mass=1 / 3, inertia=[[1.0, 0.1, 0.2], [0.1, 1.1, 0.3], [0.2, 0.3, 0.9]],
                             pose=sw.pose((0.1, 0.2, 1.7), (0.1, 0.2, 0.3, 0.4)), velocity=(0.1, 0, 0))  # fmt: skip
     knuckle = builder.add_massless_body("knuckle", pose=sw.pose((0, 0, 1.1)))
+    builder.add_massless_body("marker", posed=True)
     tip = builder.add_body("tip", mass=0.7, inertia=(0.01, 0.02, 0.025), pose=sw.pose((0, 0, 0.7)), omega=(1, 0, 0))
     table = ((-1.0, 0.1, 2.0), (-3.0, 0.0, 4.0))
     builder.add_joint_free("float", base, anchor=(0.1, 0.1, 1.6))
