@@ -24,7 +24,7 @@ from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.stances import ROLLING_SPEED, AxleStance, Stance, stance
 from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
 from simwarp.vehicle.tracks.tracked_files import load_any_vehicle
-from simwarp.vehicle.trimming import DESIGN, LARGEST_ANGLE, trim
+from simwarp.vehicle.trimming import DESIGN, LARGEST_ANGLE, STOP_KEYS, trim
 
 KEEP: Final = "keep"
 """In a list, of an axle that is to stay as it is."""
@@ -32,6 +32,8 @@ AS_IT_IS: Final = "(default: as it is)"
 NO_FILE: Final = "(default: none is written)"
 NEGATIVE: Final = re.compile(r"-[\d.]")
 ANGLES: Final = ("toe", "camber")
+WHOLE: Final = 1000
+"""Columns of what is no terminal: tables in pipes and files are not cut."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +51,8 @@ class TrimOptions(CommonOptions):
     """Positive where the wheels' fronts point inwards. Sets the lengths of tie rods."""
     camber: Annotated[str | None, tyro.conf.arg(metavar="deg[,deg]", help_behavior_hint=AS_IT_IS)] = None
     """Positive where the wheels' tops lean outwards. Sets the seats of the spindles in the uprights."""
+    move_stops: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Moves stops of springs (min_length, max_length) that are in the way of the ride height asked for."""
     output: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint=NO_FILE)] = None
     """Writes the trimmed vehicle to this file, .json; also -o."""
     device: str = "auto"
@@ -74,7 +78,9 @@ def run(arguments: list[str]) -> int:
     device = str(resolve_device(None if options.device == "auto" else options.device))
     spec = _vehicle(name)
     console = options.console()
-    trimmed = trim(spec, **wishes, device=device) if wishes else spec
+    if not console.is_terminal:
+        console.width = WHOLE
+    trimmed = trim(spec, **wishes, move_stops=options.move_stops, device=device) if wishes else spec
     before = _states(spec, device)
     if not wishes:
         _print_states(console, spec, [before])
@@ -104,10 +110,16 @@ def changed(before: VehicleSpec, after: VehicleSpec) -> list[dict[str, Any]]:
         rows: list[tuple[str, float | None, float | None, str]] = [
             ("tie rod", tierod_length(old.suspension), tierod_length(new.suspension), "m")
         ]
-        lines = zip(getattr(old.suspension, "springs", ()), getattr(new.suspension, "springs", ()), strict=True)
+        springs = (getattr(old.suspension, "springs", ()), getattr(new.suspension, "springs", ()))
+        lines = list(zip(*springs, strict=True))
         rows += [
             (f"free length of spring {number}", free_length(line), free_length(other), "m")
             for number, (line, other) in enumerate(lines)
+        ]
+        rows += [
+            (f"{key} of spring {number}", getattr(line, key), getattr(other, key), "m")
+            for number, (line, other) in enumerate(lines)
+            for key in STOP_KEYS.values()
         ]
         for key in ANGLES:
             values = [math.degrees(getattr(axle.suspension, key, 0.0)) for axle in (old, new)]
@@ -172,6 +184,8 @@ def _option(key: str) -> str:
 def _check(name: str, options: TrimOptions) -> None:
     """Refuse what cannot work, before any work is done."""
     options.check(*([name] if name.endswith(".json") else []), output=options.output)
+    if options.move_stops and options.ride_height is None:
+        raise UsageError("--move-stops needs a height to move them for: give --ride-height")
     if options.output is None:
         return
     if options.output.suffix != ".json":
@@ -202,7 +216,7 @@ def _print_states(console: Console, spec: VehicleSpec, states: Sequence[tuple[St
     for index in range(len(spec.axles)):
         for (standing, rolling), when in zip(states, ("before", "after"), strict=False):
             heading = f"axle {index}" if len(states) == 1 else f"axle {index}\n{when}"
-            table.add_column(heading, justify="right", no_wrap=True)
+            table.add_column(heading, justify="right")
             columns.append(_column(standing.axles[index], rolling.axles[index]))
     for row in zip(*(column.items() for column in columns), strict=True):
         table.add_row(row[0][0], *(value for _, value in row))

@@ -19,8 +19,8 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.parts import ForceLine, SpecError
-from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
-from simwarp.vehicle.suspensions.alignment import free_length, tierod_length
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+from simwarp.vehicle.suspensions.alignment import elastic, free_length, tierod_length
 from simwarp.vehicle.suspensions.corner import spring_force
 from simwarp.vehicle.suspensions.line_lengths import line_lengths
 from simwarp.vehicle.suspensions.wheel_axes import camber_angles, toe_angles
@@ -211,6 +211,5 @@ def stop_at(line: ForceLine, length: float) -> tuple[str, float]:
 
 
 def sprung(spec: VehicleSpec, axle: int) -> bool:
-    """Whether an axle has springs."""
-    suspension = spec.axles[axle].suspension
-    return not isinstance(suspension, RigidSuspension) and bool(getattr(suspension, "springs", ()))
+    """Whether an axle has springs; dampers alone are none."""
+    return any(elastic(line) for line in getattr(spec.axles[axle].suspension, "springs", ()))

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 
 from simwarp.core.types import formatted
-from simwarp.vehicle.spec.parts import Array, SpecError
+from simwarp.vehicle.spec.parts import Array, ForceLine, SpecError
 from simwarp.vehicle.spec.vehicle_spec import Axle, DoubleWishbone, VehicleSpec
 from simwarp.vehicle.stances import AxleStance, Stance, sprung, stance, stop_at
 from simwarp.vehicle.suspensions.alignment import (
@@ -50,6 +50,10 @@ GRID: Final = 161
 """Travels there."""
 LARGEST_ANGLE: Final = math.radians(20.0)
 """Of toe and camber that can be asked for [rad]."""
+CLEARANCE: Final = 0.05
+"""That a stop which is moved leaves to its spring at the asked height, as a part of the tire's radius."""
+STOP_KEYS: Final = {"bump": "min_length", "rebound": "max_length"}
+"""Key of a spring that has the length at which it meets a stop."""
 
 
 class Reading(enum.Enum):
@@ -103,8 +107,9 @@ class _Travel:
 
 
 def trim(
-    spec: VehicleSpec, *, ride_height: Heights = None, toe: Angles = None, camber: Angles = None, device: str = "cpu"
-) -> VehicleSpec:
+    spec: VehicleSpec, *, ride_height: Heights = None, toe: Angles = None, camber: Angles = None,
+    move_stops: bool = False, device: str = "cpu",
+) -> VehicleSpec:  # fmt: skip
     """The vehicle with springs and tie rods with which it stands as asked for.
 
     It stands on level ground with straight steering, every wheel on a plate that slides freely (`stance`), so that no
@@ -120,14 +125,16 @@ def trim(
             changed: uprights, with what they hold, stand turned about their kingpins.
         camber: one or (axles,), positive where the wheels' tops lean outwards [rad]. The seats of spindles in uprights
             are changed.
+        move_stops: a stop (`min_length`, `max_length`) that a spring would stand on at the asked height is moved, to a
+            twentieth of the tire's radius behind it. Without, such a height is refused.
         device: device of the simulations.
 
     Returns:
         A description that settles within 0.05 mm and 0.002° of what is asked for; the same one where it does already.
 
     Raises:
-        SpecError: an axle has no springs, or nothing to adjust an angle by; a height is out of the suspension's travel;
-            the values are not finite, or not one per axle; the vehicle does not come to rest.
+        SpecError: an axle has no springs, or nothing to adjust an angle by; a height is out of the suspension's travel
+            or behind a stop; the values are not finite, or not one per axle; the vehicle does not come to rest.
     """
     wishes = [
         *_wishes(spec, Reading.RIDE_HEIGHT, ride_height, lambda axle: sprung(spec, axle), "has no springs"),
@@ -137,9 +144,13 @@ def trim(
     if not wishes:
         raise SpecError(f"{spec.name}: one of ride_height, toe and camber must be given to trim it; got none")
     found = stance(spec, device=device)
+    heights = [wish for wish in wishes if wish.reading is Reading.RIDE_HEIGHT]
+    if move_stops:
+        freed = _with_stops_moved(spec, heights, found, device)
+        spec, found = (spec, found) if freed == spec else (freed, stance(freed, device=device))
     if _arrived(wishes, found):
         return spec
-    travels = {wish.axle: _travel(spec, wish, found, device) for wish in wishes if wish.reading is Reading.RIDE_HEIGHT}
+    travels = {wish.axle: _travel(spec, wish, found, device) for wish in heights}
     return _solve(spec, wishes, travels, found, device)
 
 
@@ -184,30 +195,85 @@ def _target(reading: Reading, value: Any) -> float | Literal["design"]:
     return float(value)
 
 
+def _asked_travel(wish: _Wish, found: Stance) -> float:
+    """The travel of an axle's wheels at the height that is asked for, on tires that stay as flat as they are [m]."""
+    now = found.axles[wish.axle]
+    return 0.0 if wish.target == DESIGN else now.travel + now.ride_height - wish.target
+
+
+def _lengths_at(spec: VehicleSpec, axle: int, travels: Sequence[float] | Array, device: str) -> Array:
+    """(n, k) lengths of an axle's lines at some travels [m]; NaN where the linkage does not close."""
+    return spring_lengths(_with_hinges(spec), axle, travels, device=device)
+
+
+def _with_stops_moved(spec: VehicleSpec, heights: Sequence[_Wish], found: Stance, device: str) -> VehicleSpec:
+    """The vehicle with the stops out of the way that its springs would stand on at the heights asked for."""
+    axles = list(spec.axles)
+    for wish in heights:
+        axle: Any = axles[wish.axle]
+        lengths = _lengths_at(spec, wish.axle, [_asked_travel(wish, found)], device)[0]
+        moved = {index: {key: to} for index, _, key, to in _blocking(axle, lengths)}
+        springs = tuple(dataclasses.replace(line, **moved.get(i, {})) for i, line in enumerate(axle.suspension.springs))
+        axles[wish.axle] = dataclasses.replace(axle, suspension=dataclasses.replace(axle.suspension, springs=springs))
+    return dataclasses.replace(spec, axles=tuple(axles))
+
+
+def _blocking(axle: Axle, lengths: Array) -> list[tuple[int, str, str, float]]:
+    """Springs that stand on a stop at some lengths: index, stop, its key, and the value that leaves a clearance [m]."""
+    found = []
+    lines: tuple[ForceLine, ...] = getattr(axle.suspension, "springs", ())
+    for index, (line, length) in enumerate(zip(lines, lengths.tolist(), strict=True)):
+        stop = stop_at(line, length)[0]
+        if line.bump_curve is not None and stop in STOP_KEYS:
+            room = CLEARANCE * axle.tire.radius
+            clear = length + room if stop == "rebound" else max(length - room, 0.5 * length)
+            found.append((index, stop, STOP_KEYS[stop], clear))
+    return found
+
+
 def _travel(spec: VehicleSpec, wish: _Wish, found: Stance, device: str) -> _Travel:
     """The travel of an axle between its stops and where its linkage locks, if it has the height that is asked for."""
     axle, now = spec.axles[wish.axle], found.axles[wish.axle]
-    reach = SEARCHED * axle.tire.radius
+    reach, asked = SEARCHED * axle.tire.radius, _asked_travel(wish, found)
     travels = np.linspace(-reach, reach, GRID)
-    lengths = spring_lengths(_with_hinges(spec), wish.axle, travels, device=device)
+    if abs(asked) < reach:  # a state of its own: a stop may be nearer to it than to the next state of the grid
+        travels = np.sort(np.append(travels[np.abs(travels - asked) > 0.5 * reach / GRID], asked))
+    lengths = _lengths_at(spec, wish.axle, travels, device)
     free = np.array([_free(axle, row) for row in lengths])
-    middle = int(np.flatnonzero(free)[np.abs(travels[free]).argmin()]) if free.any() else GRID // 2
+    middle = int(np.flatnonzero(free)[np.abs(travels[free]).argmin()]) if free.any() else 0
     low, high = middle, middle
     while low > 0 and free[low - 1]:
         low -= 1
-    while high < GRID - 1 and free[high + 1]:
+    while high < len(free) - 1 and free[high + 1]:
         high += 1
+    if high > low and travels[low] <= asked <= travels[high]:
+        return _Travel(travels[low : high + 1], lengths[low : high + 1])
+    whose = f"axle {wish.axle} of '{spec.name}'"
     if high == low:
-        raise SpecError(f"ride_height: axle {wish.axle} of '{spec.name}' has no travel between its stops; move them")
-    if wish.target != DESIGN:
-        asked = now.travel + now.ride_height - wish.target
-        if not travels[low] <= asked <= travels[high]:
-            lowest, highest = (now.ride_height + now.travel - travels[end] for end in (high, low))
-            raise SpecError(
-                f"ride_height: must be from {lowest:.4g} to {highest:.4g} m at axle {wish.axle} of '{spec.name}', "
-                f"where its suspension moves freely, got {wish.target:.4g}"
-            )
-    return _Travel(travels[low : high + 1], lengths[low : high + 1])
+        rule = f"left out of {whose}, which has no travel between its stops"
+    else:
+        lowest, highest = (now.ride_height + now.travel - travels[end] for end in (high, low))
+        rule = f"from {lowest:.4g} to {highest:.4g} m at {whose}, where its suspension moves freely"
+    target = f"'{DESIGN}'" if wish.target == DESIGN else f"{wish.target:.4g}"
+    raise SpecError(f"ride_height: must be {rule}, got {target}; {_why_not(spec, wish.axle, asked, device)}")
+
+
+def _why_not(spec: VehicleSpec, index: int, travel: float, device: str) -> str:
+    """What keeps an axle from a travel, and the remedy."""
+    axle = spec.axles[index]
+    lengths = _lengths_at(spec, index, [travel], device)[0]
+    if not np.isfinite(lengths).all():
+        return "there its linkage does not close; ask for less, or change its hardpoints"
+    stops = _blocking(axle, lengths)
+    if not stops:
+        return f"that is {abs(travel):.3g} m from where its wheels are built; ask for less, or build them elsewhere"
+    number, stop, key, clear = stops[0]
+    line: Any = getattr(axle.suspension, "springs", ())[number]
+    return (
+        f"there springs[{number}] is {lengths[number]:.4g} m long and stands on its {stop} stop, {key} "
+        f"{getattr(line, key):.4g}: move it by --move-stops (move_stops=True), or set "
+        f"axles[{index}].suspension.springs[{number}].{key} to {clear:.4g}"
+    )
 
 
 def _with_hinges(spec: VehicleSpec) -> VehicleSpec:
@@ -223,13 +289,7 @@ def _with_hinges(spec: VehicleSpec) -> VehicleSpec:
 
 def _free(axle: Axle, lengths: Array) -> bool:
     """Whether a linkage closes at some lengths of its lines, none of which has run into the stop of a spring."""
-    if not np.isfinite(lengths).all():
-        return False
-    lines = getattr(axle.suspension, "springs", ())
-    return not any(
-        line.bump_curve is not None and stop_at(line, float(length))[0]
-        for line, length in zip(lines, lengths, strict=True)
-    )
+    return bool(np.isfinite(lengths).all()) and not _blocking(axle, lengths)
 
 
 def _solve(
@@ -257,8 +317,19 @@ def _solve(
     unit = "m" if wish.reading is Reading.RIDE_HEIGHT else "rad"
     raise SpecError(
         f"{wish.reading.value}: '{spec.name}' does not settle as asked for at axle {wish.axle}: {best[worst]:+.2g} "
-        f"{unit} are left after {MOST_STEPS} steps; ask for less, or for one thing at a time"
+        f"{unit} are left after {MOST_STEPS} steps{_stops_met(found)}; ask for less, or for one thing at a time"
     )
+
+
+def _stops_met(found: Stance) -> str:
+    """The stops that springs stand on, for a message."""
+    met = [
+        f"springs[{number}] of axle {index} stands {1e3 * line.into_stop:.2g} mm on its {line.stop} stop"
+        for index, axle in enumerate(found.axles)
+        for number, line in enumerate(axle.lines)
+        if line.stop in STOP_KEYS
+    ]
+    return f", where {' and '.join(met)}" if met else ""
 
 
 def _limit(spec: VehicleSpec, wish: _Wish) -> float:

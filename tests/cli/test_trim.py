@@ -4,10 +4,13 @@ import json
 import math
 
 import pytest
+from rich.console import Console
 
+from simwarp.cli import trim_command
 from simwarp.cli.trim_command import changed
 from simwarp.vehicle import load_vehicle, stance, vehicle_names
-from simwarp.vehicle.spec.vehicle_files import save_vehicle
+from simwarp.vehicle.spec.vehicle_files import save_vehicle, to_json
+from simwarp.vehicle.stances import AxleStance, LineStance, Stance
 
 
 @pytest.fixture
@@ -81,6 +84,8 @@ def test_a_file_of_ones_own_is_trimmed_again_to_the_same(trimming, tmp_path):
         (["hmmwv", "--toe", "design"], "--toe must be an angle [deg] or 'keep', got 'design'"),
         (["hmmwv", "--toe", "-45"], "--toe must be within 20 degrees, got -45"),
         (["hmmwv", "--camber", "keep"], "--camber must not be 'keep' alone, which changes nothing"),
+        (["hmmwv", "--move-stops"], "--move-stops needs a height to move them for: give --ride-height"),
+        (["hmmwv", "--move-stops", "--toe", "0"], "--move-stops needs a height to move them for"),
         (["hmmwv", "-o", "a.json"], "--output needs something to trim: give --ride-height, --toe or --camber"),
         (["hmmwv", "--toe", "0", "-o", "a.txt"], "--output must end in .json, got 'a.txt'"),
         (["hmmwv", "--toe", "0", "-o", "none/a.json"], "output"),
@@ -93,6 +98,55 @@ def test_mistakes_are_one_line(trimming, arguments, says):
     assert (code, out) == (2, "")
     assert says in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_stops_are_moved_where_that_is_asked_for(trimming, tmp_path):
+    """The HMMWV with stiffer rear springs, back to the height of the page; the stop stands among what was changed."""
+    content = json.loads(to_json(load_vehicle("hmmwv")))
+    line = content["axles"][1]["suspension"]["springs"][0]
+    line["spring_curve"] = [[x, 1.3 * force] for x, force in line["spring_curve"]]
+    (tmp_path / "stiff.json").write_text(json.dumps(content))
+    height = ("stiff.json", "--ride-height", "keep,0.5919", "--output", "back.json")
+    code, _, err = trimming(*height)
+    assert code == 2
+    assert "springs[0] is 0.3564 m long and stands on its rebound stop, max_length 0.35: move it by --move-stops" in err
+    assert err.count("\n") == 1
+    code, out, _ = trimming(*height, "--move-stops", "--json", "found.json")
+    assert code == 0
+    assert "max_length of spring 0" in out
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert {"free length of spring 0", "max_length of spring 0"} == {row["name"] for row in found["parameters"]}
+    assert found["after"][1]["ride_height"] == pytest.approx(0.5919, abs=5e-5)
+    assert found["after"][1]["lines"][0]["stop"] == ""
+    assert stance(load_vehicle(tmp_path / "back.json")).axles[1].ride_height == pytest.approx(0.5919, abs=5e-5)
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_tables_are_printed_whole(trimming, terminal, monkeypatch):
+    """With two states of two axles on two stops each: in a pipe one line a row, on a narrow terminal on several."""
+    lines = tuple(
+        LineStance(length=0.3, free_length=0.4, force=1.0, stop=stop, into_stop=0.0123)
+        for stop in ("rebound", "hydraulic rebound")
+    )
+    axle = AxleStance(
+        ride_height=0.5, travel=0.01, toe=0.0, camber=0.0, load=5e3, side_force=0.0, tierod=None, lines=lines
+    )
+    state = Stance(height=0.5, pitch=0.0, axles=(axle, axle))
+    spec = load_vehicle("artcar")
+    monkeypatch.setattr(trim_command, "_states", lambda *_: (state, state))
+    monkeypatch.setattr(trim_command, "trim", lambda *_, **__: spec)
+    if terminal:
+        console = Console(force_terminal=True, width=80, color_system=None)
+        monkeypatch.setattr(trim_command.TrimOptions, "console", lambda _: console)
+    code, out, _ = trimming("artcar", "--toe", "0")
+    assert code == 0
+    assert "\N{HORIZONTAL ELLIPSIS}" not in out
+    assert out.count("12.3") == 8
+    if not terminal:
+        assert out.count("rebound 12.3 mm, hydraulic rebound 12.3 mm") == 4
+    else:
+        assert max(map(len, out.splitlines())) <= 80
 
 
 def test_a_vehicle_is_not_written_over_its_own_file(trimming, tmp_path):
