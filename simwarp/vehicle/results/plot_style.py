@@ -64,12 +64,13 @@ def sane_range(values: npt.ArrayLike) -> tuple[float, float]:
     return float(known.min()), float(known.max())
 
 
-def clip_poles(axes: Any, curves: Sequence[npt.ArrayLike]) -> None:
-    """Scale a panel to the sane ranges of its curves, and say on it what lies outside.
+def clip_poles(axes: Any, curves: Sequence[npt.ArrayLike], least: float) -> None:
+    """Scale a panel to the sane ranges of its curves, and say above it what lies outside.
 
     Args:
         axes: the panel, with its curves.
         curves: values of each of them.
+        least: smallest span of the axis, so that it does not magnify noise.
     """
     known = [np.asarray(values, np.float64).ravel() for values in curves]
     known = [values[np.isfinite(values)] for values in known if np.isfinite(values).any()]
@@ -77,15 +78,18 @@ def clip_poles(axes: Any, curves: Sequence[npt.ArrayLike]) -> None:
         return
     lows, highs = zip(*(sane_range(values) for values in known), strict=True)
     every, low, high = np.concatenate(known), min(lows), max(highs)
+    if high - low < least:
+        axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
+        return
     outside = every[(every < low) | (every > high)]
     if len(outside) == 0:
         return
     room = MARGIN * (high - low)
     axes.set_ylim(low - room, high + room)
+    farthest = float(outside[np.abs(outside - 0.5 * (low + high)).argmax()])
     axes.text(
-        0.02, 0.02, f"cut off: {len(outside)} of {len(every)} points, {outside.min():.3g} to {outside.max():.3g}",
-        transform=axes.transAxes, fontsize=7, color=ORANGE,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+        1.0, 1.01, f"{len(outside)} of {len(every)} points cut off, to {farthest:.3g}", transform=axes.transAxes,
+        fontsize=7, color=ORANGE, ha="right",
     )  # fmt: skip
 
 

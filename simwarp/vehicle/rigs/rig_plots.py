@@ -24,6 +24,8 @@ COLORS: Final = (BLUE, ORANGE, "#2b8a3e", "#7048a8", "#946200", "#c2255c")
 STYLES: Final = ("-", "--", ":", "-.")
 LOADED: Final = 6
 """Panel of a suspension's page from which on stops have a part in what is drawn."""
+LEAST_SPANS: Final = (0.02, 0.02, 0.02, 0.2, 2.0, 2.0, 0.02, 0.2)
+"""Of the axes of a suspension's page, in the units of its panels: less is noise."""
 DOTS: Final = 80
 """Per inch, of a picture."""
 
@@ -156,10 +158,10 @@ def draw_suspension(run: SuspensionRun, target: Path, title: str) -> None:
             if stops.any():
                 every[-1].append(free)
                 panels[1, 3].plot(travel, free, ":", color=INK, linewidth=1.3)
-        for axes, text, values in zip(panels.flat, _suspension_titles(run), every, strict=True):
+        for axes, text, values, least in zip(panels.flat, _suspension_titles(run), every, LEAST_SPANS, strict=True):
             label_axes(axes, text, "travel of the left wheel [mm]")
             axes.axvline(0.0, color=GREY, linewidth=0.6)
-            clip_poles(axes, values)
+            clip_poles(axes, values, least)
         handles = [Line2D([], [], color=BLUE, linestyle=style, label=name.value) for name, style in (
             (SuspensionMotion.PARALLEL, "-"), (SuspensionMotion.OPPOSITE, "--")) if name in run.curves]  # fmt: skip
         if stopped:
