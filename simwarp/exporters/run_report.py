@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from simwarp.core.files import FileError, write_file
+from simwarp.exporters.standing_sheet import StandingFact
 from simwarp.exporters.vehicle_sheet import Fact, Section
 from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.results.run_result import Result
@@ -77,6 +78,8 @@ class Report:
         portrait: (height, width, 3) picture of the vehicle, None without one.
         figures: plots by their captions.
         notes: warnings such as of an interrupted run.
+        caption: what the portrait shows.
+        standing: lines of the vehicle as built and at rest; none where it is not known.
     """
 
     title: str
@@ -88,6 +91,8 @@ class Report:
     portrait: npt.NDArray[np.uint8] | None
     figures: Mapping[str, Figure]
     notes: Sequence[str] = ()
+    caption: str = "The vehicle as built."
+    standing: Sequence[StandingFact] = ()
 
 
 def check_report(path: Path, option: str) -> None:
@@ -121,6 +126,7 @@ def report_page(report: Report) -> str:
         _section("Manoeuvre", _facts(Fact(name, text) for name, text in report.parameters.items())),
         _section("Figures", _facts(Fact(item.label, item.value_text, item.unit_text) for item in report.results)),
         *(_section(caption, _image(_figure_bytes(figure), caption)) for caption, figure in report.figures.items()),
+        _section("As built and at rest", _standing(report.standing)),
         _section("Vehicle", _vehicle(report)),
     ]
     return PAGE.substitute(
@@ -163,9 +169,18 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence
 
 
 def _vehicle(report: Report) -> str:
-    picture = "" if report.portrait is None else _image(_picture_bytes(report.portrait), "the vehicle as built")
+    picture = ""
+    if report.portrait is not None:
+        image = _image(_picture_bytes(report.portrait), "the vehicle as built")
+        picture = f'{image}\n<p class="note">{escape(report.caption)}</p>'
     sheets = [f"<div><h3>{escape(part.title)}</h3>\n{_facts(part.facts)}</div>" for part in report.vehicle]
     return f'{picture}\n<div class="sheet">\n' + "\n".join(sheets) + "\n</div>" if sheets or picture else ""
+
+
+def _standing(facts: Iterable[StandingFact]) -> str:
+    rows = [[fact.label, fact.built, fact.standing, fact.unit] for fact in facts]
+    head = ("on level ground, without a driver's inputs", "as built", "at rest", "unit")
+    return _table(head, rows, numbers=(1, 2)) if rows else ""
 
 
 def _image(png: bytes, text: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
@@ -11,9 +12,11 @@ import numpy as np
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.path_tracking import wheelbase
+from simwarp.vehicle.rigs.spring_rates import rate_range, spring_rate, without_stops
 from simwarp.vehicle.spec.parts import UNITS as KEY_UNITS, ForceLine, RigidPart, Spec
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import AntirollBar, Axle, VehicleSpec
+from simwarp.vehicle.stances import LineStance, Stance
 from simwarp.vehicle.tracks.tracked_construction import add_tracked_vehicle
 
 GRAVITY: Final = 9.81
@@ -26,6 +29,17 @@ OWN_UNITS: Final[dict[tuple[type[Spec], str], str]] = {
     (AntirollBar, "stiffness"): "N·m/rad", (AntirollBar, "damping"): "N·m·s/rad",
 }  # fmt: skip
 """Where the last word of a key does not tell the unit."""
+TIRE_UNITS: Final[dict[tuple[str, str], str]] = {
+    **{("", key): "N" for key in ("load", "nominal_load", "load_limit", "slip_stiffness")},
+    **{("", key): "N/m" for key in ("vertical_stiffness", "bottom_stiffness", "bristle_stiffness",
+                                    "lateral_stiffness")},
+    **{("", key): "Pa" for key in ("pressure", "young")},
+    **{("", key): "N·s/m" for key in ("vertical_damping", "bristle_damping")},
+    **{("", key): "m" for key in ("rim_radius", "bottom_deflection", "disc_spacing", "crown", "thickness")},
+    ("", "vertical_stiffness_square"): "N/m²", ("", "cornering_stiffness"): "N/rad", ("", "camber_limit"): "rad",
+    ("", "stribeck_speed"): "m/s", ("", "damping_time"): "s", ("fiala", "rolling_resistance"): "m",
+}  # fmt: skip
+"""Of a tire's parameters, by template (empty: of any) and name; those that are left out have none."""
 FURTHER_UNITS: Final = {"shift_latency": "s", "pin_stiffness": "N·m/rad", "pin_damping": "N·m·s/rad"}
 """The same by the key."""
 
@@ -47,15 +61,16 @@ class Section:
     facts: tuple[Fact, ...]
 
 
-def vehicle_sheet(spec: AnyVehicleSpec) -> list[Section]:
+def vehicle_sheet(spec: AnyVehicleSpec, stands: Stance | None = None) -> list[Section]:
     """Sections of a data sheet.
 
     Axle loads are those at rest on level ground, as built, of a vehicle with two axles.
 
     Args:
         spec: of a vehicle on wheels or tracks.
+        stands: how it stands, from `simwarp.vehicle.stance`: rates of springs are those there. None: as built.
     """
-    found = _of_tracks(spec) if isinstance(spec, TrackedVehicleSpec) else _of_wheels(spec)
+    found = _of_tracks(spec) if isinstance(spec, TrackedVehicleSpec) else _of_wheels(spec, stands)
     for title, part in (
         ("Driveline", spec.driveline), ("Engine", spec.engine), ("Transmission", spec.transmission),
     ):  # fmt: skip
@@ -64,7 +79,7 @@ def vehicle_sheet(spec: AnyVehicleSpec) -> list[Section]:
     return found
 
 
-def _of_wheels(spec: VehicleSpec) -> list[Section]:
+def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
     builder = ModelBuilder()
     parts = add_vehicle(builder, spec)
     mass, center = _masses(builder)
@@ -85,20 +100,21 @@ def _of_wheels(spec: VehicleSpec) -> list[Section]:
     found = [Section("Vehicle", tuple(whole))]
     for index, axle in enumerate(spec.axles):
         left, right = places[2 * index], places[2 * index + 1]
-        found.append(Section(f"Axle {index + 1}", tuple(_axle(axle, float(left[1] - right[1])))))
+        lines = None if stands is None else stands.axles[index].lines
+        found.append(Section(f"Axle {index + 1}", tuple(_axle(axle, float(left[1] - right[1]), lines))))
     for mount in spec.steerings:
         found.append(Section("Steering", (Fact("kind", mount.steering.template), *_numbers(mount.steering))))
     return found
 
 
-def _axle(axle: Axle, track: float) -> Iterator[Fact]:
+def _axle(axle: Axle, track: float, stands: Sequence[LineStance] | None) -> Iterator[Fact]:
     suspension, tire = axle.suspension, axle.tire
     yield Fact("track", _number(track), "m")
     yield Fact("steered", "no" if axle.steering is None else "yes")
     yield Fact("suspension", suspension.template)
     yield from _numbers(suspension)
     for index, line in enumerate(getattr(suspension, "springs", ())):
-        yield from _line(line, index + 1)
+        yield from _line(line, index + 1, None if stands is None else stands[index])
     if axle.antiroll_bar is not None:
         yield from (
             dataclasses.replace(fact, label=f"anti-roll bar: {fact.label}") for fact in _numbers(axle.antiroll_bar)
@@ -110,7 +126,10 @@ def _axle(axle: Axle, track: float) -> Iterator[Fact]:
                 (("radius", "m"), ("width", "m"), ("mass", "kg")))  # fmt: skip
     numbers = {key: value for key, value in tire.parameters.items() if _is_number(value)}
     if len(numbers) <= MOST_PARAMETERS:
-        yield from (Fact(f"tire: {key}", _number(value)) for key, value in numbers.items())
+        yield from (
+            Fact(f"tire: {key.replace('_', ' ')}", _number(value), tire_unit(tire.template, key))
+            for key, value in numbers.items()
+        )
     else:
         yield Fact("tire: parameters", f"{len(numbers)} numbers")
     for key, value in tire.parameters.items():
@@ -118,15 +137,14 @@ def _axle(axle: Axle, track: float) -> Iterator[Fact]:
             yield Fact(f"tire: {key}", f"{len(value)} numbers")
 
 
-def _line(line: ForceLine, number: int) -> Iterator[Fact]:
+def _line(line: ForceLine, number: int, stands: LineStance | None) -> Iterator[Fact]:
     """A spring, a damper or both."""
-    springs = line.stiffness or line.spring_curve is not None or line.preload
-    damps = line.damping or line.damper_curve is not None or line.damper_map is not None
-    head = f"{' and '.join(name for name, has in (('spring', springs), ('damper', damps)) if has) or 'stop'} {number}"
+    head = line_name(line, number)
     if line.stiffness:
         yield Fact(f"{head}: stiffness", _number(line.stiffness), "N/m")
     if line.spring_curve is not None:
         yield Fact(f"{head}: spring curve", f"{len(line.spring_curve)} points")
+        yield from _rates(head, line, stands)
     if line.rest_length is not None:
         yield Fact(f"{head}: free length", _number(line.rest_length), "m")
     if line.preload:
@@ -140,6 +158,35 @@ def _line(line: ForceLine, number: int) -> Iterator[Fact]:
     for key, name in (("min_length", "bump stop"), ("max_length", "rebound stop")):
         if getattr(line, key) is not None:
             yield Fact(f"{head}: {name} at a length of", _number(getattr(line, key)), "m")
+
+
+def line_name(line: ForceLine, number: int) -> str:
+    """What a line is, with its number on its axle, from 1."""
+    springs = line.stiffness or line.spring_curve is not None or line.preload
+    damps = line.damping or line.damper_curve is not None or line.damper_map is not None
+    kinds = [name for name, has in (("spring", springs), ("damper", damps)) if has]
+    return f"{' and '.join(kinds) or 'stop'} {number}"
+
+
+def _rates(head: str, line: ForceLine, stands: LineStance | None) -> Iterator[Fact]:
+    """Of a spring with a curve: its rate where it stands, and those between its stops [N/mm]."""
+    length = math.dist(line.chassis_point, line.arm_point) if stands is None else stands.length
+    place = "as built" if stands is None else "at rest"
+    yield Fact(
+        f"{head}: rate {place}, {1e3 * length:.1f} mm long", _number(1e-3 * spring_rate(without_stops(line), length)),
+        "N/mm",
+    )  # fmt: skip
+    if stands is not None and stands.stop in ("bump", "rebound"):
+        label = f"{head}: the same with its {stands.stop} stop, {1e3 * stands.into_stop:.1f} mm in"
+        yield Fact(label, _number(1e-3 * spring_rate(line, length)), "N/mm")
+    low, high = rate_range(line)
+    between = "between its stops" if line.bump_curve is not None else "over its curve"
+    yield Fact(f"{head}: rates {between}", f"{1e-3 * low:.4g} to {1e-3 * high:.4g}", "N/mm")
+
+
+def tire_unit(template: str, key: str) -> str:
+    """Unit of a parameter of a tire; empty where it has none."""
+    return TIRE_UNITS.get((template, key), TIRE_UNITS.get(("", key), ""))
 
 
 def _of_tracks(spec: TrackedVehicleSpec) -> list[Section]:

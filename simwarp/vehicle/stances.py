@@ -72,6 +72,8 @@ class AxleStance:
     """Positive where the wheels' fronts point inwards [rad]."""
     camber: float
     """Positive where their tops lean outwards [rad]."""
+    track: float
+    """Between the wheels' centres [m]."""
     load: float
     """On each wheel [N]."""
     side_force: float
@@ -90,6 +92,10 @@ class Stance(Readable):
     """Of the frame of reference's origin above the ground [m]."""
     pitch: float
     """Positive nose down [rad]."""
+    wheelbase: float
+    """Between the centres of the first and the last axle, level [m]."""
+    com_height: float
+    """Of the centre of mass of the whole vehicle above the ground [m]."""
     axles: tuple[AxleStance, ...]
 
     def _readable_title(self) -> str:
@@ -161,11 +167,15 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
     level = np.array([forward, left, (0.0, 0.0, 1.0)])
     forces, loads = vehicle.tires.force_w.numpy()[0], vehicle.tires.load.numpy()[0]
     chassis = simulation.model.builder.bodies[parts.chassis].pose
-    axles = []
+    masses = np.array([simulation.model.builder.bodies[body].mass for body in parts.bodies])
+    com_height = float(masses @ places[list(parts.bodies), 2] / masses.sum())
+    axles, middles = [], []
     for first in range(0, len(parts.sides), 2):
         pair = parts.sides[first : first + 2]
         axle = parts.spec.axles[pair[0].axle]
         built = np.add(axle.location, axle.suspension.spindle.com)
+        centers = np.array([places[side.spindle] for side in pair])
+        middles.append(centers.mean(axis=0))
         center = np.mean([turn.T @ (places[side.spindle] - origin) for side in pair], axis=0)
         axes = np.array([matrix_of(rotations[side.spindle])[:, 1] for side in pair]) @ level.T
         signs = np.array([side.side for side in pair])
@@ -179,13 +189,16 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
             AxleStance(
                 ride_height=float(above[2]), travel=float(center[2] - built[2]),
                 toe=float(toe_angles(axes, signs).mean()), camber=float(camber_angles(axes, signs).mean()),
-                load=float(loads[first : first + 2].mean()),
+                track=abs(float((centers[0] - centers[-1]) @ left)), load=float(loads[first : first + 2].mean()),
                 side_force=float(np.mean(pushes)), tierod=tierod_length(axle.suspension),
                 lines=tuple(_line(line, length) for line, length in zip(springs, lengths[0].tolist(), strict=True)),
             )
         )  # fmt: skip
     pitch = float(np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0)))
-    return Stance(height=float(origin[2]), pitch=pitch, axles=tuple(axles))
+    return Stance(
+        height=float(origin[2]), pitch=pitch, wheelbase=float((middles[0] - middles[-1]) @ forward),
+        com_height=com_height, axles=tuple(axles),
+    )  # fmt: skip
 
 
 def _line(line: ForceLine, length: float) -> LineStance:

@@ -1,5 +1,6 @@
 """`simwarp drive`: --output by suffix, --report, and channels of torques."""
 
+import dataclasses
 import json
 import sys
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.spec.vehicle_files import save_vehicle
+from tests.physics.sample_vehicles import shipped
 from tests.unit.exporters.test_run_report import Page, external
 
 TURN = ("gator", "--maneuver", "constant-radius", "--duration", "0.3")
@@ -66,6 +69,28 @@ def test_a_report_tells_the_run_and_opens_offline(command, tmp_path, monkeypatch
     for picture in pictures:
         picture.load()
         assert np.asarray(picture.convert("L")).std() > 5.0  # not one colour
+
+
+@pytest.mark.slow
+def test_a_report_of_an_own_vehicle_draws_its_links_and_tells_how_it_stands(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_vehicle(dataclasses.replace(shipped("hmmwv"), name="truck"), "truck.json")
+    code, _, err = command(
+        "drive", "truck.json", "--maneuver", "constant-radius", "--duration", "0.1", "--report", "a.html"
+    )
+    assert (code, err) == (0, "")
+    page = Page((tmp_path / "a.html").read_text(encoding="utf-8"))
+    assert external(page) == []
+    assert {"as built", "at rest", "axle 1: track", "centre of mass above the ground"} <= set(page.words)
+    told = [word for word in page.words if "mm higher over axle" in word]
+    assert len(told) == 2  # as recorded: a tenth of a metre above its design
+    assert any("drawn from its description" in word for word in page.words)
+    units = dict(zip(page.words, page.words[2:], strict=False))
+    assert units["tire: load"] == "N"
+    assert any(word.startswith("spring 1: rate at rest") for word in page.words)
+    # springs are the only yellow parts: redder than blue by half, and not of the box's red
+    red, green, blue = np.moveaxis(np.asarray(page.pictures[-1].convert("RGB"), float), 2, 0)
+    assert ((red > 1.5 * blue) & (green > 1.4 * blue)).sum() > 300
 
 
 @pytest.mark.slow

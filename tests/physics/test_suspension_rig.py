@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from simwarp.vehicle.rigs import (
     run_suspension_rig,
 )
 from simwarp.vehicle.rigs.post_rig import PostRig
+from simwarp.vehicle.rigs.suspension_meanings import suspension_meanings
+from simwarp.vehicle.spec.drivetrain_parts import SimpleDriveline
+from simwarp.vehicle.spec.parts import BUMP_STOP
 from simwarp.vehicle.spec.vehicle_spec import AntirollBar, SpecError, VehicleSpec
 from tests.physics.sample_vehicles import samples, shipped
 from tests.reference.double_wishbone import LeftWheel, four_bar
@@ -258,3 +262,83 @@ def test_worlds_that_do_not_reach_are_marked_and_the_others_stay():
 def test_what_no_bench_can_hold_is_one_line(vehicle, axle, options, message):
     with pytest.raises(SpecError, match=message):
         run_suspension_rig(shipped(vehicle), axle, **options)
+
+
+def with_stops(spec: VehicleSpec, axle: int, **lengths: float) -> VehicleSpec:
+    """A vehicle whose first spring of an axle has stops at these lengths [m]."""
+    part = spec.axles[axle]
+    stopped = dataclasses.replace(part.suspension.springs[0], bump_curve=BUMP_STOP, **lengths)
+    springs = (stopped, *part.suspension.springs[1:])
+    part = dataclasses.replace(part, suspension=dataclasses.replace(part.suspension, springs=springs))
+    return dataclasses.replace(spec, axles=(*spec.axles[:axle], part, *spec.axles[axle + 1 :]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", ["bump", "rebound"])
+def test_stops_are_marked_and_their_share_of_the_rate_is_told(stop):
+    """A stop that begins at half the travel. Without it, loads are those of the vehicle that has none, bitwise; with
+    it, beside its beginning, the rate is larger by that of the stop times the square of the motion ratio.
+    """
+    spec, options = shipped("sedan"), {"travel": 0.02, "points": 21, "reference": BUILT, "loaded_radius": 0.3}
+    plain = run_suspension_rig(spec, 1, **options).curves
+    ratio = plain[SuspensionMotion.PARALLEL].motion_ratio[:, 0, 0]
+    line = spec.axles[1].suspension.springs[0]
+    built = math.dist(line.chassis_point, line.arm_point)
+    sign = -1.0 if stop == "bump" else 1.0  # a bump stop meets a line that is shorter
+    key = "min_length" if stop == "bump" else "max_length"
+    begin = built + sign * 0.01 * float(ratio[10])
+    found = run_suspension_rig(with_stops(spec, 1, **{key: begin}), 1, **options)
+    for motion in (SuspensionMotion.PARALLEL, SuspensionMotion.OPPOSITE):
+        curve = found.curves[motion]
+        assert (curve.free_wheel_rate == plain[motion].wheel_rate).all()
+        assert (plain[motion].free_wheel_rate == plain[motion].wheel_rate).all()
+        assert (plain[motion].into_stop == 0.0).all()
+        travel = -sign * curve.travel[:, 0]
+        inside = curve.stop_names(0) == stop
+        assert set(curve.stop_names(0)) == {"", stop}
+        assert (inside == (travel > 0.0102)).all() or (inside == (travel > 0.0098)).all()
+    curve = found.curves[SuspensionMotion.PARALLEL]
+    deep = np.flatnonzero(-sign * curve.travel[:, 0] > 0.0125)
+    deep = deep[(deep > 0) & (deep < 20)]
+    added = (curve.wheel_rate - curve.free_wheel_rate)[deep, 0]
+    # 1e5 N/m of the stop, up to its 10 mm; its load of at most 500 N on the ratio's slope adds some hundredths
+    assert added == pytest.approx(1e5 * ratio[deep] ** 2, rel=0.05)
+    column = found.rows()["stop_L"]
+    assert list(column[:21]) == list(curve.stop_names(0))
+    assert found.parameters()["into_stop_mm"] == 0.0
+
+
+def test_shares_in_braking_and_driving_are_named_by_the_axle():
+    """A front axle dives in braking and lifts in driving; a rear one lifts and squats. One without a drive has none."""
+    spec = shipped("artcar")
+    rear = SimpleDriveline(front_torque_fraction=0.0, front_gear_ratio=1.0, rear_gear_ratio=1.0)
+    names = {}
+    for drive, driveline in (("rear", rear), ("both", dataclasses.replace(rear, front_torque_fraction=0.5))):
+        for axle in (0, 1):
+            vehicle = dataclasses.replace(spec, driveline=driveline)
+            run = run_suspension_rig(vehicle, axle, travel=0.005, points=3, reference=BUILT)
+            names[drive, axle] = [key for key in run.parameters() if key.startswith("anti_")]
+            columns = [key for key in run.rows().columns if key.startswith("anti_") and "_L_" in key]
+            assert sorted(columns) == sorted(key.replace("_percent", "_L_percent") for key in names[drive, axle])
+            assert set(suspension_meanings(run.parameters(), front=run.front)) == set(run.parameters())
+    assert names["rear", 0] == ["anti_dive_percent"]
+    assert names["rear", 1] == names["both", 1] == ["anti_lift_percent", "anti_squat_percent"]
+    assert names["both", 0] == ["anti_dive_percent", "anti_lift_percent"]
+
+
+def test_gains_are_slopes_with_the_signs_that_the_table_tells():
+    """Of a run, toe, track and steer of the states beside the middle one: the definitions once more, by hand."""
+    run = run_suspension_rig(shipped("artcar"), 0, travel=0.004, points=3, reference=BUILT)
+    parallel, opposite = run.curves[SuspensionMotion.PARALLEL], run.curves[SuspensionMotion.OPPOSITE]
+    found, rise = run.parameters(), np.ptp(parallel.travel[:, 0])
+    assert found["toe_gain_deg_per_m"] == pytest.approx(np.rad2deg(parallel.toe[2, 0] - parallel.toe[0, 0]) / rise)
+    widened = parallel.track_change[2] - parallel.track_change[0]
+    assert found["track_gain_mm_per_m"] == pytest.approx(1e3 * widened / rise)
+    # the left wheel rises against the chassis: the chassis leans to the left
+    leaning = 2.0 * math.atan2(2.0 * opposite.travel[2, 0], run.loads.track[0])
+    heading = opposite.steer[2].mean() - opposite.steer[0].mean()
+    assert opposite.travel[2, 0] > 0.0
+    assert found["roll_steer_deg_per_deg"] == pytest.approx(heading / leaning, rel=1e-3)
+    assert found["roll_camber_deg_per_deg"] == pytest.approx(
+        (opposite.camber[2, 0] - opposite.camber[0, 0]) / leaning, rel=1e-3
+    )

@@ -61,16 +61,18 @@ def test_fialas_stiffnesses_are_its_parameters():
     assert curves.trail[:, 0, 0] == pytest.approx(FIALA.width / 3.0, rel=4.0 * bend)
 
 
-def test_peaks_are_those_of_the_curves():
-    sweep = TireSweep(loads=(2000.0, 4000.0, 8000.0), points=41, slip=0.5, angle=0.4)
+@pytest.mark.parametrize(("slip", "angle"), [(0.5, 0.4), (0.02, 0.01)])
+def test_peaks_are_those_of_the_law_whatever_the_sweep(slip, angle):
+    sweep = TireSweep(loads=(2000.0, 4000.0, 8000.0), points=5, slip=slip, angle=angle)
     curves = run_tire_rig(FIALA, sweep)
-    slips, angles = np.linspace(-0.5, 0.5, 41), np.linspace(-0.4, 0.4, 41)
+    slips, angles = np.linspace(-1.0, 1.0, 401), np.linspace(-0.8, 0.8, 401)
     peaks = np.zeros((2, 3))
     for number, load in enumerate(sweep.loads):
         along, across = fiala(slips, 0.0 * slips, np.array(load)), fiala(0.0 * angles, angles, np.array(load))
         peaks[:, number] = along[0].max() / load, across[1].max() / load
-        assert slips[along[0].argmax()] == pytest.approx(curves.peak_slip[number, 0, 0, 0])
-        assert angles[across[1].argmax()] == pytest.approx(curves.peak_angle[number, 0, 0, 0])
+        # where a peak is flat, float32 may take the neighbour of the law's
+        assert slips[along[0].argmax()] == pytest.approx(curves.peak_slip[number, 0, 0, 0], abs=0.0051)
+        assert angles[across[1].argmax()] == pytest.approx(curves.peak_angle[number, 0, 0, 0], abs=0.0041)
     for found in (curves.peak_driving, curves.peak_braking):
         assert found[:, 0, 0] == pytest.approx(peaks[0], rel=2e-4)
     for found in (curves.peak_left, curves.peak_right):

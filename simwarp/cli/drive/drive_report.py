@@ -11,9 +11,13 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from simwarp.cli.view.vehicle_subject import show_body
+from simwarp.core.types import ModelError
 from simwarp.exporters.run_report import Report, number_text, write_report
+from simwarp.exporters.standing_sheet import standing_notes, standing_sheet
 from simwarp.exporters.vehicle_sheet import vehicle_sheet
 from simwarp.model.builder import ModelBuilder
+from simwarp.scenery.suspension_visuals import add_suspension_visuals
+from simwarp.scenery.vehicle_visuals import has_body
 from simwarp.sensors.scene import Visuals
 from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.assessment.verdicts import passed
@@ -22,7 +26,9 @@ from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import run_figure
 from simwarp.vehicle.results.run_result import Result
+from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
+from simwarp.vehicle.stances import Stance, stance
 from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
 from simwarp.viewer.portrait import portrait
 
@@ -64,17 +70,23 @@ def write_drive_report(driven: Driven, path: Path) -> None:
     end = float(driven.run["t_s"][-1])
     notes = [f"The vehicle broke down at t = {end:.2f} s: a value is not finite."] if driven.broken else []
     notes += [f"Interrupted at t = {end:.2f} s."] if driven.interrupted else []
+    stands, trouble = _at_rest(driven.vehicle)
+    if stands is not None and not isinstance(driven.vehicle, TrackedVehicleSpec):
+        notes += standing_notes(driven.vehicle, stands)
+        standing = standing_sheet(driven.vehicle, stands)
+    else:
+        notes, standing = notes + trouble, []
     report = Report(
         title=driven.title, passed=False if driven.broken else passed(driven.verdicts), verdicts=driven.verdicts,
         results=driven.results, parameters={**driven.options, **_parameters(driven.maneuver)},
-        vehicle=vehicle_sheet(driven.vehicle), portrait=vehicle_picture(driven.vehicle), figures=_figures(driven),
-        notes=notes,
+        vehicle=vehicle_sheet(driven.vehicle, stands), portrait=vehicle_picture(driven.vehicle),
+        caption=picture_caption(driven.vehicle), standing=standing, figures=_figures(driven), notes=notes,
     )  # fmt: skip
     write_report(report, path)
 
 
 def vehicle_picture(spec: AnyVehicleSpec) -> npt.NDArray[np.uint8]:
-    """(720, 960, 3) picture of a vehicle as built, with its body."""
+    """(720, 960, 3) picture of a vehicle as built, with its body; of one that has none of its own, with its links."""
     builder = ModelBuilder()
     parts: VehicleParts | TrackedVehicleParts
     if isinstance(spec, TrackedVehicleSpec):
@@ -83,7 +95,30 @@ def vehicle_picture(spec: AnyVehicleSpec) -> npt.NDArray[np.uint8]:
         parts = add_vehicle(builder, spec)
     visuals = Visuals(builder)
     show_body(visuals, parts)
+    if isinstance(parts, VehicleParts) and not has_body(parts.spec.name):
+        add_suspension_visuals(visuals, parts)
     return portrait(visuals)
+
+
+def picture_caption(spec: AnyVehicleSpec) -> str:
+    """What the picture of a vehicle is made of."""
+    if isinstance(spec, TrackedVehicleSpec) or has_body(spec.name):
+        return "The vehicle as built."
+    size = " × ".join(f"{length:g}" for length in spec.chassis.size)
+    return (
+        f"The vehicle as built, drawn from its description: a box of chassis.size ({size} m), links, springs and "
+        "wheels. Only shipped vehicles have a body."
+    )
+
+
+def _at_rest(spec: AnyVehicleSpec) -> tuple[Stance | None, list[str]]:
+    """How a vehicle stands on level ground; None with the reason where it cannot be told."""
+    if isinstance(spec, TrackedVehicleSpec):
+        return None, []
+    try:
+        return stance(spec), []
+    except (SpecError, ModelError) as error:
+        return None, [f"How it stands at rest is not known: {error}."]
 
 
 def _figures(driven: Driven) -> dict[str, Figure]:

@@ -7,13 +7,15 @@ import time
 from typing import Annotated
 
 import tyro
+from rich.console import Console
 
 from simwarp.cli.options import parse_options
 from simwarp.cli.rig.rig_options import RigOptions, finish, print_values, progress_bar, wheeled_vehicle
 from simwarp.vehicle.rigs.compliance_rig import WheelForce, run_compliance_rig
 from simwarp.vehicle.rigs.rig_plots import draw_steering, draw_suspension
 from simwarp.vehicle.rigs.steering_rig import run_steering_rig
-from simwarp.vehicle.rigs.suspension_curves import SuspensionReference
+from simwarp.vehicle.rigs.suspension_curves import SuspensionReference, SuspensionRun
+from simwarp.vehicle.rigs.suspension_meanings import suspension_meanings
 from simwarp.vehicle.rigs.suspension_rig import run_suspension_rig
 
 
@@ -65,7 +67,8 @@ def run_suspension(target: str, arguments: list[str]) -> int:
         parameters |= curve.parameters()
     template = spec.axles[options.axle].suspension.template
     console.print(f"{spec.name}, axle {options.axle}: {template}", style="bold", highlight=False, soft_wrap=True)
-    print_values(console, parameters)
+    print_values(console, parameters, suspension_meanings(parameters, front=found.front))
+    _print_stops(console, found)
     if options.plot is not None:
         draw_suspension(found, options.plot, f"{spec.name}, axle {options.axle}: {template}")
         console.print(f"wrote {options.plot}", highlight=False, soft_wrap=True)
@@ -74,6 +77,20 @@ def run_suspension(target: str, arguments: list[str]) -> int:
         "compliance": {curve.kind.value: curve.rows().as_json() for curve in pushed},
     }  # fmt: skip
     return finish(console, options, found.rows(), content, interrupted=found.interrupted, wall=wall)
+
+
+def _print_stops(console: Console, found: SuspensionRun) -> None:
+    """Where springs run into their stops, in one line for each motion."""
+    for motion, curve in found.curves.items():
+        names = curve.stop_names(0)
+        for name in ("rebound", "bump"):
+            travel = 1e3 * curve.travel[names == name, 0]
+            if len(travel):
+                console.print(
+                    f"{motion.value}: the left wheel is on its {name} stop from {travel.min():.1f} to "
+                    f"{travel.max():.1f} mm ({len(travel)} of {len(names)} states; column stop_L)",
+                    highlight=False, soft_wrap=True,
+                )  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)

@@ -111,13 +111,16 @@ def print_table(console: Console, headings: Sequence[str], rows: Sequence[Sequen
     console.print(table)
 
 
-def print_values(console: Console, values: Mapping[str, float]) -> None:
-    """A table of names and numbers."""
+def print_values(console: Console, values: Mapping[str, float], meanings: Mapping[str, str] | None = None) -> None:
+    """A table of names and numbers, with what some of them mean."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     table.add_column("quantity")
     table.add_column("value", justify="right")
+    if meanings:
+        table.add_column("meaning", style="dim")
     for name, value in values.items():
-        table.add_row(name, f"{0.0 if abs(value) < NOTHING else value:.4g}")
+        told = [meanings.get(name, "")] if meanings else []
+        table.add_row(name, f"{0.0 if abs(value) < NOTHING else value:.4g}", *told)
     console.print(table)
 
 

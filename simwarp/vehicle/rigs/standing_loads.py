@@ -11,6 +11,12 @@ from simwarp.core.types import pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.rigs.tire_rig import static_deflection
+from simwarp.vehicle.spec.drivetrain_parts import (
+    DifferentialDrive,
+    ShaftsDriveline2WD,
+    ShaftsDriveline4WD,
+    SimpleDriveline,
+)
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.tires.parameter_vector import MODELS
@@ -53,6 +59,22 @@ class StandingLoads:
         """Of the centre of mass above the ground, on which first and last axle stand [m]."""
         levels = (self.center_z - self.loaded_radius)[[-1, 0]]
         return float(self.com[2] - np.interp(self.com[0], self.axle_x[[-1, 0]], levels))
+
+
+def driven_axles(spec: VehicleSpec) -> tuple[int, ...]:
+    """Indices of the axles that the driveline drives; none of a vehicle without one."""
+    match spec.driveline:
+        case None:
+            return ()
+        case DifferentialDrive():
+            return tuple(range(len(spec.axles)))
+        case SimpleDriveline() as line:
+            shares = (line.front_torque_fraction, 1.0 - line.front_torque_fraction)
+            return tuple(axle for axle, share in zip(line.axles, shares, strict=True) if share > 0.0)
+        case ShaftsDriveline2WD() as line:
+            return (line.axle % len(spec.axles),)
+        case ShaftsDriveline4WD() as line:
+            return line.axles
 
 
 def standing_loads(spec: VehicleSpec, *, device: str = "cpu") -> StandingLoads:

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, rotate
 from simwarp.vehicle.rigs.rig_rows import RowStatus, slopes
-from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads
+from simwarp.vehicle.rigs.spring_rates import stop_depth, without_stops
+from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads, driven_axles
 from simwarp.vehicle.rigs.suspension_curves import SuspensionCurve, SuspensionMotion
 from simwarp.vehicle.spec.parts import Array, Vec3
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, PinnedAxle, VehicleSpec
@@ -66,6 +67,8 @@ class SuspensionBench:
         if motion is SuspensionMotion.STEERING:
             heights, self.steering = np.full((self.states, 2), self.reference), np.linspace(-1.0, 1.0, self.states)
         self.pinned = isinstance(self.part.suspension, PinnedAxle)
+        self.front = bool(of.loads.axle_x[of.axle] > of.loads.axle_x.mean())
+        self.driven = of.axle in driven_axles(of.spec)
         around = (heights[:, None] + SHIFTS).reshape(-1, 2)
         self.held: HeldAxle = hold_axle(
             of.spec, of.axle, around[:, 0], around[:, 1], np.repeat(self.steering, len(SHIFTS)), device=of.device
@@ -105,7 +108,7 @@ class SuspensionBench:
         angles = [self._kingpin(k, base[:, k], axes[:, BASE, k]) for k in (0, 1)]
         caster, inclination, scrub, trail = (np.stack([a[m] for a in angles], axis=1) for m in range(4))
         dive, squat = self._anti(contacts, centers)
-        ratios, work = self._springs()
+        ratios, work, bare, into = self._springs()
         spring_load, load = _loads_of(work), _loads_of(work + self._weights())
         usual = base[self.middle]
         measured: dict[str, Array] = {
@@ -116,12 +119,16 @@ class SuspensionBench:
             "wheelbase_change": base[..., 0] - usual[:, 0], "caster": caster, "kingpin_inclination": inclination,
             "scrub_radius": scrub, "trail": trail, "roll_centre": self._roll_centre(contacts), "anti_dive": dive,
             "anti_squat": squat, "motion_ratio": ratios, "spring_load": spring_load, "wheel_load": load,
+            "into_stop": into,
         }  # fmt: skip
         status = np.where(self.reached.all(axis=1), RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
-        measured |= self._rates(measured, float(usual[0, 1] - usual[1, 1]), status == RowStatus.DONE)
+        done = status == RowStatus.DONE
+        measured |= self._rates(measured, _loads_of(bare), float(usual[0, 1] - usual[1, 1]), done)
         for values in measured.values():
-            values[status != RowStatus.DONE] = np.nan
-        return SuspensionCurve(motion=self.motion, steering=self.steering, status=status, **measured)
+            values[~done] = np.nan
+        return SuspensionCurve(
+            motion=self.motion, steering=self.steering, status=status, front=self.front, driven=self.driven, **measured
+        )
 
     def _wheel_axis(self, side: int) -> Array:
         """(n, 5, 3) axis of a wheel, to the left."""
@@ -175,51 +182,62 @@ class SuspensionBench:
         first, second = (LEFT, RIGHT) if self.pinned else (UP, DOWN)
         locked, free = contacts[:, first] - contacts[:, second], centers[:, first] - centers[:, second]
         lever = self.loads.wheelbase / self.loads.com_height
-        front = 1.0 if self.loads.axle_x[self.axle] > self.loads.axle_x.mean() else -1.0
+        front = 1.0 if self.front else -1.0
         dive = front * self.loads.brake_share[self.axle] * lever * locked[..., 0] / locked[..., 2]
         squat = front * lever * free[..., 0] / free[..., 2]
         return dive, squat
 
-    def _springs(self) -> tuple[Array, Array]:
-        """Motion ratios (n, 2, lines), and (n, 2) the work of springs and bar per travel of both wheels alike, and per
-        opposite travel [N].
+    def _springs(self) -> tuple[Array, Array, Array, Array]:
+        """Motion ratios (n, 2, lines); (n, 2) the work of springs and bar per travel of both wheels alike, and per
+        opposite travel [N]; the same without stops; (n, 2) how far a line is in its bump stop (positive) or its rebound
+        stop (negative), the deepest of each wheel [m].
         """
         lines: tuple[ForceLine, ...] = getattr(self.part.suspension, "springs", ())
-        work = np.zeros((self.states, 2))
+        work, bare, into = (np.zeros((self.states, 2)) for _ in range(3))
         ratios = np.zeros((self.states, 2, len(lines)))
         for column, side in enumerate(self.held.bench.sides):
             body = side.carrier if isinstance(self.part.suspension, MacPhersonStrut) else side.bar
             for number, line in enumerate(lines):
                 end = self.place(body, self.point(column, line.arm_point))
                 length = np.linalg.norm(end - self.point(column, line.chassis_point), axis=2)
-                push = spring_force(line, length[:, BASE])
                 change = _changes(length)
-                work -= push[:, None] * change
+                work -= spring_force(line, length[:, BASE])[:, None] * change
+                bare -= spring_force(without_stops(line), length[:, BASE])[:, None] * change
                 ratios[:, column, number] = -change[:, 0]
+                depth = stop_depth(line, length[:, BASE])
+                into[:, column] = np.where(np.abs(depth) > np.abs(into[:, column]), depth, into[:, column])
         bar = self.held.bench.bar
         if bar is not None and self.part.antiroll_bar is not None:
             model = self.held.simulation.model
             twist = self.held.simulation.state.joint_x.numpy()[:, model.joint_dof_start[bar]]
             twist = twist.astype(np.float64).reshape(self.states, -1)
-            work += (self.part.antiroll_bar.stiffness * twist[:, BASE])[:, None] * _changes(twist)
-        return ratios, work
+            turning = (self.part.antiroll_bar.stiffness * twist[:, BASE])[:, None] * _changes(twist)
+            work, bare = work + turning, bare + turning
+        return ratios, work, bare, into
 
     def _weights(self) -> Array:
         """(n, 2) work against the weight of all parts, likewise [N]."""
         heights = np.asarray(self._x[..., 2] @ self._weight).reshape(self.states, -1)
         return _changes(heights)
 
-    def _rates(self, measured: Mapping[str, Array], track: float, done: Flags) -> dict[str, Array]:
-        """Wheel rate and roll stiffness: slopes along the motion, between states that are done."""
-        rate, stiffness = np.full((self.states, 2), np.nan), np.full(self.states, np.nan)
+    def _rates(self, measured: Mapping[str, Array], bare: Array, track: float, done: Flags) -> dict[str, Array]:
+        """Wheel rate and roll stiffness, and those of the loads (n, 2) without stops: slopes along the motion, between
+        states that are done.
+        """
+        rate, free = (np.full((self.states, 2), np.nan) for _ in range(2))
+        stiffness, soft = (np.full(self.states, np.nan) for _ in range(2))
         if self.motion is not SuspensionMotion.STEERING:
             load, travel = measured["spring_load"], measured["travel"]
             for column in (0, 1):
                 rate[:, column] = slopes(load[:, column], travel[:, column], done)
+                free[:, column] = slopes(bare[:, column], travel[:, column], done)
         if self.motion is SuspensionMotion.OPPOSITE:
             angle = np.arctan2(travel[:, 0] - travel[:, 1], track)
             stiffness = slopes(0.5 * track * (load[:, 0] - load[:, 1]), angle, done)
-        return {"wheel_rate": rate, "roll_stiffness": stiffness}
+            soft = slopes(0.5 * track * (bare[:, 0] - bare[:, 1]), angle, done)
+        return {
+            "wheel_rate": rate, "free_wheel_rate": free, "roll_stiffness": stiffness, "free_roll_stiffness": soft,
+        }  # fmt: skip
 
 
 def _loads_of(work: Array) -> Array:

@@ -62,15 +62,23 @@ class SuspensionCurve(Readable):
         trail: (n, 2) from the contact point forwards to the steering axis, on the ground [m].
         roll_centre: (n, 2) of both contact points' normals in front view: y to the left, height above the ground [m].
         anti_dive: (n, 2) share of the load transfer in braking that the linkage bears: anti-dive of a front axle,
-            anti-lift of a rear one.
-        anti_squat: (n, 2) the same in driving, all of the force on this axle, by shafts whose torque the chassis bears.
+            anti-lift of a rear one, see `braking_name`.
+        anti_squat: (n, 2) the same in driving, all of the force on this axle, by shafts whose torque the chassis bears:
+            anti-squat of a rear axle, anti-lift of a front one, see `driving_name`.
         motion_ratio: (n, 2, lines) ratio of the springs' and dampers' compression to the travel, in parallel travel.
         spring_load: (n, 2) vertical force on a wheel that holds springs and anti-roll bar there [N].
         wheel_load: (n, 2) the same with the weight of wheel and links [N].
-        wheel_rate: (n, 2) rise of the springs' load over the travel in this motion [N/m]; NaN when steering.
+        into_stop: (n, 2) how far a spring of the wheel is in its bump stop (positive) or its rebound stop (negative)
+            [m]; 0: all are free.
+        wheel_rate: (n, 2) rise of the springs' load over the travel in this motion, with what stops add [N/m]; NaN when
+            steering.
+        free_wheel_rate: (n, 2) the same without what stops add [N/m].
         roll_stiffness: (n,) of springs and anti-roll bar about the roll angle of the axle [N·m/rad]; NaN but in the
             opposite motion.
+        free_roll_stiffness: (n,) the same without what stops add [N·m/rad].
         status: (n,) `RowStatus`.
+        front: whether the axle is ahead of the middle of all axles.
+        driven: whether the vehicle's driveline drives it.
     """
 
     motion: SuspensionMotion
@@ -91,9 +99,33 @@ class SuspensionCurve(Readable):
     motion_ratio: Array
     spring_load: Array
     wheel_load: Array
+    into_stop: Array
     wheel_rate: Array
+    free_wheel_rate: Array
     roll_stiffness: Array
+    free_roll_stiffness: Array
     status: Statuses
+    front: bool
+    driven: bool
+
+    @property
+    def braking_name(self) -> str:
+        """What the share in braking is called: of a front axle anti-dive, of a rear one anti-lift."""
+        return "anti_dive" if self.front else "anti_lift"
+
+    @property
+    def driving_name(self) -> str:
+        """What the share in driving is called: of a front axle anti-lift, of a rear one anti-squat."""
+        return "anti_lift" if self.front else "anti_squat"
+
+    def stop_names(self, column: int) -> npt.NDArray[np.str_]:
+        """(n,) "bump" or "rebound" where a spring of a wheel is in that stop, else empty.
+
+        Args:
+            column: 0 of the left wheel, 1 of the right one.
+        """
+        into = self.into_stop[:, column]
+        return np.select([into > 0.0, into < 0.0], ["bump", "rebound"], "")
 
     def _readable_title(self) -> str:
         return f": {self.motion.value}, {plural(len(self.status), 'state')}"
@@ -114,18 +146,23 @@ class SuspensionCurve(Readable):
                 f"scrub_radius_{side}_mm": 1e3 * self.scrub_radius[:, column],
                 f"trail_{side}_mm": 1e3 * self.trail[:, column],
                 f"wheelbase_change_{side}_mm": 1e3 * self.wheelbase_change[:, column],
-                f"anti_dive_{side}_percent": 1e2 * self.anti_dive[:, column],
-                f"anti_squat_{side}_percent": 1e2 * self.anti_squat[:, column],
+                f"{self.braking_name}_{side}_percent": 1e2 * self.anti_dive[:, column],
                 f"spring_load_{side}_N": self.spring_load[:, column],
                 f"wheel_load_{side}_N": self.wheel_load[:, column],
                 f"wheel_rate_{side}_N_per_mm": 1e-3 * self.wheel_rate[:, column],
+                f"free_wheel_rate_{side}_N_per_mm": 1e-3 * self.free_wheel_rate[:, column],
+                f"stop_{side}": self.stop_names(column),
+                f"into_stop_{side}_mm": 1e3 * self.into_stop[:, column],
             }
+            if self.driven:
+                columns[f"{self.driving_name}_{side}_percent"] = 1e2 * self.anti_squat[:, column]
             for line in range(self.motion_ratio.shape[2]):
                 columns[f"motion_ratio{line}_{side}"] = self.motion_ratio[:, column, line]
         columns |= {
             "track_change_mm": 1e3 * self.track_change, "roll_centre_y_mm": 1e3 * self.roll_centre[:, 0],
             "roll_centre_height_mm": 1e3 * self.roll_centre[:, 1],
             "roll_stiffness_Nm_per_deg": self.roll_stiffness * math.pi / 180.0,
+            "free_roll_stiffness_Nm_per_deg": self.free_roll_stiffness * math.pi / 180.0,
         }  # fmt: skip
         return RigRows(columns, self.status)
 
@@ -147,6 +184,11 @@ class SuspensionRun(Readable):
     loads: StandingLoads
     reference_travel: float
     interrupted: bool = False
+
+    @property
+    def front(self) -> bool:
+        """Whether the axle is ahead of the middle of all axles."""
+        return next(iter(self.curves.values())).front
 
     def _readable_title(self) -> str:
         return f" of axle {self.axle}"
@@ -177,9 +219,11 @@ def _parameters(run: SuspensionRun) -> dict[str, float]:
     found |= {
         "scrub_radius_mm": 1e3 * float(curve.scrub_radius[middle, 0]), "trail_mm": 1e3 * float(curve.trail[middle, 0]),
         "roll_centre_height_mm": 1e3 * float(curve.roll_centre[middle, 1]),
-        "anti_dive_percent": 1e2 * float(curve.anti_dive[middle, 0]),
-        "anti_squat_percent": 1e2 * float(curve.anti_squat[middle, 0]),
+        f"{curve.braking_name}_percent": 1e2 * float(curve.anti_dive[middle, 0]),
     }  # fmt: skip
+    if curve.driven:
+        found[f"{curve.driving_name}_percent"] = 1e2 * float(curve.anti_squat[middle, 0])
+    found["into_stop_mm"] = 1e3 * float(curve.into_stop[middle, 0])
     found |= {f"motion_ratio{k}": float(v) for k, v in enumerate(curve.motion_ratio[middle, 0])}
     parallel, opposite = (run.curves.get(m) for m in (SuspensionMotion.PARALLEL, SuspensionMotion.OPPOSITE))
     if parallel is not None:
@@ -189,12 +233,14 @@ def _parameters(run: SuspensionRun) -> dict[str, float]:
             "camber_gain_deg_per_m": math.degrees(np.gradient(parallel.camber[:, 0], travel)[middle]),
             "track_gain_mm_per_m": 1e3 * float(np.gradient(parallel.track_change, travel)[middle]),
             "wheel_rate_N_per_mm": 1e-3 * float(parallel.wheel_rate[middle, 0]),
+            "free_wheel_rate_N_per_mm": 1e-3 * float(parallel.free_wheel_rate[middle, 0]),
         }
     if opposite is not None:
         track = float(run.loads.track[run.axle])
         roll = np.arctan2(np.subtract(*opposite.travel.T), track)
         found |= {
             "roll_stiffness_Nm_per_deg": float(opposite.roll_stiffness[middle]) * math.pi / 180.0,
+            "free_roll_stiffness_Nm_per_deg": float(opposite.free_roll_stiffness[middle]) * math.pi / 180.0,
             "roll_steer_deg_per_deg": float(np.gradient(opposite.steer.mean(axis=1), roll)[middle]),
             "roll_camber_deg_per_deg": float(np.gradient(opposite.camber[:, 0], roll)[middle]),
         }

@@ -45,6 +45,14 @@ SMALL_SLIP: Final = 1.0e-4
 """Slip, and slip angle [rad], on either side of zero, between which stiffnesses are measured."""
 
 
+WIDE_SLIP: Final = 1.0
+"""Slip ratio up to which peaks are looked for, whatever the sweep: that of a locked wheel."""
+WIDE_ANGLE: Final = 0.8
+"""The same of slip angles [rad]."""
+WIDE_POINTS: Final = 401
+"""Of a sweep for peaks, from one end to the other."""
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class TireForces(Readable):
     """Steady states of a tire; arrays of one shape (...,). NaN where a point is not DONE.
@@ -314,8 +322,10 @@ class TireCurves(Readable):
         cornering_stiffness: (L, C, S) -dF_y over the slip angle at zero [N/rad].
         aligning_stiffness: (L, C, S) dM_z over the slip angle at zero [N·m/rad].
         trail: (L, C, S) pneumatic, at zero slip [m].
-        peak_driving, peak_braking: (L, C, S) ratio to the load of the largest F_x in that direction, within the sweep.
-        peak_left, peak_right: (L, C, S) ratio of the largest F_y to either side to the load.
+        peak_driving, peak_braking: (L, C, S) ratio to the load of the largest F_x in that direction, up to a slip ratio
+            of 1 whatever the sweep; a tire whose force grows to the end has it there.
+        peak_left, peak_right: (L, C, S) ratio of the largest F_y to either side to the load, up to a slip angle of
+            0.8 rad whatever the sweep.
         peak_slip: (L, C, S, 2) slip ratios of the peaks, driving and braking.
         peak_angle: (L, C, S, 2) slip angles of the peaks to the left and to the right [rad].
         load_sensitivity: (2, C, S) slopes of the mean peaks over the load, longitudinal and lateral [1/N]; NaN for one
@@ -395,7 +405,11 @@ def run_tire_rig(
     small = np.array([-SMALL_SLIP, SMALL_SLIP])
     aside = np.array([0.0, *sweep.combined_angles])
     grid = (loads[:, None, None, None], leans[:, None, None], speeds[:, None])
-    pieces = [(slips, a) for a in aside] + [(np.zeros(1), angles), (small, 0.0), (np.zeros(1), small)]
+    wide_slips = np.linspace(-1.0, 1.0, WIDE_POINTS) * max(WIDE_SLIP, sweep.slip)
+    wide_angles = np.linspace(-1.0, 1.0, WIDE_POINTS) * max(WIDE_ANGLE, sweep.angle)
+    none = np.zeros(1)
+    pieces = [(slips, a) for a in aside] + [(none, angles), (small, 0.0), (none, small)]
+    pieces += [(wide_slips, 0.0), (none, wide_angles)]
     batches = [np.broadcast_arrays(s, a, *grid) for s, a in pieces]
     slip, angle, load, lean, speed = (np.concatenate([np.ravel(b[k]) for b in batches]) for k in range(5))
     found = tire_forces(
@@ -406,20 +420,23 @@ def run_tire_rig(
     cut = [found[ends[k] : ends[k + 1]].reshaped(b[0].shape) for k, b in enumerate(batches)]
     across = cut[len(aside)]
     along = found[: ends[len(aside)]].reshaped((len(aside), *cut[0].load.shape))
-    return _characterised(sweep, along, across, cut[-2], cut[-1])
+    return _characterised(sweep, along, across, (cut[-4], cut[-3]), (cut[-2], cut[-1]))
 
 
 def _characterised(
-    sweep: TireSweep, along: TireForces, across: TireForces, small_slip: TireForces, small_angle: TireForces
-) -> TireCurves:
+    sweep: TireSweep, along: TireForces, across: TireForces, small: tuple[TireForces, TireForces],
+    wide: tuple[TireForces, TireForces],
+) -> TireCurves:  # fmt: skip
+    """Stiffnesses from small slips and slip angles, peaks from wide ones."""
+    small_slip, small_angle = small
     slip_stiffness = (small_slip.fx[..., 1] - small_slip.fx[..., 0]) / (2.0 * SMALL_SLIP)
     cornering = -(small_angle.fy[..., 1] - small_angle.fy[..., 0]) / (2.0 * SMALL_SLIP)
     aligning = (small_angle.mz[..., 1] - small_angle.mz[..., 0]) / (2.0 * SMALL_SLIP)
-    straight = along[0]
+    straight, turned = wide
     driving, driving_slip = _peak(straight.fx / straight.load, straight.slip_ratio)
     braking, braking_slip = _peak(-straight.fx / straight.load, straight.slip_ratio)
-    left, left_angle = _peak(across.fy / across.load, across.slip_angle)
-    right, right_angle = _peak(-across.fy / across.load, across.slip_angle)
+    left, left_angle = _peak(turned.fy / turned.load, turned.slip_angle)
+    right, right_angle = _peak(-turned.fy / turned.load, turned.slip_angle)
     means = np.stack([0.5 * (driving + braking), 0.5 * (left + right)])
     return TireCurves(
         sweep, along, across, slip_stiffness, cornering, aligning, np.divide(aligning, cornering), driving, braking,

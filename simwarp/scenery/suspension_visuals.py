@@ -1,0 +1,164 @@
+"""Links, uprights and springs of a vehicle as its description has them, for pictures of a vehicle as built."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.rotation import frame_from_axis
+from simwarp.core.types import Vec3, pose
+from simwarp.vehicle.spec.parts import ForceLine
+from simwarp.vehicle.spec.vehicle_spec import (
+    Axle,
+    DoubleWishbone,
+    DoubleWishboneReduced,
+    MacPhersonStrut,
+    MultiLink,
+    PinnedAxle,
+    RigidSuspension,
+    SingleWishbone,
+    SolidAxle,
+    TrailingArm,
+)
+
+if TYPE_CHECKING:
+    from simwarp.sensors.scene import Visuals
+    from simwarp.vehicle.construction import VehicleParts
+
+Array = npt.NDArray[np.float64]
+HUB: Final = "spindle"
+"""In place of a point's name: the centre of the wheel."""
+THICK: Final = 0.035
+"""Radius of a link, as a share of the tire's."""
+
+
+class BarKind(enum.Enum):
+    """What a line of a suspension is: its colour and its thickness over that of a link."""
+
+    LINK = ((0.10, 0.12, 0.14), 1.0)
+    UPRIGHT = ((0.32, 0.34, 0.37), 1.5)
+    SPRING = ((0.70, 0.52, 0.08), 2.2)
+
+    @property
+    def color(self) -> Vec3:
+        """Linear."""
+        return self.value[0]
+
+    @property
+    def thickness(self) -> float:
+        """Ratio to a link's."""
+        return self.value[1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Bar:
+    """A straight part between two points, which are (3,) in the vehicle's frame of reference [m]."""
+
+    start: Array
+    end: Array
+    kind: BarKind
+
+
+TIEROD: Final = (("tierod_chassis", "tierod_upright"),)
+LOWER_ARM: Final = (("lower_arm_front", "lower_arm_upright"), ("lower_arm_back", "lower_arm_upright"))
+UPPER_ARM: Final = (("upper_arm_front", "upper_arm_upright"), ("upper_arm_back", "upper_arm_upright"))
+LINKS: Final[dict[type, tuple[tuple[str, str], ...]]] = {
+    DoubleWishbone: (*UPPER_ARM, *LOWER_ARM, *TIEROD), DoubleWishboneReduced: (*UPPER_ARM, *LOWER_ARM, *TIEROD),
+    SingleWishbone: (("arm_chassis", "arm_upright"), *TIEROD),
+    MacPhersonStrut: (*LOWER_ARM, *TIEROD, ("strut_chassis", "strut_upright")),
+    MultiLink: (
+        *UPPER_ARM, *TIEROD, ("lateral_chassis", "lateral_upright"), ("trailing_link_chassis", "trailing_link_upright"),
+    ),
+    SolidAxle: (
+        ("upper_link_chassis", "upper_link_axle"), ("lower_link_chassis", "lower_link_axle"),
+        ("draglink_chassis", "draglink_knuckle"),
+    ),
+    TrailingArm: (("pivot", HUB),),
+}  # fmt: skip
+"""Ends of the links of one side, by the names of their points; those that a description leaves out are not there."""
+UPRIGHTS: Final[dict[type, tuple[str, ...]]] = {
+    DoubleWishbone: ("upper_arm_upright", "lower_arm_upright", "tierod_upright"),
+    DoubleWishboneReduced: ("upper_arm_upright", "lower_arm_upright", "tierod_upright"),
+    SingleWishbone: ("arm_upright", "tierod_upright"),
+    MacPhersonStrut: ("lower_arm_upright", "strut_upright", "tierod_upright"),
+    MultiLink: ("upper_arm_upright", "lateral_upright", "trailing_link_upright", "tierod_upright"),
+    SolidAxle: ("knuckle_upper", "knuckle_lower"),
+}
+"""Points that an upright joins with the centre of its wheel."""
+BEAMS: Final = (SolidAxle, PinnedAxle, RigidSuspension)
+"""Suspensions whose wheels a beam joins."""
+
+
+def suspension_bars(axle: Axle) -> list[Bar]:
+    """Links, uprights, springs and dampers of both sides of an axle; none of a suspension that is reduced to tables."""
+    found = [bar for side in (1.0, -1.0) for bar in _side_bars(axle, side)]
+    suspension = axle.suspension
+    across = "tierod_knuckle" if isinstance(suspension, SolidAxle) else "tierod_chassis"
+    pairs = [(HUB, BarKind.UPRIGHT)] if isinstance(suspension, BEAMS) else []
+    if axle.steering is not None:  # what both tie rods hang on
+        pairs.append((across, BarKind.LINK))
+    for name, kind in pairs:
+        ends = [_point(axle, name, side) for side in (1.0, -1.0)]
+        if ends[0] is not None and ends[1] is not None:
+            found.append(Bar(ends[0], ends[1], kind))
+    return found
+
+
+def add_suspension_visuals(visuals: Visuals, parts: VehicleParts) -> list[int]:
+    """Draws all axles of a vehicle as built, held by its chassis: for a picture, for they do not move with the wheels.
+
+    Args:
+        visuals: of the builder that `parts` was added to.
+        parts: from `simwarp.vehicle.construction.add_vehicle`.
+
+    Returns:
+        The instances.
+    """
+    instances = []
+    for number, axle in enumerate(parts.spec.axles):
+        for index, bar in enumerate(suspension_bars(axle)):
+            way = bar.end - bar.start
+            length = float(np.linalg.norm(way))
+            if length == 0.0:
+                continue
+            place = pose(parts.reference + 0.5 * (bar.start + bar.end), frame_from_axis("link", way / length))
+            instances.append(
+                visuals.add_capsule(
+                    parts.chassis, radius=THICK * bar.kind.thickness * axle.tire.radius, half_length=0.5 * length,
+                    name=f"{parts.prefix}axle_{number}_bar_{index}", pose=place, color=bar.kind.color,
+                )
+            )  # fmt: skip
+    return instances
+
+
+def _side_bars(axle: Axle, side: float) -> list[Bar]:
+    suspension: Any = axle.suspension
+    found = []
+    for first, second in LINKS.get(type(suspension), ()):
+        ends = _point(axle, first, side), _point(axle, second, side)
+        if ends[0] is not None and ends[1] is not None:
+            found.append(Bar(ends[0], ends[1], BarKind.LINK))
+    hub = _point(axle, HUB, side)
+    for name in UPRIGHTS.get(type(suspension), ()):
+        end = _point(axle, name, side)
+        if end is not None and hub is not None:
+            found.append(Bar(end, hub, BarKind.UPRIGHT))
+    lines: tuple[ForceLine, ...] = getattr(suspension, "springs", ())
+    return found + [
+        Bar(_placed(axle, line.chassis_point, side), _placed(axle, line.arm_point, side), BarKind.SPRING)
+        for line in lines
+    ]
+
+
+def _point(axle: Axle, name: str, side: float) -> Array | None:
+    """A point of a suspension in the vehicle's frame; None where its description has none."""
+    point = axle.suspension.spindle.com if name == HUB else getattr(axle.suspension, name, None)
+    return None if point is None else _placed(axle, point, side)
+
+
+def _placed(axle: Axle, point: Vec3, side: float) -> Array:
+    return np.asarray(np.add(axle.location, np.multiply(point, (1.0, side, 1.0))))
