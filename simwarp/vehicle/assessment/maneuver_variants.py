@@ -23,7 +23,7 @@ from simwarp.vehicle.results.runs import Drive, Setup, SetUpOptions, set_up
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 
-VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration")
+VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration", "held_gear")
 """Fields of a `Maneuver` in which variants may differ; the road, the start and the script are those of all."""
 
 
@@ -46,7 +46,7 @@ def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: 
     merged = dataclasses.replace(variants[0], duration=longest)
     options["worlds"] = len(variants)
     setup = set_up(spec, merged, variants=variants, **options)
-    _start_rolling(setup, [each.initial_speed for each in variants])
+    _start_rolling(setup, [(each.initial_speed, each.held_gear) for each in variants])
     return setup
 
 
@@ -71,10 +71,10 @@ def _same(one: object, other: object) -> bool:
     return one == other
 
 
-def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
-    """Every world begins at a speed of its own [m/s]: its bodies, shafts, gear and engine, all consistent."""
+def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | None]]) -> None:
+    """Every world begins at a speed [m/s] and in a gear of its own: its bodies, shafts and engine, all consistent."""
     vehicle, simulation = setup.vehicle, setup.simulation
-    if len(set(speeds)) == 1:
+    if len(set(starts)) == 1:
         return
     state = simulation.state
     moving: tuple[wp.array, ...] = (state.body_v, state.body_omega, state.joint_qd)
@@ -82,9 +82,9 @@ def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
     names = ("gear", "engine_speed", "last_input", "last_drive")
     memory: dict[str, wp.array] = {name: vehicle.memory[name] for name in names}
     values = {name: array.numpy() for name, array in memory.items()}
-    for world, speed in enumerate(speeds):
+    for world, (speed, gear) in enumerate(starts):
         builder = ModelBuilder()
-        parts = add_vehicle(builder, vehicle.parts.spec, speed=speed)
+        parts = add_vehicle(builder, vehicle.parts.spec, speed=speed, gear=gear)
         for index, body in enumerate(builder.bodies):
             velocity[world, index], omega[world, index] = body.velocity, body.omega
         for joint, made in enumerate(builder.joints):
