@@ -16,6 +16,7 @@ from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.initial_velocity import wheel_rate
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result, until
@@ -25,6 +26,9 @@ from simwarp.vehicle.vehicle import Vehicle
 
 VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration", "held_gear")
 """Fields of a `Maneuver` in which variants may differ; the road, the start and the script are those of all."""
+
+REDUCED_SPEEDS: Final = ("wheels_spin", "wheels_turn_rate", "wheels_motor_speed", "wheels_input_speed")
+"""Memory of a reduced vehicle, whose wheels and shafts are no bodies and joints, that its speed at the start fills."""
 
 
 def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: Unpack[SetUpOptions]) -> Setup[Vehicle]:
@@ -80,6 +84,8 @@ def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | No
     moving: tuple[wp.array, ...] = (state.body_v, state.body_omega, state.joint_qd)
     velocity, omega, rates = (array.numpy() for array in moving)
     names = ("gear", "engine_speed", "last_input", "last_drive")
+    if vehicle.reduced is not None:
+        names = (*names, *REDUCED_SPEEDS)
     memory: dict[str, wp.array] = {name: vehicle.memory[name] for name in names}
     values = {name: array.numpy() for name, array in memory.items()}
     for world, (speed, gear) in enumerate(starts):
@@ -93,6 +99,11 @@ def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | No
         values["gear"][world] = start.gear
         values["engine_speed"][world] = abs(start.motor_speed)
         values["last_input"][world], values["last_drive"][world] = start.motor_speed, start.drive_speed
+        if vehicle.reduced is not None:
+            turning = [wheel_rate(parts.spec, side, speed) for side in parts.sides]
+            motor = start.motor_speed
+            for name, speeds in zip(REDUCED_SPEEDS, (turning, turning, motor, motor), strict=True):
+                values[name][world] = speeds
     for array, rows in zip(moving, (velocity, omega, rates), strict=True):
         array.assign(rows)
     for name, array in memory.items():
