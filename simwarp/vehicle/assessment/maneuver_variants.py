@@ -12,6 +12,7 @@ import warp as wp
 
 from simwarp.core.types import WorldStatus
 from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.assessment.entry_speed import asked_speed, is_held
 from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.construction import add_vehicle
@@ -135,6 +136,11 @@ class Outcome:
         """Whether all rules are kept by a run that did not break down; None without any rule."""
         return False if self.broken else passed(self.verdicts)
 
+    @property
+    def held(self) -> bool:
+        """Whether the run came into the test at the speed asked for."""
+        return is_held(self.results, self.maneuver)
+
 
 def drive_variants(
     spec: VehicleSpec, variants: Sequence[Maneuver], progress: Callable[[float], None] | None = None,
@@ -189,15 +195,11 @@ def _before_freeze(run: Run) -> Run:
 
 
 def highest_passed(found: Sequence[Outcome]) -> float:
-    """The greatest speed of the variants that were passed, below which none failed [m/s]; NaN if there is none."""
+    """The greatest speed of the variants that was held and passed, below which none failed [m/s]; NaN if there is none.
+    """
     best = math.nan
-    for each in sorted(found, key=_speed):
-        if not each.passed:
+    for each in sorted(found, key=lambda outcome: asked_speed(outcome.maneuver)):
+        if not (each.passed and each.held):
             break
-        best = _speed(each)
+        best = asked_speed(each.maneuver)
     return best
-
-
-def _speed(outcome: Outcome) -> float:
-    follow = outcome.maneuver.follow
-    return math.nan if follow is None else follow.speed

@@ -13,7 +13,7 @@ from simwarp.vehicle.driving.maneuver_spec import Bump, FrictionPatch, Maneuver,
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, wheelbase
 from simwarp.vehicle.driving.paths import circle
 from simwarp.vehicle.driving.reachable_speeds import held_speed
-from simwarp.vehicle.driving.rolling_start import LEAD, holding_gains, rolling
+from simwarp.vehicle.driving.rolling_start import LEAD, holding_gains, holding_throttle, rolling
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 FULL_SPEED: Final = 100.0 / 3.6
@@ -78,8 +78,9 @@ def brake_in_turn(
     last = spec.usual.speed_on_circle or held_speed(spec, math.inf)
     target = min(last, math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
-        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=holding_gains(spec, target)
-    )
+        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=holding_gains(spec, target),
+        first_throttle=holding_throttle(spec, target),
+    )  # fmt: skip
     return Maneuver(
         name="brake-in-turn", follow=follow, start=TURN_SETTLING, duration=duration, initial_speed=target,
         intervention=_brakes(brakes),

@@ -28,7 +28,7 @@ def angle_per_steering(spec: VehicleSpec) -> float:
         elif axle.steering is not None:
             table = travel_table(spec, index, 0.0, np.array([-NEAR, NEAR]))
             right, left = table.steer.mean(axis=1)
-            return float(left - right) / (2.0 * NEAR)
+            return float(left - right) / (2.0 * NEAR) or math.nan
     return math.nan
 
 
