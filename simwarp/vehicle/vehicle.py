@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -147,6 +148,13 @@ class Vehicles(ForceElement):
     def input_rows(self) -> wp.array:
         """(W, V, 4), the inputs, as drivers' kernels take them."""
         return self.input
+
+    def hold_gears(self) -> None:
+        """From now on automatic transmissions stay in the gear that they are in, as manual ones do; `gear` is written to
+        shift them.
+        """
+        self._powertrain.shift_up.fill_(math.inf)
+        self._powertrain.shift_down.fill_(-math.inf)
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -354,6 +362,12 @@ class Vehicle(ForceElement):
     def input_rows(self) -> wp.array:
         """(W, 1, 4), the inputs with an axis of vehicles, as drivers' kernels take them."""
         return self._vehicles.input[:, self._number : self._number + 1]
+
+    def hold_gears(self) -> None:
+        """From now on an automatic transmission stays in the gear that it is in, as a manual one does; `gear` is written
+        to shift it.
+        """
+        self._element().hold_gears()
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

@@ -58,10 +58,12 @@ def test_slow_runs_pass_and_fast_ones_fail(spec, name, speeds):
         (HMMWV, "iso-3888-1", "speed", (6.0, 18.0)),
         # from rest, each with an approach of its own
         (GATOR, "double-lane-change", "speed", (3.0, 6.0)),
+        # wheels without bodies, whose speeds are numbers of the vehicle's own
+        (load_vehicle("sedan-14dof"), "iso-3888-2", "speed", (6.0, 12.0)),
         # the pattern's times follow from the amplitude
         (SEDAN, "fishhook", "steering", (0.1, 0.3)),
     ],
-    ids=["sedan", "hmmwv", "gator", "fishhook"],
+    ids=["sedan", "hmmwv", "gator", "reduced", "fishhook"],
 )
 def test_a_world_of_a_batch_is_the_run_alone(spec, name, key, values):
     """Bit by bit in what is read off the worlds, so that pass speeds of a batch are those of single runs.
@@ -78,6 +80,21 @@ def test_a_world_of_a_batch_is_the_run_alone(spec, name, key, values):
             tolerance = 0.0 if exact else 1e-14 * max(1.0, np.abs(alone[column]).max())
             assert np.abs(each.run[column] - alone[column]).max() <= tolerance, column
         assert [item.passed for item in each.verdicts] == [item.passed for item in verdicts(alone, what)]
+
+
+@pytest.mark.parametrize("name", ["sedan", "hmmwv", "skid-steer", "sedan-14dof", "hmmwv-14dof"])
+def test_a_world_of_a_batch_starts_as_the_run_alone(name):
+    """Bodies, shafts, wheels of reduced vehicles, gears and engines, each at the speed of its own world."""
+    spec = load_vehicle(name)
+    variants = [maneuver("slow-steer", spec, speed=speed) for speed in (0.5, 4.0, 17.0)]
+    batch = set_up_variants(spec, variants, device="cpu", dt=2e-3)
+    for world, what in enumerate(variants):
+        alone = set_up(spec, what, device="cpu", dt=2e-3)
+        pairs = [(getattr(each.simulation.state, name) for each in (batch, alone))
+                 for name in ("body_v", "body_omega", "joint_qd", "joint_q", "body_x")]  # fmt: skip
+        pairs += [(each.vehicle.memory[name] for each in (batch, alone)) for name in alone.vehicle.memory]
+        for ours, theirs in pairs:
+            np.testing.assert_array_equal(ours.numpy()[world], theirs.numpy()[0])
 
 
 @pytest.mark.slow

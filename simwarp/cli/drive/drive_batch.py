@@ -162,9 +162,8 @@ def _verdict_text(outcome: Outcome) -> str:
     if outcome.passed is None:
         return ""
     failed = [verdict for verdict in outcome.verdicts if not verdict.passed]
-    if not failed:
-        return "pass"
-    return "FAIL: " + "; ".join(verdict_line(verdict) for verdict in failed[:2])
+    told = "pass" if not failed else "FAIL: " + "; ".join(verdict_line(verdict) for verdict in failed[:2])
+    return told if outcome.held else f"speed not held; {told}"
 
 
 def verdict_line(verdict: Verdict) -> str:
@@ -194,6 +193,7 @@ def _content(batch: Batch, found: Sequence[Outcome], best: float, wall: float) -
         {
             batch.key: float(value),
             "passed": each.passed,
+            "held": each.held,
             "broken": each.broken,
             "results": {item.key: item.value for item in each.results},
             "verdicts": verdict_rows(each.verdicts),

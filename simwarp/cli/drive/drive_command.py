@@ -510,6 +510,8 @@ def _print_results(
 def _title(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
     """Vehicle and manoeuvre with what is not as usual."""
     parts = [f"{spec.name}, {what.name}"]
+    if what.follow is not None and options.speed is None:
+        parts.append(f"speed {what.follow.speed:.4g}{UNITS['speed']}")
     parts += [f"{key} {value:g}{UNITS[key]}" for key, value in options.chosen.items()]
     for kind in ("tire", "powertrain", "driveline"):
         value = getattr(options, kind)

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
+from simwarp.vehicle.assessment.entry_speed import asked_speed
 from simwarp.vehicle.assessment.maneuver_variants import Outcome
 from simwarp.vehicle.results.maneuver_panels import draw_lanes
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, legend, title_of
@@ -59,23 +60,17 @@ def shown_outcomes(found: Sequence[Outcome]) -> list[Outcome]:
     return list(found[max(first - 1, 0) : first + 1])
 
 
-def speed_of(outcome: Outcome) -> float:
-    """That its driver was to hold [m/s]."""
-    follow = outcome.maneuver.follow
-    return math.nan if follow is None else follow.speed
-
-
 def _draw_way(axes: Any, outcome: Outcome) -> None:
     course = outcome.maneuver.course
     assert course is not None
     word = "passed" if outcome.passed else "failed"
-    title_of(axes, f"{course.standard} at {speed_of(outcome):g} m/s: {word}, from above [m]")
+    title_of(axes, f"{course.standard} at {asked_speed(outcome.maneuver):g} m/s: {word}, from above [m]")
     draw_lanes(axes, outcome.run, course)
 
 
 def _draw_verdicts(axes: Any, found: Sequence[Outcome]) -> None:
     title_of(axes, "outline beyond the cones [m], negative: inside")
-    speeds = [speed_of(each) for each in found]
+    speeds = [asked_speed(each.maneuver) for each in found]
     for lane, colour in enumerate(LANE_COLOURS):
         over = [each.verdicts[lane].value if len(each.verdicts) > lane else math.nan for each in found]
         axes.plot(speeds, over, "o-", color=colour, markersize=4, linewidth=1.2, label=f"lane {lane + 1}")

@@ -1,4 +1,4 @@
-"""Results of handling tests: ISO 4138, ISO 7401, the sine with dwell and the fishhook."""
+"""Results of handling tests: ISO 7401, the sine with dwell and the fishhook."""
 
 from __future__ import annotations
 
@@ -12,105 +12,10 @@ from simwarp.vehicle.assessment.verdict import Verdict, at_least, at_most
 from simwarp.vehicle.driving.handling_maneuvers import DWELL_FREQUENCY, SINE_END, USUAL_FACTOR
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.channels import WHEELS, Run
-from simwarp.vehicle.results.run_result import Result, crossing, lateral_acceleration, smoothed
+from simwarp.vehicle.results.run_result import Result, crossing, lateral_acceleration
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-
-GRAVITY: Final = 9.81
-LINEAR: Final = (1.0, 4.0)
-"""Lateral accelerations between which gradients are taken [m/s²]; of vehicles that do not reach the second one, from a
-quarter of what they reach on."""
-FIT_WINDOW: Final = 101
-"""Rows of the means from which gradients are fitted: a second."""
-LEAST_STRAIGHTNESS: Final = 0.5
-"""Of the line of a gradient: below it, what is beside the line is larger than the line, and its sign is not sure."""
-NO_LINE: Final = "not a line: see the plot"
-UNIT_RANGE: Final = (0.1 * GRAVITY, 0.375 * GRAVITY)
-UNIT_LATERAL: Final = 0.3 * GRAVITY
-"""FMVSS 126: range of the fit, and lateral acceleration at which the steering is the unit of amplitudes [m/s²]."""
-
-
-def steady_state(run: Run, maneuver: Maneuver) -> list[Result]:
-    """ISO 4138: understeer gradient, characteristic or critical speed, roll gradient, steering per acceleration.
-
-    The gradient is the slope, over the lateral acceleration, of the mean angle of the front wheels less wheelbase times
-    curvature: of what a vehicle needs beyond its geometry. It holds on a circle and at constant speed alike.
-    """
-    lateral, yaw_rate = (smoothed(values, FIT_WINDOW) for values in (lateral_acceleration(run), run["yawrate_radps"]))
-    names = ("speed_mps", "steerangle_FL_rad", "steerangle_FR_rad", "steer", "roll_rad")
-    speed, left, right, steer, roll = (smoothed(run[name], FIT_WINDOW) for name in names)
-    sign = 1.0 if lateral.sum() >= 0.0 else -1.0
-    lateral = sign * lateral
-    used = linear_range(lateral)
-    found = [Result("peak_lateral", "greatest lateral acceleration", float(lateral.max()), "m/s²")]
-    if used.sum() < FIT_WINDOW:
-        missing = "too little lateral acceleration"
-        return [*found, Result("understeer_gradient", "understeer gradient", math.nan, "rad/(m/s²)", missing)]
-    lateral_used, angle = lateral[used], 0.5 * sign * (left + right)[used]
-    curvature = sign * yaw_rate[used] / np.maximum(speed[used], 1e-3)
-    beyond = angle - maneuver.wheelbase * curvature
-    gradient, straight = slope(lateral_used, beyond), straightness(lateral_used, beyond)
-    missing = "its wheels do not steer"
-    if np.abs(angle).max() < 1e-3:
-        gradient = math.nan
-    return [
-        *found,
-        Result("understeer_gradient", "understeer gradient", gradient, "rad/(m/s²)", missing),
-        Result("understeer_gradient_deg_g", "understeer gradient", math.degrees(gradient) * GRAVITY, "deg/g", missing),
-        Result("understeer_straightness", "variance that its line explains, 0 to 1", straight),
-        *_characteristic(gradient, straight, maneuver.wheelbase),
-        Result("steering_gradient", "steering input per lateral acceleration",
-               slope(lateral_used, sign * steer[used]), "1/(m/s²)"),
-        Result("steering_at_0.3_g", "steering input at 0.3 g", _steering_unit(lateral, sign * steer), "",
-               "0.3 g not reached"),
-        Result("roll_gradient", "roll gradient", math.degrees(slope(lateral_used, sign * roll[used])) * GRAVITY,
-               "deg/g"),
-    ]  # fmt: skip
-
-
-def linear_range(lateral: Array) -> Flags:
-    """Rows between the bounds of `LINEAR`, before the greatest acceleration is reached."""
-    top = float(lateral.max())
-    high = min(LINEAR[1], 0.9 * top)
-    low = min(LINEAR[0], 0.25 * high)
-    used = (lateral > low) & (lateral < high)
-    first = int(np.argmax(lateral >= high))
-    used[first:] = False
-    return used
-
-
-def slope(x: Array, y: Array) -> float:
-    """Of the line of least squares."""
-    return float(np.polyfit(x, y, 1)[0])
-
-
-def straightness(x: Array, y: Array) -> float:
-    """Share of the variance of y that the line of least squares explains, 0 to 1; NaN of a constant."""
-    spread = float(np.var(y))
-    return float(np.corrcoef(x, y)[0, 1]) ** 2 if spread > 0.0 else math.nan
-
-
-def _characteristic(gradient: float, straight: float, wheelbase: float) -> list[Result]:
-    """The speed at which the yaw gain is greatest, or beyond which the vehicle is unstable; NaN without a line."""
-    if math.isnan(gradient) or gradient == 0.0:
-        return []
-    speed = math.sqrt(wheelbase / abs(gradient)) if straight >= LEAST_STRAIGHTNESS else math.nan
-    if gradient > 0.0:
-        return [Result("characteristic_speed", "characteristic speed", speed, "m/s", NO_LINE)]
-    return [Result("critical_speed", "critical speed", speed, "m/s", NO_LINE)]
-
-
-def _steering_unit(lateral: Array, steer: Array) -> float:
-    """Steering at 0.3 g on the line of FMVSS 126; NaN if it was not reached."""
-    first = np.flatnonzero(lateral >= UNIT_RANGE[1])
-    end = int(first[0]) if first.size else 0
-    used = np.flatnonzero(lateral[:end] >= UNIT_RANGE[0])
-    if used.size < 10:
-        return math.nan
-    line = np.polyfit(lateral[used], steer[used], 1)
-    return float(np.polyval(line, UNIT_LATERAL))
-
 
 def step_input_response(run: Run, maneuver: Maneuver) -> list[Result]:
     """ISO 7401: gains at the end, response times from half the steering on, peaks and overshoots.

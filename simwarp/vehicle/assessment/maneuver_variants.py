@@ -12,10 +12,12 @@ import warp as wp
 
 from simwarp.core.types import WorldStatus
 from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.assessment.entry_speed import asked_speed, is_held
 from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.initial_velocity import wheel_rate
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result, until
@@ -23,8 +25,11 @@ from simwarp.vehicle.results.runs import Drive, Setup, SetUpOptions, set_up
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 
-VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration")
+VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration", "held_gear")
 """Fields of a `Maneuver` in which variants may differ; the road, the start and the script are those of all."""
+
+REDUCED_SPEEDS: Final = ("wheels_spin", "wheels_turn_rate", "wheels_motor_speed", "wheels_input_speed")
+"""Memory of a reduced vehicle, whose wheels and shafts are no bodies and joints, that its speed at the start fills."""
 
 
 def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: Unpack[SetUpOptions]) -> Setup[Vehicle]:
@@ -46,7 +51,7 @@ def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: 
     merged = dataclasses.replace(variants[0], duration=longest)
     options["worlds"] = len(variants)
     setup = set_up(spec, merged, variants=variants, **options)
-    _start_rolling(setup, [each.initial_speed for each in variants])
+    _start_rolling(setup, [(each.initial_speed, each.held_gear) for each in variants])
     return setup
 
 
@@ -71,20 +76,22 @@ def _same(one: object, other: object) -> bool:
     return one == other
 
 
-def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
-    """Every world begins at a speed of its own [m/s]: its bodies, shafts, gear and engine, all consistent."""
+def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | None]]) -> None:
+    """Every world begins at a speed [m/s] and in a gear of its own: its bodies, shafts and engine, all consistent."""
     vehicle, simulation = setup.vehicle, setup.simulation
-    if len(set(speeds)) == 1:
+    if len(set(starts)) == 1:
         return
     state = simulation.state
     moving: tuple[wp.array, ...] = (state.body_v, state.body_omega, state.joint_qd)
     velocity, omega, rates = (array.numpy() for array in moving)
     names = ("gear", "engine_speed", "last_input", "last_drive")
+    if vehicle.reduced is not None:
+        names = (*names, *REDUCED_SPEEDS)
     memory: dict[str, wp.array] = {name: vehicle.memory[name] for name in names}
     values = {name: array.numpy() for name, array in memory.items()}
-    for world, speed in enumerate(speeds):
+    for world, (speed, gear) in enumerate(starts):
         builder = ModelBuilder()
-        parts = add_vehicle(builder, vehicle.parts.spec, speed=speed)
+        parts = add_vehicle(builder, vehicle.parts.spec, speed=speed, gear=gear)
         for index, body in enumerate(builder.bodies):
             velocity[world, index], omega[world, index] = body.velocity, body.omega
         for joint, made in enumerate(builder.joints):
@@ -93,6 +100,11 @@ def _start_rolling(setup: Setup[Vehicle], speeds: Sequence[float]) -> None:
         values["gear"][world] = start.gear
         values["engine_speed"][world] = abs(start.motor_speed)
         values["last_input"][world], values["last_drive"][world] = start.motor_speed, start.drive_speed
+        if vehicle.reduced is not None:
+            turning = [wheel_rate(parts.spec, side, speed) for side in parts.sides]
+            motor = start.motor_speed
+            for name, speeds in zip(REDUCED_SPEEDS, (turning, turning, motor, motor), strict=True):
+                values[name][world] = speeds
     for array, rows in zip(moving, (velocity, omega, rates), strict=True):
         array.assign(rows)
     for name, array in memory.items():
@@ -123,6 +135,11 @@ class Outcome:
     def passed(self) -> bool | None:
         """Whether all rules are kept by a run that did not break down; None without any rule."""
         return False if self.broken else passed(self.verdicts)
+
+    @property
+    def held(self) -> bool:
+        """Whether the run came into the test at the speed asked for."""
+        return is_held(self.results, self.maneuver)
 
 
 def drive_variants(
@@ -178,15 +195,11 @@ def _before_freeze(run: Run) -> Run:
 
 
 def highest_passed(found: Sequence[Outcome]) -> float:
-    """The greatest speed of the variants that were passed, below which none failed [m/s]; NaN if there is none."""
+    """The greatest speed of the variants that was held and passed, below which none failed [m/s]; NaN if there is none.
+    """
     best = math.nan
-    for each in sorted(found, key=_speed):
-        if not each.passed:
+    for each in sorted(found, key=lambda outcome: asked_speed(outcome.maneuver)):
+        if not (each.passed and each.held):
             break
-        best = _speed(each)
+        best = asked_speed(each.maneuver)
     return best
-
-
-def _speed(outcome: Outcome) -> float:
-    follow = outcome.maneuver.follow
-    return math.nan if follow is None else follow.speed

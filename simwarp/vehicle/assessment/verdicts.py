@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
+from simwarp.vehicle.assessment.entry_speed import asked_speed
 from simwarp.vehicle.assessment.handling_results import dwell_verdicts, lift_verdicts
 from simwarp.vehicle.assessment.lane_verdicts import lane_verdicts
 from simwarp.vehicle.assessment.straight_results import braking_verdicts, hill_verdicts
@@ -19,7 +20,7 @@ __all__ = ["Verdict", "passed", "verdict_rows", "verdicts"]
 
 
 def verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
-    """What a manoeuvre asks of a run; nothing where it asks for nothing, or the run has no rows after its zero.
+    """What a manoeuvre asks of a run, with the speed asked for in each rule; nothing where it asks for nothing, or the run has no rows after its zero.
 
     Args:
         run: recorded, with the settling before its zero.
@@ -28,10 +29,14 @@ def verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
     moving = since_zero(run)
     if len(moving["t_s"]) < 2:
         return []
-    if maneuver.course is not None:
-        return lane_verdicts(run, maneuver.course)
     rules = _RULES.get(maneuver.name)
-    return [] if rules is None else rules(moving, maneuver)
+    found = [] if rules is None else rules(moving, maneuver)
+    if maneuver.course is not None:
+        found = lane_verdicts(run, maneuver.course)
+    speed = asked_speed(maneuver)
+    if math.isnan(speed):
+        return found
+    return [dataclasses.replace(each, rule=f"{each.rule}, at {speed:.4g} m/s") for each in found]
 
 
 def passed(found: Iterable[Verdict]) -> bool | None:

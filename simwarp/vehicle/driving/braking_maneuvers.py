@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from simwarp.vehicle.driving.driver_choices import steering_for
+from simwarp.vehicle.driving.driver_choices import steering_for, usual_radius
 from simwarp.vehicle.driving.drivers import HELD, ScriptSpec
-from simwarp.vehicle.driving.handling_maneuvers import CIRCLES
+from simwarp.vehicle.driving.handling_maneuvers import CIRCLE
 from simwarp.vehicle.driving.intervention import Intervention, Pedals
 from simwarp.vehicle.driving.maneuver_spec import Bump, FrictionPatch, Maneuver, after_settling
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, wheelbase
 from simwarp.vehicle.driving.paths import circle
-from simwarp.vehicle.driving.rolling_start import LEAD, holding_gains, rolling
+from simwarp.vehicle.driving.reachable_speeds import held_speed
+from simwarp.vehicle.driving.rolling_start import LEAD, holding_gains, holding_throttle, rolling
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
-BRAKING_SPEEDS: Final = {"hmmwv": 20.0, "hmmwv-reduced": 20.0, "gator": 7.0, "artcar": 1.7, "skid-steer": 0.8}
-"""Of stops where it is not 100 km/h [m/s]."""
 FULL_SPEED: Final = 100.0 / 3.6
+"""Of stops, for vehicles whose description has no other one [m/s]."""
 BRAKE_TIME: Final = 0.1
 """In which a foot comes down on the brakes [s]."""
 SLIPPERY_ROAD: Final = (-50.0, 950.0)
@@ -28,7 +28,7 @@ SLIPPERY_WIDTH: Final = 50.0
 
 def braking_speed(spec: VehicleSpec) -> float:
     """Of stops: 100 km/h, or what suits the vehicle [m/s]."""
-    return BRAKING_SPEEDS.get(spec.full_name, FULL_SPEED)
+    return spec.usual.speed_of_stops or held_speed(spec, FULL_SPEED)
 
 
 def _brakes(share: float) -> Intervention:
@@ -74,12 +74,13 @@ def brake_in_turn(
     duration: float = 6.0,
 ) -> Maneuver:  # fmt: skip
     """ISO 7975: on a circle [m] at a speed [m/s], 4 m/s² across; then the steering is kept and the brakes act."""
-    turn, last = CIRCLES.get(spec.full_name, (40.0, math.inf))
-    turn = turn if radius is None else radius
+    turn = usual_radius(spec, spec.usual.radius_of_circle, CIRCLE[0]) if radius is None else radius
+    last = spec.usual.speed_on_circle or held_speed(spec, math.inf)
     target = min(last, math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
-        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=holding_gains(spec, target)
-    )
+        paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=holding_gains(spec, target),
+        first_throttle=holding_throttle(spec, target),
+    )  # fmt: skip
     return Maneuver(
         name="brake-in-turn", follow=follow, start=TURN_SETTLING, duration=duration, initial_speed=target,
         intervention=_brakes(brakes),
@@ -105,8 +106,8 @@ def hill_start(spec: VehicleSpec, *, slope: float = 0.15, duration: float = 10.0
     return Maneuver(name="hill-start", script=script, duration=duration, slope=slope)
 
 
-BUMP_SPEEDS: Final = {"gator": 4.0, "artcar": 1.0, "skid-steer": 0.5}
-"""Over the bump where it is not 10 m/s."""
+BUMP_SPEED: Final = 10.0
+"""Over the bump, for vehicles whose description has no other one [m/s]."""
 
 
 def bump(
@@ -117,7 +118,8 @@ def bump(
 
     Without them it is as high as a sixth of a tire's radius and as long as three of them.
     """
-    target = BUMP_SPEEDS.get(spec.full_name, 10.0) if speed is None else speed
+    usual = spec.usual.speed_over_bump or held_speed(spec, BUMP_SPEED)
+    target = usual if speed is None else speed
     tire = spec.axles[0].tire.radius
     across = Bump(
         start=LEAD * target + wheelbase(spec) + tire, length=3.0 * tire if length is None else length,

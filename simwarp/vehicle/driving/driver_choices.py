@@ -12,17 +12,28 @@ from simwarp.vehicle.driving.path_tracking import (
     full_speed,
     look_ahead_for,
     unicycle_for,
+    wheelbase,
 )
+from simwarp.vehicle.driving.reachable_speeds import held_speed
 from simwarp.vehicle.spec.parts import Points
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
 
-SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7), "skid-steer": (0.5, 0.8)}
-"""Speeds of the reference runs that are not the usual 12 and 15 m/s: of the steer and of the brake run [m/s]."""
+STEERING_RUN: Final = 12.0
+BRAKING_RUN: Final = 15.0
+"""Speeds of the recorded runs, for vehicles whose description has no other ones [m/s]."""
+RADIUS: Final = 30.0
+"""Of a circle [m], and its most in wheelbases."""
+WHEELBASES: Final = 15.0
 
 
 def usual_speed(spec: VehicleSpec) -> float:
     """Of manoeuvres with steering [m/s]."""
-    return SPEEDS.get(spec.full_name, (12.0, 15.0))[0]
+    return spec.usual.speed_of_steering_run or held_speed(spec, STEERING_RUN)
+
+
+def usual_radius(spec: VehicleSpec, given: float | None, usual: float) -> float:
+    """Of a circle [m]: what the description gives, or a usual one that is not too large for the vehicle."""
+    return given or min(usual, WHEELBASES * wheelbase(spec))
 
 
 def speed_gains(spec: VehicleSpec) -> PIDGains:

@@ -5,29 +5,22 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from simwarp.vehicle.driving.driver_choices import needs_axles, speed_gains, steering_for
+from simwarp.vehicle.driving.driver_choices import needs_axles, speed_gains, steering_for, usual_radius
 from simwarp.vehicle.driving.intervention import Intervention, Pedals
 from simwarp.vehicle.driving.maneuver_spec import SETTLING, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, wheelbase
 from simwarp.vehicle.driving.paths import circle
+from simwarp.vehicle.driving.reachable_speeds import held_gear, held_speed
 from simwarp.vehicle.driving.rolling_start import rolling
+from simwarp.vehicle.driving.steering_ratio import angle_per_steering
 from simwarp.vehicle.spec.parts import Points
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, SpecError, VehicleSpec
 from simwarp.vehicle.suspensions.steerings import HANDWHEEL
 
 HANDLING_SPEED: Final = 80.0 / 3.6
-"""[m/s]."""
-SLOWER: Final = {"hmmwv": 18.0, "hmmwv-reduced": 18.0, "gator": 6.0, "artcar": 1.5, "skid-steer": 0.8}
-"""Speeds of vehicles that do not reach it [m/s]."""
-CIRCLES: Final = {"gator": (15.0, 7.0), "artcar": (3.0, 1.7), "skid-steer": (2.0, 0.8)}
-"""Radius [m] and last speed [m/s] of the steady-state circle, where it is not 40 m and 5 m/s² across."""
+"""Of vehicles whose description has no other one."""
 CIRCLE: Final = (40.0, 5.0)
-UNITS: Final = {
-    "hmmwv": 0.0789, "hmmwv-reduced": 0.1045, "sedan": 0.036, "gator": 0.248, "artcar": 0.15, "skid-steer": 0.15,
-}  # fmt: skip
-"""Steering input at 0.3 g and `HANDLING_SPEED` or `SLOWER`, found by slow-steer. `artcar` and `skid-steer` do not reach
-0.3 g: theirs makes 6.5 times as much nearly full steering.
-"""
+"""Radius [m] and last lateral acceleration [m/s²] of the steady-state circle, likewise."""
 
 DWELL_FREQUENCY: Final = 0.7
 """Of the sine with dwell [Hz]."""
@@ -47,12 +40,15 @@ FISHHOOK_BACK: Final = 2.0
 
 def handling_speed(spec: VehicleSpec) -> float:
     """Of handling tests: 80 km/h, or what suits the vehicle [m/s]."""
-    return SLOWER.get(spec.full_name, HANDLING_SPEED)
+    return spec.usual.speed_of_handling or held_speed(spec, HANDLING_SPEED)
 
 
 def steering_unit(spec: VehicleSpec) -> float:
-    """Steering input of a shipped vehicle at 0.3 g; NaN of others."""
-    return UNITS.get(spec.full_name, math.nan)
+    """Steering input at 0.3 g and `handling_speed`; NaN of vehicles whose description has none.
+
+    Of `artcar` and `skid-steer`, which do not reach 0.3 g, it is one of which 6.5 times as much is nearly full steering.
+    """
+    return spec.usual.handling_steering or math.nan
 
 
 def _amplitude(spec: VehicleSpec, given: float | None, factor: float) -> float:
@@ -66,7 +62,7 @@ def _amplitude(spec: VehicleSpec, given: float | None, factor: float) -> float:
     unit = steering_unit(spec)
     if math.isnan(unit):
         rule = f"must be given for '{spec.name}', which has no known steering at 0.3 g"
-        raise SpecError(f"steering: {rule}; slow-steer finds it")
+        raise SpecError(f"steering: {rule}; slow-steer finds it, for --steering or the file's usual.handling_steering")
     return min(factor * unit, 1.0)
 
 
@@ -78,26 +74,37 @@ def released(spec: VehicleSpec) -> Pedals:
 def steady_state_circle(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 80.0
 ) -> Maneuver:
-    """ISO 4138 on a circle [m], to the left: from rest the speed rises evenly to its last value [m/s]."""
+    """ISO 4138 on a circle [m], to the left: from rest the speed rises evenly to its last value [m/s].
+
+    Gears that shift by themselves are held, in the one that the last speed asks for.
+    """
     needs_axles(spec)
-    turn, last = CIRCLES.get(spec.full_name, (CIRCLE[0], math.sqrt(CIRCLE[0] * CIRCLE[1])))
+    turn = usual_radius(spec, spec.usual.radius_of_circle, CIRCLE[0])
+    last = spec.usual.speed_on_circle or held_speed(spec, math.sqrt(CIRCLE[1] * turn))
     if radius is not None:
         turn, last = radius, min(last, math.sqrt(CIRCLE[1] * abs(radius)))
     follow = PathTrackingSpec(
         paths=(circle(turn),), speed=last if speed is None else speed, steering=steering_for(spec),
         speed_gains=speed_gains(spec), start=SETTLING, ramp=duration,
     )  # fmt: skip
-    return Maneuver(name="steady-state-circle", follow=follow, duration=duration, wheelbase=wheelbase(spec))
+    return Maneuver(
+        name="steady-state-circle", follow=follow, duration=duration, wheelbase=wheelbase(spec),
+        steering_angle=angle_per_steering(spec), held_gear=held_gear(spec, follow.speed),
+    )  # fmt: skip
 
 
 def slow_steer(
     spec: VehicleSpec, *, speed: float | None = None, steering: float = 0.5, duration: float = 20.0
 ) -> Maneuver:
-    """ISO 4138 at a speed [m/s]: the steering rises evenly from 0 to its value (-1..1) at the end."""
+    """ISO 4138 at a speed [m/s]: the steering rises evenly from 0 to its value (-1..1) at the end.
+
+    Gears that shift by themselves are held.
+    """
     target = handling_speed(spec) if speed is None else speed
     ramp = Intervention(steering=((0.0, 0.0), (duration, 1.0)), amplitude=steering)
     return rolling(
-        spec, "slow-steer", speed=target, duration=duration, intervention=ramp, wheelbase=wheelbase(spec)
+        spec, "slow-steer", speed=target, duration=duration, intervention=ramp, wheelbase=wheelbase(spec),
+        steering_angle=angle_per_steering(spec), held_gear=held_gear(spec, target),
     )  # fmt: skip
 
 

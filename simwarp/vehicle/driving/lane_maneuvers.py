@@ -19,12 +19,14 @@ from simwarp.vehicle.driving.lane_courses import (
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.path_tracking import LookAhead, PIDGains, Unicycle, wheelbase
 from simwarp.vehicle.driving.paths import Path
+from simwarp.vehicle.driving.reachable_speeds import held_speed
 from simwarp.vehicle.driving.rolling_start import LEAD, rolling
 from simwarp.vehicle.driving.vehicle_outline import Outline, outline_of
 from simwarp.vehicle.spec.vehicle_spec import DifferentialDrive, VehicleSpec
 
-LANE_SPEEDS: Final = {"gator": 6.0, "artcar": 1.7, "skid-steer": 0.8}
-"""Through a course of lanes where it is not the usual 15 m/s, or 12 m/s of ISO 3888-2."""
+ISO_3888_1_SPEED: Final = 15.0
+ISO_3888_2_SPEED: Final = 12.0
+"""Through a course of lanes, for vehicles whose description has no other one [m/s]."""
 RELEASE: Final = 2.0
 """ISO 3888-2: way of the front into the first lane after which the throttle is released [m]."""
 RUN_OUT: Final = 20.0
@@ -56,6 +58,11 @@ def cone_driver(spec: VehicleSpec, speed: float) -> LookAhead | Unicycle:
     return LookAhead(distance=distance, gains=PIDGains(proportional=angle / FULL_ANGLE))
 
 
+def lane_speed(spec: VehicleSpec, usual: float) -> float:
+    """Through a course of lanes: what the description gives, or a usual one that the vehicle holds [m/s]."""
+    return spec.usual.speed_in_lanes or held_speed(spec, usual)
+
+
 def between_cones(
     spec: VehicleSpec, course_of: Callable[[Outline, float], LaneCourse], speed: float
 ) -> tuple[LaneCourse, Path]:  # fmt: skip
@@ -78,7 +85,7 @@ def iso_3888_1(spec: VehicleSpec, *, speed: float | None = None, duration: float
 
     It begins in motion and enters the first lane two seconds later; the line is that of least curvature.
     """
-    target = LANE_SPEEDS.get(spec.full_name, 15.0) if speed is None else speed
+    target = lane_speed(spec, ISO_3888_1_SPEED) if speed is None else speed
     course, line = between_cones(spec, double_lane_change_course, target)
     total = (course.end + course.outline.length) / target * 1.1 - LEAD + 0.5 if duration is None else duration
     return rolling(
@@ -92,7 +99,7 @@ def iso_3888_2(spec: VehicleSpec, *, speed: float | None = None, duration: float
     It begins in motion and enters the first lane two seconds later, at a speed [m/s]; the line is that of least
     curvature. Below 10 m/s the throttle is held: the vehicle would stop between the cones.
     """
-    target = LANE_SPEEDS.get(spec.full_name, 12.0) if speed is None else speed
+    target = lane_speed(spec, ISO_3888_2_SPEED) if speed is None else speed
     course, line = between_cones(spec, obstacle_avoidance_course, target)
     # engine and tires slow it down by a third or so
     total = (course.end + course.outline.length) / target * 1.6 - LEAD + 1.0 if duration is None else duration

@@ -111,6 +111,10 @@ class Maneuver:
     """Across the road of a vehicle on wheels."""
     wheelbase: float = math.nan
     """Of the vehicle, from which an understeer gradient is reckoned [m]."""
+    steering_angle: float = math.nan
+    """Of the front wheels per steering input, by the linkage alone, straight ahead [rad]."""
+    held_gear: int | None = None
+    """In which an automatic transmission stays throughout; None: it shifts."""
     steering_unit: float = math.nan
     """Steering input at a lateral acceleration of 0.3 g at this speed, to which amplitudes refer."""
 

@@ -24,11 +24,13 @@ from simwarp.vehicle.driving.braking_maneuvers import (
 )
 from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.driver_choices import (
-    SPEEDS,
+    BRAKING_RUN,
+    RADIUS,
     needs_axles,
     scripted,
     speed_gains,
     steering_for,
+    usual_radius,
     usual_speed,
 )
 from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
@@ -40,10 +42,11 @@ from simwarp.vehicle.driving.handling_maneuvers import (
     step_input,
 )
 from simwarp.vehicle.driving.lane_courses import double_lane_change_course
-from simwarp.vehicle.driving.lane_maneuvers import LANE_SPEEDS, iso_3888_1, iso_3888_2
+from simwarp.vehicle.driving.lane_maneuvers import ISO_3888_1_SPEED, iso_3888_1, iso_3888_2, lane_speed
 from simwarp.vehicle.driving.maneuver_spec import SETTLING, Maneuver, after_settling
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec
 from simwarp.vehicle.driving.paths import Path, circle
+from simwarp.vehicle.driving.reachable_speeds import held_speed
 from simwarp.vehicle.driving.track_maneuvers import DRAWBAR_HOLD, DRAWBAR_RAMP, TRACK_MANEUVERS
 from simwarp.vehicle.driving.vehicle_outline import outline_of
 from simwarp.vehicle.spec.parts import SPECS
@@ -61,7 +64,7 @@ def reference_accel(spec: VehicleSpec) -> Maneuver:
 
 def reference_steer(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest; at 15 s the steering goes to 0.3 in 0.2 s; until 25 s."""
-    target, _ = SPEEDS.get(spec.full_name, (12.0, 15.0))
+    target = usual_speed(spec)
     script = scripted(
         spec,
         steering=after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
@@ -73,7 +76,7 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
 
 def reference_brake(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest until 20 s, then full brakes for 4 s."""
-    _, target = SPEEDS.get(spec.full_name, (12.0, 15.0))
+    target = spec.usual.speed_of_braking_run or held_speed(spec, BRAKING_RUN)
     script = scripted(
         spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
@@ -144,16 +147,12 @@ FASTEST: Final = 1000.0
 SHORTEST: Final = 0.01
 """A row of the record [s]."""
 
-RADII: Final = {"gator": 15.0, "artcar": 3.0, "skid-steer": 2.0}
-"""Of the circle of vehicles that do not take the usual 30 m [m]."""
-
-
 def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:
     """A path tracker on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
-    turn = RADII.get(spec.full_name, 30.0) if radius is None else radius
     needs_axles(spec)
+    turn = usual_radius(spec, spec.usual.radius, RADIUS) if radius is None else radius
     # 4 m/s² across: well below what a dry road takes
     target = min(usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
@@ -191,7 +190,7 @@ def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duratio
 
     `iso_3888_1` begins in motion and takes the line of least curvature.
     """
-    target = LANE_SPEEDS.get(spec.full_name, 15.0) if speed is None else speed
+    target = lane_speed(spec, ISO_3888_1_SPEED) if speed is None else speed
     needs_axles(spec)
     approach = 10.0 * target
     course = double_lane_change_course(outline_of(spec), approach)
@@ -210,8 +209,8 @@ def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0)
     return Maneuver(name="slope-hold", script=ScriptSpec(braking=((0.0, 1.0),)), duration=duration, slope=slope)
 
 
-PULLING_SPEEDS: Final = {"artcar": 0.3, "skid-steer": 0.2}
-"""Of the drawbar test where it is not the usual 1 m/s: a creep, at which the soil's damping adds little."""
+PULLING_SPEED: Final = 1.0
+"""Of the drawbar test: a creep, at which the soil's damping adds little [m/s]."""
 
 
 def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 40.0) -> Maneuver:
@@ -219,7 +218,8 @@ def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 
     rest = DRAWBAR_RAMP + DRAWBAR_HOLD
     if duration <= rest:
         raise SpecError(f"duration: must be above {rest:g} s of a drawbar test, got {duration!r}")
-    target = PULLING_SPEEDS.get(spec.full_name, 1.0) if speed is None else speed
+    usual = spec.usual.speed_of_pull or held_speed(spec, PULLING_SPEED)
+    target = usual if speed is None else speed
     test = DrawbarSpec(speed=target, start=SETTLING, ramp=DRAWBAR_RAMP, sweep=duration - rest)
     return Maneuver(name="drawbar", drawbar=test, duration=duration)
 

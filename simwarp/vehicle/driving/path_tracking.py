@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
-from simwarp.core.constraints import MinLen, NotNegative, Positive
+from simwarp.core.constraints import Ge, Le, MinLen, NotNegative, Positive
 from simwarp.core.object_repr import plural
 from simwarp.model.rules import instance_of
 from simwarp.simulation.attachments import ForceElement, StepContext
@@ -116,13 +116,17 @@ class PathTrackingSpec(Spec):
     """Until this time the vehicle stands on its brakes [s]."""
     ramp: NotNegative = 0.0
     """The speed to hold rises from zero for this long [s]."""
+    first_throttle: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
+    """At the first step without any error, by the integral of the gains: what holds the speed at which it begins."""
 
     def check(self) -> None:
-        """Checks that Stanley's law has no rate.
+        """Checks that Stanley's law has no rate, and that an integral holds the first throttle.
 
         Raises:
-            SpecError: its gains have a derivative.
+            SpecError: its gains have a derivative, or the pedals have no integral.
         """
+        if self.first_throttle > 0.0 and not self.speed_gains.integral > 0.0:
+            raise SpecError(f"first_throttle: must be 0 without an integral of speed_gains, got {self.first_throttle!r}")
         if isinstance(self.steering, Stanley) and self.steering.gains.derivative != 0.0:
             raise SpecError(f"derivative: must be 0 for Stanley's law, got {self.steering.gains.derivative!r}")
 
@@ -211,6 +215,8 @@ class PathTracker(ForceElement):
         names = ("steering_error", "steering_sum", "speed_error", "speed_sum", "throttle", "distance", "arc")
         for name in names:
             setattr(self._state, name, wp.zeros(worlds, dtype=float, device=device))
+        sums = [each.first_throttle / (each.speed_gains.integral or 1.0) for each in specs]
+        self._state.speed_sum.assign(np.broadcast_to(per_world(sums, worlds), worlds).astype(np.float32))
         self._state.started = wp.zeros(worlds, dtype=int, device=device)
         self._memory = {name: getattr(self._state, name) for name in ("segment", "started", *names)}
 

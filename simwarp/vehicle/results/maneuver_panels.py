@@ -11,12 +11,10 @@ import numpy.typing as npt
 from matplotlib.patches import Polygon
 
 from simwarp.vehicle.assessment.handling_results import (
-    FIT_WINDOW,
     LEAST_DISPLACEMENT,
     RATIO_LIMITS,
     RATIO_TIMES,
     dwell_peak,
-    linear_range,
 )
 from simwarp.vehicle.assessment.lane_verdicts import outline_corners
 from simwarp.vehicle.assessment.straight_results import (
@@ -27,6 +25,7 @@ from simwarp.vehicle.assessment.straight_results import (
     ground_speed,
     travelled,
 )
+from simwarp.vehicle.assessment.understeer import FIT_WINDOW, GRAVITY, understeer_curve
 from simwarp.vehicle.driving.braking_maneuvers import HOLD
 from simwarp.vehicle.driving.handling_maneuvers import SINE_END
 from simwarp.vehicle.driving.lane_courses import LaneCourse
@@ -36,7 +35,6 @@ from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, l
 from simwarp.vehicle.results.run_result import lateral_acceleration, since_zero, smoothed
 
 Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 SPACING: Final = 6.0
 """Between drawn outlines of a vehicle, along the way [m]."""
@@ -86,37 +84,40 @@ def draw_lanes(axes: Any, run: Run, course: LaneCourse) -> None:
 
 
 def _understeer(axes: Any, run: Run, maneuver: Maneuver) -> None:
-    title_of(axes, "front wheels' angle less wheelbase / radius [deg]")
-    lateral, rate = (smoothed(values, FIT_WINDOW) for values in (lateral_acceleration(run), run["yawrate_radps"]))
-    speed = smoothed(run["speed_mps"], FIT_WINDOW)
-    angle = smoothed(0.5 * (run["steerangle_FL_rad"] + run["steerangle_FR_rad"]), FIT_WINDOW)
-    sign = 1.0 if lateral.sum() >= 0.0 else -1.0
-    lateral, beyond = sign * lateral, np.degrees(sign * (angle - maneuver.wheelbase * rate / np.maximum(speed, 0.1)))
-    shown = _rising(lateral) & (speed > 0.2 * speed.max())
-    axes.plot(lateral[shown], beyond[shown], color=INK, linewidth=1.2)
+    title_of(axes, "angle less wheelbase / radius [deg]")
+    curve = understeer_curve(run, maneuver)
+    shown = curve.rising & (smoothed(run["speed_mps"], FIT_WINDOW) > 0.2 * run["speed_mps"].max())
+    for values, label, colour in (
+        (curve.road_wheels, "road wheels", INK), (curve.steering_wheel, "steering wheel / ratio", BLUE),
+    ):  # fmt: skip
+        if np.isnan(values).any():
+            continue
+        axes.plot(curve.lateral[shown], np.degrees(values[shown]), color=colour, linewidth=1.2, label=label)
+        for band in curve.bands():
+            used = curve.rows(*band)
+            line = np.polyfit(curve.lateral[used], np.degrees(values[used]), 1)
+            axes.plot(band, np.polyval(line, band), color=ORANGE, linewidth=2.0)
+            axes.text(np.mean(band), np.polyval(line, np.mean(band)), f"{GRAVITY * line[0]:+.2f} deg/g", fontsize=8,
+                      color=ORANGE, ha="center", va="bottom")  # fmt: skip
+    # a slide at the end would flatten what gradients are read from
+    calm = shown & curve.rows(0.0, 0.97 * float(curve.lateral.max()))
+    if calm.any():
+        both = np.degrees(np.concatenate([curve.road_wheels[calm], curve.steering_wheel[calm]]))
+        low, high = float(np.nanmin(both)), float(np.nanmax(both))
+        axes.set_ylim(low - 0.1 * (high - low) - 0.01, high + 0.15 * (high - low) + 0.01)
     _under(axes, "lateral acceleration [m/s²]")
-    used = linear_range(lateral) & shown
-    if used.sum() > FIT_WINDOW:
-        line = np.polyfit(lateral[used], beyond[used], 1)
-        ends = np.array([lateral[used].min(), lateral[used].max()])
-        axes.plot(ends, np.polyval(line, ends), color=ORANGE, linewidth=2.0, label=f"{line[0]:.3g} deg/(m/s²)")
-        legend(axes)
+    legend(axes)
 
 
 def _steering(axes: Any, run: Run, maneuver: Maneuver) -> None:
     title_of(axes, "steering [%], roll [deg]")
     lateral = smoothed(lateral_acceleration(run), FIT_WINDOW)
-    shown = _rising(np.abs(lateral))
+    shown = np.arange(len(lateral)) <= int(np.argmax(np.abs(lateral)))
     roll = np.degrees(smoothed(run["roll_rad"], FIT_WINDOW))
     axes.plot(lateral[shown], 100.0 * run["steer"][shown], color=INK, linewidth=1.2, label="steering")
     axes.plot(lateral[shown], roll[shown], color=ORANGE, linewidth=1.2, label="roll")
     _under(axes, "lateral acceleration [m/s²]")
     legend(axes)
-
-
-def _rising(lateral: Array) -> Flags:
-    """Rows up to the greatest acceleration: what comes behind is a slide, a spin or a roll-over."""
-    return np.arange(len(lateral)) <= int(np.argmax(lateral))
 
 
 def _under(axes: Any, text: str) -> None:

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.vehicle.assessment.entry_speed import entry_results, shortfall
 from simwarp.vehicle.assessment.handling_results import (
     dwell_results,
     fishhook_results,
-    steady_state,
     step_input_response,
 )
 from simwarp.vehicle.assessment.lane_verdicts import lane_results
@@ -23,6 +23,7 @@ from simwarp.vehicle.assessment.straight_results import (
     hill_results,
     turn_braking_results,
 )
+from simwarp.vehicle.assessment.understeer import steady_state
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.paths import Path
 from simwarp.vehicle.results.channels import Run
@@ -56,7 +57,9 @@ def results(run: Run, maneuver: Maneuver) -> list[Result]:
     found = [] if special is None else special(moving, maneuver)
     if maneuver.course is not None:
         found = [*lane_results(run, maneuver.course), *found]
-    return [*found, *_missed_speed(moving, maneuver), *_common(moving), *_energy(moving)]
+    found = [*entry_results(moving, maneuver), *found]
+    told = [*shortfall(found, maneuver), *_missed_speed(moving, maneuver)]
+    return [*found, *told, *_common(moving), *_energy(moving)]
 
 
 def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:

@@ -163,7 +163,9 @@ def set_up(
         if maneuver.drawbar is not None:
             spec.require_linkages("a drawbar test")
         driven = spec if maneuver.drawbar is None else with_locks(spec)
-        parts = add_vehicle(builder, driven, at=start, speed=maneuver.initial_speed, wheel_bodies=wheel_bodies)
+        parts = add_vehicle(
+            builder, driven, at=start, speed=maneuver.initial_speed, gear=maneuver.held_gear, wheel_bodies=wheel_bodies
+        )
         if not on_soil and any(side.meets_shapes for side in parts.sides):
             add_ground(builder, None, rotation, Material(friction=friction))
         check_road(maneuver, parts.spec, on_soil)
@@ -171,6 +173,8 @@ def set_up(
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))
         vehicle.tires.ground_friction.fill_(friction)
+        if maneuver.held_gear is not None:
+            vehicle.hold_gears()
     driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
