@@ -31,7 +31,7 @@ from simwarp.model.checks import checked_index, whole_number
 from simwarp.simulation.attachments import Sensor
 from simwarp.simulation.simulation import Simulation
 
-RATE: Final = 100.0
+RATE: Final = 50.0
 """Of the topics of the state [Hz]."""
 COMMANDS: Final = "/commands"
 NOWHERE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -145,37 +145,21 @@ class Writer(Readable):
         """
         if self._file.closed:
             raise ModelError(f"Writer: '{self.path}' is closed and takes no more; make another Writer")
-        time = float(self._time())
-        now = self._offset + round(time * SECOND)
-        begins = now < self._last or self._last < 0
-        if begins:
-            if self._last >= 0:
-                self._offset += self._last + self._step - now
-                now = self._last + self._step
-            self._next = now
-        elif now > self._last >= 0:
-            self._step = now - self._last
-        written = False
-        for sensor in self._sensors:
-            if sensor.is_new(begins):
-                if not written:
-                    self._clock.write(now, now)
-                    self._static.refresh(now)
-                    written = True
-                sensor.write(now, self._offset)
+        now, begins = self._advanced(self._offset + round(float(self._time()) * SECOND))
+        fresh = [sensor for sensor in self._sensors if sensor.is_new(begins)]
         # Half a step early is as near as half a step late
-        if now + self._step // 2 >= self._next and (now > self._last or begins):
-            if not written:
-                self._clock.write(now, now)
-                self._static.refresh(now)
-            for channel, fill in self._state:
-                fill()
-                channel.write(now, now)
-            self._next = max(self._next + self._period, now + self._period // 2)
+        due = begins or (now + self._step // 2 >= self._next and now > self._last)
         self._last = now
-        if commands is not None:
-            self._write_commands(commands, now)
-        self._file.tick()
+        if due or fresh or commands is not None:
+            self._clock.write(now, now)
+            self._static.refresh(now)
+            for sensor in fresh:
+                sensor.write(now, self._offset)
+            if due:
+                self._write_state(now)
+            if commands is not None:
+                self._write_commands(commands, now)
+            self._file.tick()
 
     def close(self) -> None:
         """Ends the file; a second call does nothing.
@@ -192,6 +176,25 @@ class Writer(Readable):
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _advanced(self, now: int) -> tuple[int, bool]:
+        """Time of the file [ns], and whether an episode begins with it: it goes on where the world's own goes back."""
+        begins = now < self._last or self._last < 0
+        if begins:
+            if self._last >= 0:
+                begun = self._last + self._step
+                self._offset += begun - now
+                now = begun
+            self._next = now
+        elif now > self._last:
+            self._step = now - self._last
+        return now, begins
+
+    def _write_state(self, now: int) -> None:
+        for channel, fill in self._state:
+            fill()
+            channel.write(now, now)
+        self._next = max(self._next + self._period, now + self._period // 2)
 
     def _write_commands(self, commands: Mapping[str, float], now: int) -> None:
         names = tuple(commands)
