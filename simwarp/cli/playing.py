@@ -28,10 +28,11 @@ from simwarp.train.evaluation.play import (
 from simwarp.train.runs.progress_display import LiveLine
 
 if TYPE_CHECKING:
+    from simwarp.cli.evaluation.task_record import TaskRecord
     from simwarp.cli.view.films import HtmlFilm
     from simwarp.cli.view.scene_film import TaskSceneFilm
 
-    AnyFilm: TypeAlias = Film | HtmlFilm | TaskSceneFilm
+    AnyFilm: TypeAlias = Film | HtmlFilm | TaskSceneFilm | TaskRecord
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +46,8 @@ class PlayOptions(CommonOptions):
     export_scene: Path | None = None
     """File to write in place of a picture or video, for other programs: .glb, the scene of one world with its motion
     (glTF 2.0), or .pov, the same for POV-Ray."""
+    record: Path | None = None
+    """File to write in place of a picture or video, for tools of ROS 2: .mcap, one world, its sensors and actions."""
     checkpoint: Path | None = None
     """Checkpoint file or run folder, or `shipped`, the name of a shipped one, `zero`, `random`; by default the newest
     run, else the shipped."""
@@ -103,6 +106,9 @@ def run(arguments: list[str]) -> int:
     task.set_level(level)
     policy = source.policy(task)
     film = _film(task, target, options)
+    if options.record is not None:
+        recording: Any = film
+        policy = recording.beside(task, policy)
     frames: list[Frame] = []
     try:
         total = _record(task, policy, options, film, frames, console)
@@ -115,7 +121,7 @@ def run(arguments: list[str]) -> int:
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
     console.print(f"mean return over {frames[-1].time:.1f} s: {total:.1f}", highlight=False)
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)
-    written = "video" if options.export_scene is None else "file"
+    written = "video" if options.export_scene is None and options.record is None else "file"
     options.emit({"task": name, written: str(target), "return": total, "checkpoint": str(source.path)})
     return DONE
 
@@ -149,7 +155,7 @@ def _write(film: AnyFilm, target: Path, frames: list[Frame], name: str, console:
 
 def _with_models(options: Any, console: Console) -> Any:
     """The options with a world of each model of a mixed batch; with the first model where a file has one simulation."""
-    if options.html is None and options.export_scene is None:
+    if options.html is None and options.export_scene is None and options.record is None:
         return dataclasses.replace(options, num_envs=max(options.num_envs, len(options.task.by_model())))
     from simwarp.cli.view.shown_model import shown_config
 
@@ -167,9 +173,10 @@ def _check(options: Any) -> None:
         raise UsageError(f"worlds must be from 0 to {count - 1}, got {wrong[0]}; --num-envs plays more of them")
     if len(set(options.worlds)) < len(options.worlds):
         raise UsageError(f"worlds must be different ones, got {' '.join(map(str, options.worlds))}")
-    if options.export_scene is not None and len(options.worlds) > 1:
+    alone = [name for name in ("export_scene", "record") if getattr(options, name) is not None]
+    if alone and len(options.worlds) > 1:
         shown = " ".join(map(str, options.worlds))
-        raise UsageError(f"--export-scene shows one world, got --worlds {shown}; name one of them")
+        raise UsageError(f"--{alone[0].replace('_', '-')} shows one world, got --worlds {shown}; name one of them")
     if not 0.1 <= options.zoom <= 20.0:
         raise UsageError(f"zoom must be from 0.1 to 20, got {options.zoom:g}")
     if options.size is None:
@@ -195,10 +202,18 @@ def _film_options(options: Any) -> FilmOptions:
 
 def _target(name: str, options: Any, checkpoint: Path, console: Console) -> Path:
     """File to write, refused before any work is done where that cannot be."""
-    targets = {"--video": options.video, "--html": options.html, "--export-scene": options.export_scene}
+    targets = {
+        "--video": options.video, "--html": options.html, "--export-scene": options.export_scene,
+        "--record": options.record,
+    }  # fmt: skip
     given = [option for option, path in targets.items() if path is not None]
     if len(given) > 1:
         raise UsageError(f"{given[1]} takes the place of {given[0]}: give one of them")
+    if options.record is not None:
+        from simwarp.mcap.mcap_extra import check_mcap_path
+
+        options.check(checkpoint, record=check_mcap_path(options.record))
+        return Path(options.record)
     if options.export_scene is not None:
         from simwarp.exporters.scene_files import check_scene_path
 
@@ -230,6 +245,10 @@ def _default_video(name: str, console: Console) -> Path:
 
 def _film(task: Any, target: Path, options: Any) -> AnyFilm:
     """What takes the frames, as the options ask for it."""
+    if options.record is not None:
+        from simwarp.cli.evaluation.task_record import TaskRecord
+
+        return TaskRecord(target, (options.worlds or (0,))[0])
     if options.html is not None:
         from simwarp.cli.view.films import HtmlFilm
 

@@ -19,8 +19,9 @@ from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.drive.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
+from simwarp.cli.drive.drive_films import RecordOptions, films_of, sensors_of
 from simwarp.cli.drive.drive_progress import ManeuverBar
-from simwarp.cli.options import CommonOptions, parse_options, require_subject, split_subject
+from simwarp.cli.options import parse_options, require_subject, split_subject
 from simwarp.core.memory import check_fits
 from simwarp.exporters.run_report import check_report
 from simwarp.exporters.run_tables import check_run_file, write_run
@@ -48,9 +49,8 @@ from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_veh
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 
 if TYPE_CHECKING:
-    from simwarp.cli.view.drive_film import DriveFilm
+    from simwarp.cli.drive.drive_films import AnyFilm
     from simwarp.cli.view.maneuver_view import ManeuverView
-    from simwarp.cli.view.scene_film import DriveSceneFilm
 
 PICTURES = (".png", ".pdf", ".svg")
 CHAINS_TIME: Final = 1.0
@@ -101,7 +101,7 @@ NORMAL_HINT: Final = "(default: ground)"
 
 
 @dataclasses.dataclass(frozen=True)
-class DriveOptions(CommonOptions):
+class DriveOptions(RecordOptions):
     """Drives one manoeuvre with a vehicle, a shipped one or that of a JSON file: `simwarp drive` lists them.
 
     The CSV file has a row every 10 ms, from t = -1 s on (the vehicle settles on its brakes before t = 0).
@@ -212,7 +212,7 @@ class Outcome:
     wall: float
     interrupted: bool = False
     broken: bool = False
-    films: tuple[DriveFilm | DriveSceneFilm, ...] = ()
+    films: tuple[AnyFilm, ...] = ()
     chains: ChainRecord | None = None
     channels: tuple[Channel, ...] = ()
 
@@ -255,6 +255,7 @@ def run(arguments: list[str]) -> int:
 
 ALONE: Final = (
     "soil", "soil_normal", "spacing", "channels", "csv", "output", "report", "chains", "video", "export_scene",
+    "record", "sensors",
 )  # fmt: skip
 """Options of one run, which a batch of many does not have."""
 
@@ -310,8 +311,9 @@ def _check(name: str, options: DriveOptions) -> None:
     files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
     options.check(
         *files, csv=options.csv, output=options.output, plot=options.plot, report=options.report,
-        chains=options.chains, video=options.video, export_scene=options.export_scene,
+        chains=options.chains, video=options.video, export_scene=options.export_scene, record=options.record,
     )  # fmt: skip
+    options.check_record()
     if options.output is not None:
         check_run_file(options.output, "--output")
     if options.report is not None:
@@ -393,12 +395,12 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     setup = set_up(
         spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
         elements=lambda vehicle: _soil(vehicle, options), on_soil=options.soil is not None,
-        joint_reactions=wants_reactions(options.patterns),
+        joint_reactions=wants_reactions(options.patterns), sensors=sensors_of(what, options),
     )  # fmt: skip
     drive = Drive(setup, channels=options.patterns)
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
-    outcome.films = films = _films(setup, options)
+    outcome.films = films = films_of(drive, options)
     if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
         outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
@@ -444,20 +446,6 @@ def _soil(vehicle: AnyVehicle, options: DriveOptions) -> list[Soil]:
     if options.soil_normal is not None:
         given["pressure_normal"] = options.soil_normal
     return [soil_under(vehicle, options.soil or "mid", **given)]
-
-
-def _films(setup: Setup[AnyVehicle], options: DriveOptions) -> tuple[DriveFilm | DriveSceneFilm, ...]:
-    """The film or picture, and the scene, that were asked for."""
-    films: list[DriveFilm | DriveSceneFilm] = []
-    if options.video is not None:
-        from simwarp.cli.view.drive_film import DriveFilm
-
-        films.append(DriveFilm(setup, options.video))
-    if options.export_scene is not None:
-        from simwarp.cli.view.scene_film import DriveSceneFilm
-
-        films.append(DriveSceneFilm(setup, options.export_scene))
-    return tuple(films)
 
 
 def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
@@ -576,7 +564,7 @@ def _choices(spec: AnyVehicleSpec, options: DriveOptions) -> dict[str, str]:
 def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
     """For scripts: what ran, its results, and the last value of every column."""
     files = {name: getattr(options, name) for name in ("csv", "output", "plot", "report", "chains", "video")}
-    files["file"] = options.export_scene
+    files["file"] = options.export_scene or options.record
     return {
         "vehicle": spec.name,
         "maneuver": outcome.maneuver.name,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -19,6 +19,9 @@ from simwarp.core.files import OutputError
 from simwarp.core.stopping import stop_on_signals
 from simwarp.tasks import TaskConfig, resolve_device
 from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
+
+if TYPE_CHECKING:
+    from simwarp.cli.evaluation.task_record import TaskRecord
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +51,8 @@ class EvalOptions(CommonOptions):
     """Evaluate the zero-action and the random policy too; with --grid by default not: it takes thrice the time."""
     plot: Path | None = None
     """Folder for results.json, rates and maps of paths as pictures; by default TASK-eval, but none without --grid."""
+    record: Path | None = None
+    """File for tools of ROS 2, .mcap: the first world with its sensors and the policy's actions, all its episodes."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
 
@@ -67,7 +72,8 @@ def run(arguments: list[str]) -> int:
     name, options = command.name, command.options()
     source = command.source
     assert source is not None  # options() has ended the process where help was asked for
-    options.check(source.path)
+    record = _record(options)
+    options.check(source.path, record=options.record)
     _check_counts(options)
     # All points are checked before the first one is evaluated
     level = level_of("--level", options.level)
@@ -88,12 +94,14 @@ def run(arguments: list[str]) -> int:
         try:
             with GridDisplay(console, len(points), 3 if settings.baselines else 1, settings.episodes) as display:
                 evaluate_grid(
-                    name, source.policy, points, settings,
+                    name, source.policy if record is None else record.recorded(source.policy), points, settings,
                     results=report.results, display=display, stop=stop, after=report.save,
                 )  # fmt: skip
         except EvaluationStoppedError as stopped:
             report.stopped = stopped
         finally:
+            if record is not None:
+                record.close()
             _finish(report, console, options)
     if report.stopped is not None:
         return INTERRUPTED
@@ -112,6 +120,18 @@ def _finish(report: Report, console: Console, options: Any) -> None:
         raise
     if complete:
         options.emit(report.content())
+
+
+def _record(options: Any) -> TaskRecord | None:
+    """What records the first world, where that is asked for."""
+    if options.record is None:
+        return None
+    if options.grid:
+        raise UsageError("--record: records one evaluation, and --grid makes several; leave out one of them")
+    from simwarp.cli.evaluation.task_record import TaskRecord
+    from simwarp.mcap.mcap_extra import check_mcap_path
+
+    return TaskRecord(check_mcap_path(options.record))
 
 
 def _task_of(options: Any) -> TaskConfig:

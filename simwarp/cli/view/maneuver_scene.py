@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.instances import PlainAppearanceOptions
 from simwarp.sensors.scene import Scene, Visuals
+from simwarp.simulation.attachments import ForceElement
 from simwarp.soil.soil import Soil
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.runs import Setup
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 from simwarp.viewer.default_visuals import paint
@@ -24,14 +27,19 @@ SAND = (0.75, 0.68, 0.6)
 
 def maneuver_scene(setup: Setup[AnyVehicle]) -> Scene:
     """The scene of a manoeuvre's simulation; a soil among its elements covers the ground."""
-    simulation = setup.simulation
-    soil = next((each for each in simulation.elements if isinstance(each, Soil)), None)
-    builder = simulation.model.builder
+    return driven_scene(setup.vehicle, setup.simulation.elements, setup.maneuver)
+
+
+def driven_scene(vehicle: AnyVehicle, elements: Sequence[ForceElement], maneuver: Maneuver) -> Scene:
+    """The scene of a vehicle and the ground of its manoeuvre, covered by a soil among the force elements."""
+    model = vehicle.model
+    soil = next((each for each in elements if isinstance(each, Soil)), None)
+    builder = model.builder
     assert isinstance(builder, ModelBuilder)
     visuals = Visuals(builder)
-    show_body(visuals, setup.vehicle.parts)
+    show_body(visuals, vehicle.parts)
     if not any(instance.body == WORLD for instance in visuals.instances):
-        lean = -0.5 * math.atan(setup.maneuver.slope)
+        lean = -0.5 * math.atan(maneuver.slope)
         turn = np.array([0.0, math.sin(lean), 0.0, math.cos(lean)])
         look: PlainAppearanceOptions = {}
         if soil is not None:
@@ -40,7 +48,7 @@ def maneuver_scene(setup: Setup[AnyVehicle]) -> Scene:
         color = ASPHALT if soil is None else SAND
         visuals.add_plane(name="ground", pose=pose(rotation=turn), color=color, **look)
     paint(visuals, tile=5.0)
-    scene = visuals.finalize(simulation.model)
+    scene = visuals.finalize(model)
     if soil is not None:
         scene.cover_with(soil)
     return scene

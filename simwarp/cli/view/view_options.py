@@ -41,7 +41,7 @@ class ViewOptions(CommonOptions):
     seconds: float | None = None
     """End after this much time by the clock [s]; with --record of simulated time, at full speed, without a browser."""
     record: Path | None = None
-    """Record to this file from the start: .html, which plays in any browser, or .viser."""
+    """Record to this file from the start: .html, which plays in any browser, .viser, or .mcap for tools of ROS 2."""
     drive: bool = False
     """Drive by hand at once: the page's keys and gamepad, the camera behind the vehicle."""
     keys: Literal["smooth", "chrono"] = "smooth"
@@ -94,9 +94,9 @@ def check_view_options(options: ViewOptions) -> None:
     if trajectories is not None and trajectories.suffix != ".npz":
         raise UsageError(f"--record-trajectories must end in .npz, got '{trajectories}'")
     if options.record is not None:
-        from simwarp.viewer.live.recording import check_recording_path
+        from simwarp.cli.view.view_record import check_view_record
 
-        check_recording_path(options.record)
+        check_view_record(options.record)
     options.check(record=options.record, record_trajectories=trajectories)
     if options.seconds is not None and not 0.0 < options.seconds <= LONGEST:
         raise UsageError(f"seconds must be positive and at most {LONGEST:g}, got {options.seconds:g}")

@@ -10,9 +10,9 @@ from simwarp.cli import DONE, INTERRUPTED
 from simwarp.cli.options import parse_options
 from simwarp.cli.view.subject_page import open_view, say
 from simwarp.cli.view.view_options import ViewOptions, announce, check_view_options
+from simwarp.cli.view.view_record import view_recorder
 from simwarp.cli.view.view_target import ViewTarget
 from simwarp.viewer.live.live_view import LiveView
-from simwarp.viewer.live.recording import Recorder
 from simwarp.viewer.live.web_server import WebServer
 
 
@@ -62,7 +62,7 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
         return _record_seconds(view, options, options.seconds)
     console = options.console()
     if options.record is not None:
-        Recorder(view, options.record)
+        view_recorder(view, options.record)
     end = None if options.seconds is None else time.perf_counter() + options.seconds
     try:
         view.run(None if end is None else lambda: time.perf_counter() >= end)
@@ -81,7 +81,8 @@ def _record_seconds(view: LiveView, options: ViewOptions, seconds: float) -> int
     from simwarp.core.stopping import stop_on_signals
     from simwarp.train.runs.progress_display import LiveLine
 
-    recorder, console = Recorder(view, str(options.record)), options.console()
+    assert options.record is not None
+    recorder, console = view_recorder(view, options.record), options.console()
     try:
         with stop_on_signals() as stop, LiveLine(console, 1.0, head="recording") as line:
             while recorder.elapsed < seconds - 1e-6 and not recorder.written and not stop.requested:

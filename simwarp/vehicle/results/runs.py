@@ -13,7 +13,7 @@ from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import rotate
 from simwarp.core.types import WORLD, Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
-from simwarp.simulation.attachments import ForceElement
+from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import add_vehicle
@@ -76,6 +76,7 @@ class SetUpOptions(TypedDict, total=False):
     friction: float
     randomised: Iterable[str]
     elements: Callable[[Any], Sequence[ForceElement]]
+    sensors: Callable[[Any, Sequence[ForceElement]], Sequence[Sensor]]
     on_soil: bool
     solver: SolverOptions | None
     joint_reactions: bool
@@ -110,6 +111,7 @@ def set_up(
     friction: float = REFERENCE_FRICTION,
     randomised: Iterable[str] = (),
     elements: Callable[[Any], Sequence[ForceElement]] = lambda vehicle: (),
+    sensors: Callable[[Any, Sequence[ForceElement]], Sequence[Sensor]] = lambda vehicle, elements: (),
     on_soil: bool = False,
     solver: SolverOptions | None = None,
     joint_reactions: bool = False,
@@ -127,7 +129,8 @@ def set_up(
         friction: of the ground.
         randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
         elements: returns further force elements for the `Vehicle` or `TrackedVehicle`, such as the soil below it.
-        on_soil: True if a soil is among them: rigid and flexible tires have no plane to stand on then.
+        sensors: returns sensors for the vehicle and all force elements.
+        on_soil: True if a soil is among the elements: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
         joint_reactions: record those of all joints; chains of tracks always do.
         variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
@@ -180,7 +183,7 @@ def set_up(
     usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
     simulation = Simulation(
         model, dt, elements=acting, solver=usual if solver is None else solver,
-        joint_reactions=chains or joint_reactions,
+        joint_reactions=chains or joint_reactions, sensors=sensors(vehicle, acting),
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
 
@@ -242,6 +245,9 @@ class Drive(Readable):
         setup: of `set_up`.
         worlds: indices of those that are recorded; the first alone by default.
         channels: further ones by name, as of `Recorder`.
+
+    Attributes:
+        after_step: called after every step; None: nothing is.
     """
 
     def __init__(
@@ -250,6 +256,7 @@ class Drive(Readable):
         self.setup = setup
         further = setup.driver.measured if isinstance(setup.driver, Drawbar) else {}
         self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further, channels)
+        self.after_step: Callable[[], None] | None = None
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 
@@ -267,6 +274,8 @@ class Drive(Readable):
         self.recorder.sample()
         for step in range(1, total + 1):
             simulation.step()
+            if self.after_step is not None:
+                self.after_step()
             if (step - 1) % every == 0:
                 self.recorder.record_inputs()
             if step % every == 0:

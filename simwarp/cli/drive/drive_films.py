@@ -1,0 +1,142 @@
+"""What is filmed and recorded of a manoeuvre beside its rows: videos, scenes, and messages for tools of ROS 2."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
+
+import numpy as np
+import tyro
+
+from simwarp.cli import UsageError
+from simwarp.cli.options import CommonOptions
+from simwarp.mcap.mcap_extra import check_mcap_path
+from simwarp.simulation.attachments import ForceElement, Sensor
+from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.results.runs import Drive, Progress
+
+if TYPE_CHECKING:
+    from simwarp.cli.view.drive_film import DriveFilm
+    from simwarp.cli.view.scene_film import DriveSceneFilm
+
+    AnyFilm: TypeAlias = "DriveFilm | DriveSceneFilm | DriveRecord"
+
+ROOF: Final = (0.0, 0.0, 1.5)
+"""Where cameras, lidars and radars are unless it is said, from the chassis' centre of mass [m]."""
+SENSORS_HINT: Final = "(default: none)"
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordOptions(CommonOptions):
+    """Options of what is recorded for tools of ROS 2."""
+
+    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = (
+        None
+    )
+    """Records the first world for tools of ROS 2, .mcap: transforms, odometry, joints, wheels, inputs and sensors."""
+    sensors: Annotated[str | None, tyro.conf.arg(metavar="NAMES", help_behavior_hint=SENSORS_HINT)] = None
+    """On the chassis, for --record: names of `simwarp list` or JSON files with commas between, each with its place from
+    the centre of mass where it matters, "vlp-16@0:0:1.2,mems-imu"."""
+
+    def check_record(self) -> None:
+        """Refuses what cannot be recorded.
+
+        Raises:
+            UsageError: there are sensors and no file to record them to, or a place is none.
+            ModelError: the file is of another kind, or the extra is not installed.
+        """
+        if self.record is not None:
+            check_mcap_path(self.record)
+        elif self.sensors is not None:
+            raise UsageError("--sensors: are recorded, and no --record names a file for them; add --record run.mcap")
+        for word in _words(self.sensors):
+            _placed(word)
+
+
+def _words(text: str | None) -> list[str]:
+    return [word.strip() for word in (text or "").split(",") if word.strip()]
+
+
+def _placed(word: str) -> tuple[str, tuple[float, ...] | None]:
+    """Name and place of a sensor.
+
+    Raises:
+        UsageError: the place is none.
+    """
+    name, found, text = word.partition("@")
+    try:
+        place = tuple(float(number) for number in text.split(":"))
+    except ValueError:
+        place = ()
+    if found and not (len(place) == 3 and np.isfinite(place).all()):
+        raise UsageError(f"--sensors: a place must be x:y:z in metres, got '{text}' of '{name}'; write {name}@0:0:1.2")
+    return name, place if found else None
+
+
+def sensors_of(maneuver: Maneuver, options: RecordOptions) -> Callable[[Any, Sequence[ForceElement]], list[Sensor]]:
+    """What makes the sensors that were asked for, once the vehicle is there."""
+
+    def made(vehicle: Any, elements: Sequence[ForceElement]) -> list[Sensor]:
+        words = _words(options.sensors)
+        if not words:
+            return []
+        from simwarp.cli.view.maneuver_scene import driven_scene
+        from simwarp.core.types import pose
+        from simwarp.sensors import CameraConfig, LidarConfig, Mount, RadarConfig, load_config, make_sensor
+
+        scene, found = driven_scene(vehicle, elements, maneuver), []
+        for number, (name, place) in enumerate(map(_placed, words)):
+            config = load_config(name)
+            usual = ROOF if isinstance(config, (CameraConfig, LidarConfig, RadarConfig)) else (0.0, 0.0, 0.0)
+            mount = Mount(vehicle.parts.chassis, pose(usual if place is None else place))
+            earlier = sum(_placed(other)[0] == name for other in words[:number])
+            title = Path(name).stem if not earlier else f"{Path(name).stem}-{earlier + 1}"
+            found.append(make_sensor(config, scene, mount, name=title))
+        return found
+
+    return made
+
+
+class DriveRecord:
+    """Records the first world after every step.
+
+    Args:
+        drive: whose steps they are.
+        path: of the file.
+    """
+
+    seconds: Final = 0.0
+    """Recording is part of the run."""
+
+    def __init__(self, drive: Drive, path: Path) -> None:
+        from simwarp.mcap import Writer
+
+        self.path = path
+        self._writer = Writer(path, drive.setup.simulation)
+        drive.after_step = self._writer.add
+
+    def beside(self, progress: Progress) -> Progress:
+        """Nothing more after a row of the record."""
+        return progress
+
+    def write(self) -> None:
+        """Ends the file."""
+        self._writer.close()
+
+
+def films_of(drive: Drive, options: Any) -> tuple[AnyFilm, ...]:
+    """The film or picture, the scene, and the recording that were asked for."""
+    films: list[AnyFilm] = []
+    if options.video is not None:
+        from simwarp.cli.view.drive_film import DriveFilm
+
+        films.append(DriveFilm(drive.setup, options.video))
+    if options.export_scene is not None:
+        from simwarp.cli.view.scene_film import DriveSceneFilm
+
+        films.append(DriveSceneFilm(drive.setup, options.export_scene))
+    if options.record is not None:
+        films.append(DriveRecord(drive, options.record))
+    return tuple(films)
