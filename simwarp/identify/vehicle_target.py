@@ -91,9 +91,7 @@ class VehicleTarget:
         self._drawbar = config.drawbar_test
         if self._drawbar is not None and spec.is_reduced:
             raise FitError(f"drawbar: must be of a vehicle with linkages, got the reduced {formatted(spec.name)}")
-        self.document: Any = _plain_lists(plain(spec))
-        for axle, entry in zip(spec.axles, self.document["axles"], strict=True):
-            entry["tire"]["parameters"] = _explicit(axle.tire)
+        self.document: Any = vehicle_document(spec)
         if config.soil is None:
             self.document["ground"] = {"friction": config.ground_friction}
         else:
@@ -120,43 +118,14 @@ class VehicleTarget:
         speed = start.get(SPEED, 0.0)
         # noise of a sensor is no rolling backwards, which would be in reverse gear
         builder, parts = self._build(document, speed if abs(speed) > STANDING else 0.0)
-        base_builder, base = self._base
-        found = model_numbers(builder, base_builder)
-        rolling = parts.start
-        others: dict[str, npt.NDArray[Any]] = {
-            "reference": np.asarray(parts.reference, float),
-            "gain": self._gains(parts, base),
-            "rolling": np.array([rolling.gear, rolling.motor_speed, rolling.drive_speed]),
-        }
-        if parts.spec.axles[0].tire.template in MODELS:
-            others["tires"] = _tire_rows(parts)
+        found = vehicle_numbers(builder, parts, *self._base)
+        gains = input_gains(parts, self._base[1])
+        others: dict[str, npt.NDArray[Any]] = {**found.others, "gain": gains}
         if "soil" in document:
             others["soil"] = np.array(SoilSpec(**document["soil"]).values())
         else:
             others["friction"] = np.array([document["ground"]["friction"]])
         return dataclasses.replace(found, others=others)
-
-    def _gains(self, parts: VehicleParts, base: VehicleParts) -> Array:
-        """(3,) of the inputs, which stand for numbers that all worlds share.
-
-        Raises:
-            FitError: something else differs that they share.
-        """
-        steering = _factor([each.travel for each in base.steerings], [each.travel for each in parts.steerings])
-        torque = [
-            [axle.brake.max_torque for axle in each.spec.axles if axle.brake is not None] for each in (base, parts)
-        ]
-        braking = _factor(*torque)
-        throttle = _engine_factor(base.spec.engine, parts.spec.engine)
-        for what, before, after in (
-            ("steerings: their travels", steering, None), ("brakes: their torques", braking, None),
-            ("engine", throttle, None), ("driveline", base.driveline, parts.driveline),
-            ("transmission", (base.gears, base.spec.transmission), (parts.gears, parts.spec.transmission)),
-            ("chassis: its drag", _drag(base.spec), _drag(parts.spec)),
-        ):  # fmt: skip
-            if before is None or (after is not None and before != after):
-                raise FitError(f"{what}: all worlds share it, so that it cannot be fitted but for one common factor")
-        return np.array([steering, throttle, braking])
 
     def model_names(self) -> Model:
         """A model of one world, for the names of its parts."""
@@ -294,20 +263,9 @@ class VehicleRollout:
 
     def _write_others(self, others: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
         """Tires, soil, road and powertrain."""
-        vehicle, memory = self.vehicle, self.vehicle.memory
-        if isinstance(vehicle.tires, Tires):
-            vehicle.tires.parameter.assign(np.stack([each["tires"] for each in others]))
-            vehicle.tires.ground_friction.assign(np.concatenate([each["friction"] for each in others]))
+        write_vehicle_numbers(self.vehicle, others)
         if self.soil is not None:
             self.soil.parameter.assign(np.stack([each["soil"] for each in others])[:, None])
-        rolling = np.stack([each["rolling"] for each in others])
-        for name, values in (
-            ("gear", rolling[:, 0]), ("engine_speed", np.abs(rolling[:, 1])), ("last_input", rolling[:, 1]),
-            ("last_drive", rolling[:, 2]),
-        ):  # fmt: skip
-            if name in memory:
-                array = memory[name]
-                array.assign(values.reshape(array.shape).astype(array.numpy().dtype))
 
     def _scaled(self, rows: Sequence[World]) -> Array:
         """(W, steps, inputs) as the vehicle takes them, with the gains of each world."""
@@ -344,6 +302,82 @@ class VehicleRollout:
 def vehicle_word(config: FitConfig) -> str:
     """The target as vehicles are loaded: a name, or a path from the folder of the configuration."""
     return str(config.path_of(config.target)) if config.target.endswith(".json") else config.target
+
+
+def vehicle_document(spec: VehicleSpec) -> Any:
+    """The file of a vehicle as dictionaries and lists, with all numbers of its tires, so that each has a path."""
+    document = _plain_lists(plain(spec))
+    for axle, entry in zip(spec.axles, document["axles"], strict=True):
+        entry["tire"]["parameters"] = _explicit(axle.tire)
+    return document
+
+
+def vehicle_numbers(
+    builder: ModelBuilder, parts: VehicleParts, base_builder: ModelBuilder, base: VehicleParts
+) -> WorldNumbers:
+    """The numbers of a world with another vehicle than that of its batch; `input_gains` has the rest.
+
+    Args:
+        builder, parts: of the world.
+        base_builder, base: of the batch.
+
+    Raises:
+        FitError: a table differs by more than a factor.
+    """
+    found = model_numbers(builder, base_builder)
+    rolling = parts.start
+    others: dict[str, npt.NDArray[Any]] = {
+        "reference": np.asarray(parts.reference, float),
+        "rolling": np.array([rolling.gear, rolling.motor_speed, rolling.drive_speed]),
+    }
+    if parts.spec.axles[0].tire.template in MODELS:
+        others["tires"] = _tire_rows(parts)
+    return dataclasses.replace(found, others=others)
+
+
+def input_gains(parts: VehicleParts, base: VehicleParts) -> Array:
+    """(3,) factors of steering, throttle and braking that stand for numbers which all worlds of a batch share.
+
+    Args:
+        parts: of a world.
+        base: of its batch.
+
+    Raises:
+        FitError: something else differs that they share.
+    """
+    steering = _factor([each.travel for each in base.steerings], [each.travel for each in parts.steerings])
+    torque = [[axle.brake.max_torque for axle in each.spec.axles if axle.brake is not None] for each in (base, parts)]
+    braking = _factor(*torque)
+    throttle = _engine_factor(base.spec.engine, parts.spec.engine)
+    for what, before, after in (
+        ("steerings: their travels", steering, None), ("brakes: their torques", braking, None),
+        ("engine", throttle, None), ("driveline", base.driveline, parts.driveline),
+        ("transmission", (base.gears, base.spec.transmission), (parts.gears, parts.spec.transmission)),
+        ("chassis: its drag", _drag(base.spec), _drag(parts.spec)),
+    ):  # fmt: skip
+        if before is None or (after is not None and before != after):
+            raise FitError(f"{what}: all worlds share it, so that it cannot be fitted but for one common factor")
+    return np.array([steering, throttle, braking])
+
+
+def write_vehicle_numbers(vehicle: Vehicle, others: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
+    """Write tires, road and powertrain of every world.
+
+    Args:
+        vehicle: with numbers of its own for the tires of every world (`randomised`).
+        others: of each world.
+    """
+    if isinstance(vehicle.tires, Tires):
+        vehicle.tires.parameter.assign(np.stack([each["tires"] for each in others]))
+        vehicle.tires.ground_friction.assign(np.concatenate([each["friction"] for each in others]))
+    rolling = np.stack([each["rolling"] for each in others])
+    for name, values in (
+        ("gear", rolling[:, 0]), ("engine_speed", np.abs(rolling[:, 1])), ("last_input", rolling[:, 1]),
+        ("last_drive", rolling[:, 2]),
+    ):  # fmt: skip
+        if name in vehicle.memory:
+            array = vehicle.memory[name]
+            array.assign(values.reshape(array.shape).astype(array.numpy().dtype))
 
 
 def _plain_lists(value: Any) -> Any:

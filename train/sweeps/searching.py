@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import json
 import math
-import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from simwarp.core.files import check_input, output_error
 from simwarp.tasks import InputError
 
 from .plan import SweepRun
 from .ranking import median_interval
 from .run_state import RunRecord
+from .search_journal import STORAGE, import_optuna, open_study
 
-STORAGE: Final = "search.log"
-"""Journal of the trials, in the folder of the sweep."""
 _STUDY = "sweep"
 
 
@@ -39,51 +34,6 @@ class Dimension:
     high: float | int | None = None
     log: bool = False
     choices: tuple[str, ...] = ()
-
-
-def import_optuna() -> Any:
-    """Return the module optuna.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        return importlib.import_module("optuna")
-    except ImportError as error:
-        raise InputError("--search needs the package optuna: pip install 'simwarp[sweep]'") from error
-
-
-def _damaged(path: Path, why: str) -> InputError:
-    remedy = "put a whole copy in its place, or give another --out"
-    return InputError(f"journal of the search {path} is damaged ({why}); {remedy}")
-
-
-def _check_journal(path: Path) -> None:
-    """Refuse a journal that is none, and drop the end of one whose writer was killed in the middle of a line.
-
-    What is added to it would stand in the same line.
-
-    Raises:
-        InputError: a line is no object of JSON.
-        FileError: it is no regular file.
-        OutputError: it cannot be shortened.
-    """
-    if not os.path.lexists(path):
-        return
-    data = check_input(path, "journal of the search").read_bytes()
-    whole = data.rfind(b"\n") + 1
-    for number, line in enumerate(data[:whole].splitlines(), 1):
-        try:
-            known = isinstance(json.loads(line), dict)
-        except (ValueError, RecursionError):
-            known = False
-        if not known:
-            raise _damaged(path, f"line {number}")
-    if whole < len(data):
-        try:
-            os.truncate(path, whole)
-        except OSError as error:
-            raise output_error(path, error) from error
 
 
 class Search:
@@ -111,8 +61,7 @@ class Search:
         score: Callable[[RunRecord], float],
     ) -> None:
         self._optuna = import_optuna()
-        self._optuna.logging.set_verbosity(self._optuna.logging.WARNING)
-        self._study = self._opened(folder / STORAGE)
+        self._study = open_study(folder / STORAGE, _STUDY)
         before = self._earlier_trials(folder, space)
         # A sampler that began anew with the same numbers would propose the same points again
         self._study.sampler = self._optuna.samplers.TPESampler(seed=len(before))
@@ -124,22 +73,6 @@ class Search:
         self._number: dict[str, int] = {}
         self._open: dict[int, int] = {}
         self._scores: dict[int, list[float]] = {}
-
-    def _opened(self, path: Path) -> Any:
-        """Return the study that a journal holds, or begin both."""
-        _check_journal(path)
-        try:
-            backend = importlib.import_module("optuna.storages.journal").JournalFileBackend(str(path))
-            study = self._optuna.create_study(
-                storage=self._optuna.storages.JournalStorage(backend), study_name=_STUDY, direction="maximize",
-                load_if_exists=True,
-            )  # fmt: skip
-            study.get_trials(deepcopy=False)
-        except OSError as error:
-            raise output_error(path, error) from error
-        except Exception as error:  # Optuna trusts its journal: a damaged one may raise anything
-            raise _damaged(path, type(error).__name__) from error
-        return study
 
     def _earlier_trials(self, folder: Path, space: Mapping[str, Dimension]) -> list[Any]:
         """Return the trials that are there. One that was cut off while it was written began no run, and is left out."""

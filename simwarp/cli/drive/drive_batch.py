@@ -30,6 +30,11 @@ from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 MOST_VARIANTS: Final = 1000
 SHOWN_RESULTS: Final = 4
 """Results in the columns of a table; the others are in --json."""
+ALONE: Final = (
+    "soil", "soil_normal", "spacing", "channels", "csv", "output", "report", "chains", "video", "export_scene",
+    "record", "sensors",
+)  # fmt: skip
+"""Options of one run, which a batch of many does not have."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

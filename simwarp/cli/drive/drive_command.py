@@ -18,10 +18,11 @@ from rich.console import Console
 from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.drive.drive_batch import Batch, batch_variants, parse_values, run_batch, verdict_table
+from simwarp.cli.drive.drive_batch import ALONE, Batch, batch_variants, parse_values, run_batch, verdict_table
 from simwarp.cli.drive.drive_films import RecordOptions, films_of, sensors_of
 from simwarp.cli.drive.drive_progress import ManeuverBar
-from simwarp.cli.options import parse_options, require_subject, split_subject
+from simwarp.cli.drive.study_options import StudyOptions
+from simwarp.cli.options import FLAT, CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.memory import check_fits
 from simwarp.exporters.run_report import check_report
 from simwarp.exporters.run_tables import check_run_file, write_run
@@ -187,6 +188,7 @@ class DriveOptions(RecordOptions):
     """Of fishhook, between its turns of the wheel."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
     """Of the manoeuvre after t = 0; reference-* have their own."""
+    flat_study: Annotated[StudyOptions, FLAT] = StudyOptions()
 
     @property
     def patterns(self) -> tuple[str, ...]:
@@ -225,6 +227,10 @@ def run(arguments: list[str]) -> int:
     spec = _vehicle(name, options)
     if options.duration is not None:
         _check_effort(options, options.duration)  # a table of a manoeuvre is as long as it lasts
+    if options.flat_study.vary or options.flat_study.search:
+        from simwarp.cli.drive.drive_study import run_study
+
+        return run_study(spec, options, options.flat_study)
     if options.speeds is not None or options.steerings is not None:
         return _run_batch(spec, options)
     usual = "accelerate" if isinstance(spec, TrackedVehicleSpec) else "reference-accel"
@@ -251,13 +257,6 @@ def run(arguments: list[str]) -> int:
     if outcome.interrupted:
         return INTERRUPTED
     return FELL_SHORT if outcome.broken else DONE
-
-
-ALONE: Final = (
-    "soil", "soil_normal", "spacing", "channels", "csv", "output", "report", "chains", "video", "export_scene",
-    "record", "sensors",
-)  # fmt: skip
-"""Options of one run, which a batch of many does not have."""
 
 
 def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:

@@ -11,12 +11,12 @@ import numpy as np
 
 from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import rotate
-from simwarp.core.types import WORLD, Material, WorldStatus, pose
+from simwarp.core.types import WORLD, Material, Pose, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.solver_options import SolverOptions
-from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drawbar import Drawbar, with_locks
 from simwarp.vehicle.driving.drivers import ScriptedDriver
 from simwarp.vehicle.driving.intervention import Intervening, no_intervention
@@ -81,6 +81,7 @@ class SetUpOptions(TypedDict, total=False):
     solver: SolverOptions | None
     joint_reactions: bool
     wheel_bodies: bool
+    own_tires: bool
 
 
 @overload
@@ -117,6 +118,7 @@ def set_up(
     joint_reactions: bool = False,
     variants: Sequence[Maneuver] = (),
     wheel_bodies: bool = True,
+    own_tires: bool = False,
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -136,21 +138,19 @@ def set_up(
         variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
             `maneuver`'s; see `set_up_variants`.
         wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
+        own_tires: True if the tires of every world have numbers and a friction of their own (`Vehicle`, `randomised`).
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
     """
     _check(dt, friction)
-    lean = -math.atan(maneuver.slope)
-    rotation = np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
+    rotation = _lean(maneuver)
     builder = ModelBuilder()
-    place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
-    start = pose(rotate(rotation, np.array(place)), rotation)
     vehicle: AnyVehicle
     if isinstance(spec, TrackedVehicleSpec):
         if on_soil:
             raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
-        tracked = add_tracked_vehicle(builder, spec, at=start)
+        tracked = add_tracked_vehicle(builder, spec, at=_start_pose(spec, maneuver))
         if spec.on_belts and maneuver.crossing is not None:
             rule = "must be driven shoe by shoe, got belts, which meet no shapes; take the vehicle with chains"
             raise SpecError(f"maneuver: {maneuver.name}: {rule}")
@@ -163,18 +163,12 @@ def set_up(
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
-        if maneuver.drawbar is not None:
-            spec.require_linkages("a drawbar test")
-        driven = spec if maneuver.drawbar is None else with_locks(spec)
-        parts = add_vehicle(
-            builder, driven, at=start, speed=maneuver.initial_speed, gear=maneuver.held_gear, wheel_bodies=wheel_bodies
-        )
-        if not on_soil and any(side.meets_shapes for side in parts.sides):
-            add_ground(builder, None, rotation, Material(friction=friction))
-        check_road(maneuver, parts.spec, on_soil)
-        asset = add_bump(builder, maneuver)
+        parts, asset = add_on_road(
+            builder, spec, maneuver, friction=friction, on_soil=on_soil, wheel_bodies=wheel_bodies
+        )  # fmt: skip
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-        vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))
+        terrain = tire_ground(maneuver, model.device, rotation, asset)
+        vehicle = Vehicle(parts, model, ground=terrain, randomised=own_tires)
         vehicle.tires.ground_friction.fill_(friction)
         if maneuver.held_gear is not None:
             vehicle.hold_gears()
@@ -186,6 +180,52 @@ def set_up(
         joint_reactions=chains or joint_reactions, sensors=sensors(vehicle, acting),
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
+
+
+def add_on_road(
+    builder: ModelBuilder, spec: VehicleSpec, maneuver: Maneuver, *, friction: float, on_soil: bool = False,
+    wheel_bodies: bool = True,
+) -> tuple[VehicleParts, int]:  # fmt: skip
+    """Adds a vehicle on wheels at the start of a manoeuvre, with its ground and bump, as `set_up` does.
+
+    Args:
+        builder: that is empty.
+        spec: of the vehicle.
+        maneuver: that it is to drive.
+        friction: of the ground below tires that are shapes.
+        on_soil: True if soil is the ground.
+        wheel_bodies: as of `set_up`.
+
+    Returns:
+        The vehicle's parts, and the asset of the road's bump (-1: none).
+
+    Raises:
+        SpecError: the vehicle cannot drive it.
+    """
+    if maneuver.drawbar is not None:
+        spec.require_linkages("a drawbar test")
+    driven = spec if maneuver.drawbar is None else with_locks(spec)
+    start = _start_pose(spec, maneuver)
+    parts = add_vehicle(
+        builder, driven, at=start, speed=maneuver.initial_speed, gear=maneuver.held_gear, wheel_bodies=wheel_bodies
+    )
+    if not on_soil and any(side.meets_shapes for side in parts.sides):
+        add_ground(builder, None, _lean(maneuver), Material(friction=friction))
+    check_road(maneuver, parts.spec, on_soil)
+    return parts, add_bump(builder, maneuver)
+
+
+def _lean(maneuver: Maneuver) -> Array:
+    """(4,) rotation of the ground."""
+    lean = -math.atan(maneuver.slope)
+    return np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
+
+
+def _start_pose(spec: AnyVehicleSpec, maneuver: Maneuver) -> Pose:
+    """Of the vehicle's frame of reference."""
+    rotation = _lean(maneuver)
+    place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
+    return pose(rotate(rotation, np.array(place)), rotation)
 
 
 def _check(dt: float, friction: float) -> None:
