@@ -2,13 +2,14 @@
 
     python benchmarks/plan_rate.py sedan sedan-14dof --json benchmarks/results/plan_rate.json
 
-Each vehicle drives a double lane change of 3 m at 12 m/s in closed loop, once per number of threads. Vehicles and threads
-take turns plan by plan in one process, so that other work takes its time from all of them alike.
+Each vehicle drives a double lane change of 3 m at 12 m/s in closed loop, once per number of threads. Vehicles and
+threads take turns plan by plan in one process, so that other work takes its time from all of them alike.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from collections.abc import Callable
@@ -41,7 +42,7 @@ UNTIMED: Final = 3
 def path_of(x: torch.Tensor) -> torch.Tensor:
     """The path's y at x [m]."""
     y = torch.full_like(x, LANES[0][1])
-    for (start, low), (end, high) in zip(LANES, LANES[1:], strict=False):
+    for (start, low), (end, high) in itertools.pairwise(LANES):
         share = ((x - start) / (end - start)).clamp(0.0, 1.0)
         y = y + (high - low) * share * share * (3.0 - 2.0 * share)
     return y
@@ -54,6 +55,7 @@ class Clocked:
         self.function, self.wall, self.cpu = function, 0.0, 0.0
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """What the function returns."""
         wall, cpu = time.perf_counter(), time.process_time()
         try:
             return self.function(*arguments, **options)
@@ -117,7 +119,8 @@ class Drive:
         off = np.array(self.off)
         return {
             "vehicle": self.name, "threads": self.threads, "samples": self.samples, "plans": len(cpu),
-            "cpu_ms": round(float(np.median(cpu)), 1), "cpu_ms_range": [round(float(x), 1) for x in (min(cpu), max(cpu))],
+            "cpu_ms": round(float(np.median(cpu)), 1),
+            "cpu_ms_range": [round(float(x), 1) for x in (min(cpu), max(cpu))],
             "wall_ms": round(float(np.median(wall)), 1),
             "wall_ms_range": [round(float(x), 1) for x in (min(wall), max(wall))],
             "in_100_ms": round(float(np.mean(wall < 100.0)), 3),
@@ -143,13 +146,10 @@ def main() -> None:
     for _ in range(args.plans + UNTIMED):
         for drive in drives:
             drive.turn()
-    rows = [drive.figures() for drive in drives]
-    for row in rows:
-        row["cpu_over_first"] = round(float(np.median([
-            each / first for each, first in zip(
-                drives[rows.index(row)].cpu[UNTIMED:], drives[0].cpu[UNTIMED:], strict=True
-            )
-        ])), 3)  # fmt: skip
+    first, rows = np.array(drives[0].cpu[UNTIMED:]), []
+    for drive in drives:
+        share = float(np.median(np.array(drive.cpu[UNTIMED:]) / first))
+        rows.append(row := drive.figures() | {"cpu_over_first": round(share, 3)})
         print(", ".join(f"{key} {value}" for key, value in row.items()))
     if args.json is not None:
         args.json.write_text(json.dumps({"machine": describe(wp.get_device("cpu")), "rows": rows}, indent=2) + "\n")

@@ -352,11 +352,11 @@ def _pose(thing: str, entry: BodyEntry | ShapeEntry) -> Pose:
 def _body(entry: BodyEntry, taken: NameColumns) -> BodySpec:
     thing = taken.new("body", entry.name)
     inertia = np.zeros((3, 3))
+    if entry.posed and entry.mass != 0.0:
+        raise ModelError(f"{thing}: mass must be 0 of a body that is posed, got {formatted(entry.mass)}; write 0")
     if entry.mass != 0.0:
         positive_number(thing, "mass", entry.mass, "kg", "0 is that of a frame between joints")
         inertia = checked_inertia(thing, entry.inertia, strict=False)
-        if entry.posed:
-            raise ModelError(f"{thing}: mass must be 0 of a body that is posed, got {formatted(entry.mass)}")
     elif np.any(entry.inertia):
         raise ModelError(f"{thing}: without mass the inertia must be 0, got {formatted(entry.inertia)}; leave it out")
     return BodySpec(

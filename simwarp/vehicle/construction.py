@@ -69,7 +69,7 @@ def add_vehicle(
         gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, of a
             manual one the lowest in which the engine does not race.
         wheel_bodies: False leaves out the bodies of a reduced vehicle's wheels, which pictures and sensors see and
-            nothing else needs; the vehicle moves the same and costs a third less.
+            nothing else needs; the vehicle moves the same.
 
     Raises:
         SpecError: parts do not fit together, there is no such gear, or a vehicle has that prefix already.

@@ -82,8 +82,8 @@ def everything():
     base = builder.add_body("base", mass=1 / 3, inertia=[[1.0, 0.1, 0.2], [0.1, 1.1, 0.3], [0.2, 0.3, 0.9]],
                             pose=sw.pose((0.1, 0.2, 1.7), (0.1, 0.2, 0.3, 0.4)), velocity=(0.1, 0, 0))  # fmt: skip
     knuckle = builder.add_massless_body("knuckle", pose=sw.pose((0, 0, 1.1)))
-    builder.add_massless_body("marker", posed=True)
     tip = builder.add_body("tip", mass=0.7, inertia=(0.01, 0.02, 0.025), pose=sw.pose((0, 0, 0.7)), omega=(1, 0, 0))
+    builder.add_massless_body("marker", posed=True)
     table = ((-1.0, 0.1, 2.0), (-3.0, 0.0, 4.0))
     builder.add_joint_free("float", base, anchor=(0.1, 0.1, 1.6))
     first = builder.add_joint_revolute(
@@ -197,6 +197,7 @@ BROKEN = [
     (("bodies", 1, "name", "base"), "bodies[1]: body 'base': the name must be unique"),
     (("bodies", 1, "inertia", [1.0, 1.0, 1.0]), "without mass the inertia must be 0"),
     (("bodies", 2, "inertia", [1.0, 1.0, -1.0]), "inertia must be positive definite"),
+    (("bodies", 3, "mass", 1.0), "bodies[3]: body 'marker': mass must be 0 of a body that is posed, got 1.0; write 0"),
     (("joints", 1, "type", "revolut"), "type must be one of free, fixed"),
     (("joints", 1, "child", 9), "joints[1]: joint 'yaw': child must be an integer >= -1"),
     (("joints", 1, "child", 0), "parent and child must differ, got 0"),
