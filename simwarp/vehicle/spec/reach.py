@@ -31,6 +31,8 @@ from simwarp.vehicle.spec.vehicle_parts import Axle
 AROUND_WHEEL: Final = 4.0
 """Farthest hardpoint from its wheel's centre, in radii of the tire: the longest trailing arms, those of desert racers,
 have three. The track is allowed where it is more: steering and tubes of beam axles reach to the other wheel."""
+ANYWHERE: Final = frozenset({"pivot"})
+"""Points without that bound: an arm of tens of metres stands for a wheel that is led straight up."""
 BESIDE_ARM: Final = 1.0
 """Farthest foot of a drop link from the part that holds it, in radii of the tire: brackets are shorter than a wheel."""
 FOLLOWED: Final = 0.17
@@ -73,7 +75,8 @@ def _around(axle: Axle) -> float:
 def _check_hardpoints(key: str, axle: Axle) -> None:
     center, reach = axle.suspension.spindle.com, _around(axle)
     for where, _, value in lengths(axle.suspension, f"{key}.suspension"):
-        if isinstance(value, tuple) and math.dist(value, center) > reach:
+        bounded = where.rpartition(".")[2] not in ANYWHERE
+        if bounded and isinstance(value, tuple) and math.dist(value, center) > reach:
             raise SpecError(
                 f"{where}: must be within {reach:.4g} m of the wheel's centre {center} (4 tire radii, or the track), "
                 f"got {value}, {math.dist(value, center):.4g} m off; give metres in the frame of the axle, left side"

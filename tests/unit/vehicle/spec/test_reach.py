@@ -124,6 +124,16 @@ def test_links_that_are_refused_do_not_reach_and_others_do(name, monkeypatch):
     assert not hold_axle(barred(spec, foot, 0.75 * enough), 0, travels, travels).reached.all()
 
 
+def test_trailing_arms_of_any_length_lead_a_wheel_straight_up():
+    spec = samples()["trailing-arm"]
+    axle: Any = spec.axles[1]
+    long = dataclasses.replace(axle.suspension, pivot=(5.0, 0.8, 0.0), pivot_axis=(0.0, 1.0, 0.0))
+    dataclasses.replace(spec, axles=(spec.axles[0], dataclasses.replace(axle, suspension=long)))
+    far = dataclasses.replace(axle.suspension, arm=dataclasses.replace(axle.suspension.arm, com=(5.0, 0.8, 0.0)))
+    said = refusal(lambda: dataclasses.replace(spec, axles=(spec.axles[0], dataclasses.replace(axle, suspension=far))))
+    assert said.startswith("axles[1].suspension.arm.com: must be within")
+
+
 def test_a_lever_too_short_for_the_travel_has_another_remedy():
     spec = load_vehicle("hmmwv")
     said = refusal(lambda: barred(spec, middle_of_arm(spec), -0.1, width=0.01))
