@@ -48,6 +48,9 @@ PLACEHOLDERS = {
 }  # fmt: skip
 """Words in capitals that stand for one of many, and one of them."""
 
+VEHICLE_FILES = {"heavier.json": "hmmwv-reduced", "my_hmmwv.json": "hmmwv", "trimmed.json": "hmmwv"}
+"""Files that Python of the pages writes, and commands on them read: the vehicle that stands in them."""
+
 
 def pages() -> list[Path]:
     """Every Markdown page of the checkout that people read."""
@@ -324,10 +327,11 @@ def place_files(folder: Path, text: str) -> None:
         with np.load(ROOT / "tests" / "data" / "before" / "trajectories.npz") as kept:
             np.savez(folder / data, **{**kept, "about": np.array(json.dumps(about))})
         save_checkpoint(folder / clone, content)
-    if "heavier.json" in text:  # a vehicle that Python of the page writes
-        from simwarp.vehicle import load_vehicle, save_vehicle
+    for file, vehicle in VEHICLE_FILES.items():
+        if file in text:
+            from simwarp.vehicle import load_vehicle, save_vehicle
 
-        save_vehicle(load_vehicle("hmmwv-reduced"), folder / "heavier.json")
+            save_vehicle(load_vehicle(vehicle), folder / file)
 
 
 LEG = """<link name="{0}_HIP"><inertial><mass value="1"/>

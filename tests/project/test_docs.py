@@ -60,7 +60,7 @@ LONG = {
     "drive_and_clone.py",
     "train_cleanrl_style.py", "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py",
     "randomise.py", "rough_ground.py",
-    "driving.md", "plan.md", "sensors.md", "training.md",
+    "driving.md", "edit-a-vehicle.md", "plan.md", "sensors.md", "training.md",
     "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "tracks.md", "vehicles.md", "velocity.md", "walking.md",
     "write-a-task.md",
 }  # fmt: skip

@@ -49,6 +49,7 @@ from simwarp.vehicle.spec.parts import (
     refuse,
 )
 from simwarp.vehicle.spec.plausibility import check_vehicle
+from simwarp.vehicle.spec.reach import check_reach
 from simwarp.vehicle.spec.suspension_parts import (
     AntirollBar,
     DoubleWishbone,
@@ -162,6 +163,7 @@ class VehicleSpec(Readable, Spec):
         if isinstance(self.driveline, DifferentialDrive):
             self._check_differential_drive(self.driveline)
         check_vehicle(self)
+        check_reach(self.axles)
         self._check_wheelbase()
         self._check_tables()
 

@@ -310,10 +310,11 @@ def test_steerings(chrono):
 
 def test_brakes_and_bars(chrono):
     assert chrono.part("Brake", "hmmwv/brake/HMMWV_BrakeShafts_Front.json").max_torque == 4000.0
-    bar = chrono.part("Antirollbar", "generic/antirollbar/AntirollBarRSD.json", (1.0, 0.0, -0.2))
-    assert (bar.location, bar.arm_length, bar.droplink_height, bar.stiffness) == ((1.0, 0.0, -0.2), 0.7, -0.04, 10000.0)
+    bar = chrono.part("Antirollbar", "generic/antirollbar/AntirollBarRSD.json", (1.3, 0.0, -0.1))
+    assert (bar.location, bar.arm_length, bar.droplink_height, bar.stiffness) == ((1.3, 0.0, -0.1), 0.7, -0.04, 10000.0)
     axle = chrono.values["hmmwv/vehicle/HMMWV_Vehicle_4WD.json"]["Axles"][0]
-    axle |= {"Antirollbar Input File": "generic/antirollbar/AntirollBarRSD.json", "Antirollbar Location": [1, 0, -0.2]}
+    file = "generic/antirollbar/AntirollBarRSD.json"
+    axle |= {"Antirollbar Input File": file, "Antirollbar Location": [1.3, 0, -0.1]}
     assert chrono.hmmwv().axles[0].antiroll_bar == bar
 
 
