@@ -1,9 +1,11 @@
-"""Warp as users meet it: it starts without a banner, and compiling is one line."""
+"""Warp as users meet it: it starts without a banner, and compiling is told."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
+import re
 import sys
 import tempfile
 import threading
@@ -18,13 +20,16 @@ from simwarp.core.thread_captures import record_per_thread
 
 COMPILING_SHOWS: Final = 0.5
 """Time between two looks for kernels that are compiled [s]."""
-COMPILING: Final = "compiling kernels, once per machine: 2 to 5 minutes"
+COMPILING: Final = "compiling kernels, once per machine: 2 to 6 minutes"
+LINES_APART: Final = 30.0
+"""Time between two lines of kernels that are compiled [s]."""
 
 # Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
 _NO_DRIVER: Final = "Could not find or load the NVIDIA CUDA driver"
 _started = threading.Event()
 _starting = threading.Lock()
 _busy = threading.Lock()
+_BUILD_FOLDER: Final = re.compile(r"^wp_(.+?)(?:_[0-9a-f]{7,})?_p\d+_t\d+$")
 
 
 class CacheError(OSError):
@@ -99,29 +104,31 @@ def _initialise() -> None:
 
 
 @contextlib.contextmanager
-def report_compiling(say: Callable[[str], None] | None = None) -> Iterator[None]:
-    """Tell in one line when kernels are compiled inside the block, which can take minutes in which nothing else shows.
+def report_compiling(say: Callable[[str], None] | None = None, *, every: float = LINES_APART) -> Iterator[None]:
+    """Tell when kernels are compiled inside the block, which can take minutes in which nothing else shows: a line at
+    its begin, and then now and then which module it is, how many there were and for how long.
 
     Inside another such block it does nothing.
 
     Args:
-        say: prints a line; by default standard error, where a terminal also sees how long it has taken, unless Warp
-            itself is to be silent (`warp.config.log_level` above `warp.LOG_WARNING`).
+        say: prints a line; by default standard error, where a terminal sees one line that goes on, unless Warp itself
+            is to be silent (`warp.config.log_level` above `warp.LOG_WARNING`).
+        every: between two lines to `say` while kernels are compiled [s].
 
     Raises:
         CacheError: a kernel had to be compiled, and cannot be written.
     """
-    with _cache_errors(wp.config.kernel_cache_dir or ""), _reporting(say):
+    with _cache_errors(wp.config.kernel_cache_dir or ""), _reporting(say, every):
         yield
 
 
 @contextlib.contextmanager
-def _reporting(say: Callable[[str], None] | None) -> Iterator[None]:
+def _reporting(say: Callable[[str], None] | None, every: float) -> Iterator[None]:
     if (say is None and wp.config.log_level > wp.LOG_WARNING) or not _busy.acquire(blocking=False):
         yield
         return
     done = threading.Event()
-    watcher = threading.Thread(target=_watch, args=(done, say), daemon=True)
+    watcher = threading.Thread(target=_watch, args=(done, say, every), daemon=True)
     watcher.start()
     try:
         yield
@@ -131,30 +138,51 @@ def _reporting(say: Callable[[str], None] | None) -> Iterator[None]:
         _busy.release()
 
 
-def _watch(done: threading.Event, say: Callable[[str], None] | None) -> None:
-    mark = f"_p{os.getpid()}_t"  # Warp builds a module in a folder of this process and thread
-    while not done.wait(COMPILING_SHOWS):
-        folder = wp.config.kernel_cache_dir
+class _Modules:
+    """Modules that this process compiles, as their folders in the cache tell."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, None] = {}
+        self._began = 0.0
+
+    def compiling(self) -> bool:
+        """Look once; return True if one is being compiled."""
+        folder, mark = wp.config.kernel_cache_dir, f"_p{os.getpid()}_t"  # Warp builds a module in a folder of that name
+        found: list[str] = []
         with contextlib.suppress(OSError):
-            if folder and any(mark in name for name in os.listdir(folder)):
-                break
-    else:
-        return
-    if say is not None:
-        say(COMPILING)
-        return
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        _report_time(done)
+            found = [name for name in os.listdir(folder) if mark in name] if folder else []
+        if found and not self.seen:
+            self._began = time.monotonic()
+        self.seen.update(dict.fromkeys(found))
+        return bool(found)
+
+    @property
+    def text(self) -> str:
+        """What is compiled: the last module by its name, how many there were, and the time since the first [s]."""
+        name = _BUILD_FOLDER.sub(r"\1", next(reversed(self.seen)))
+        return f"module {len(self.seen)}, {name}, {time.monotonic() - self._began:.0f} s"
 
 
-def _report_time(done: threading.Event) -> None:
-    """One line on standard error; a terminal's goes on counting seconds."""
+def _watch(done: threading.Event, say: Callable[[str], None] | None, every: float) -> None:
+    if say is None:
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            _watch_on_stderr(done)
+        return
+    modules, said = _Modules(), -math.inf
+    while not done.wait(COMPILING_SHOWS):
+        if modules.compiling() and time.monotonic() - said >= every:
+            say(COMPILING if said == -math.inf else f"{COMPILING}; {modules.text}")
+            said = time.monotonic()
+
+
+def _watch_on_stderr(done: threading.Event) -> None:
+    """Lines on standard error; a terminal's is one that goes on."""
     if not sys.stderr.isatty():
-        print(f"simwarp: {COMPILING}", file=sys.stderr, flush=True)
+        _watch(done, lambda text: print(f"simwarp: {text}", file=sys.stderr, flush=True), LINES_APART)
         return
-    began = time.monotonic()
-    while True:
-        print(f"\rsimwarp: {COMPILING}, {time.monotonic() - began:.0f} s", end="", file=sys.stderr, flush=True)
-        if done.wait(1.0):
-            print(file=sys.stderr, flush=True)
-            return
+    modules = _Modules()
+    while not done.wait(COMPILING_SHOWS):
+        if modules.compiling():
+            print(f"\r\x1b[Ksimwarp: {COMPILING}; {modules.text}", end="", file=sys.stderr, flush=True)
+    if modules.seen:
+        print(file=sys.stderr, flush=True)

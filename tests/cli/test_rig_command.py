@@ -101,7 +101,11 @@ def test_a_vehicle_on_a_tilt_table_and_on_posts(rig):
     content = json.loads(Path("a.json").read_text())
     found = content["parameters"]
     assert found["tangent_of_lift_angle"] == pytest.approx(found["static_stability_factor"], rel=0.05)
-    assert 0 < content["diverged"] < 9  # those beyond the angle tipped over
+    assert 0 < content["tipped"] < 9  # those beyond the angle tipped over, which is no failure
+    assert content["diverged"] == 0
+    reasons = [text for text in content["curves"]["reason"] if text]
+    assert len(reasons) == content["tipped"]
+    assert all("tipped over: the chassis rolls by" in text for text in reasons)
     code, _, _ = rig(
         "full-car", "artcar", "--test", "road", "--roads", "A", "--duration", "1", "--json", "b.json", "--plot", "b.png"
     )
@@ -145,10 +149,33 @@ def test_an_interruption_keeps_what_is_done(rig, monkeypatch):
 @pytest.mark.slow
 def test_a_world_that_diverges_is_marked_and_not_fatal(rig):
     code, out, _ = rig("suspension", "artcar", "--travel", "0.2", "--points", "21", "--csv", "a.csv")
-    assert code == 0
-    assert "rows diverged: see the column status" in out
-    status = np.array(columns("a.csv")["status"])
+    assert code == 1  # some fell short
+    assert "rows diverged: see the columns status and reason" in out
+    found = columns("a.csv")
+    status = np.array(found["status"])
     assert {"done", "diverged"} == set(status)
+    # each says which joint stays open, and at which travel that was asked
+    for ended, reason, travel in zip(status, found["reason"], found["travel_L_mm"], strict=True):
+        assert ("the linkage does not close: joint 'axle." in reason) == (ended == "diverged")
+        assert math.isfinite(float(travel))
+    told = [line for line in out.splitlines() if "the linkage does not close" in line]
+    assert [line.split(",")[0].strip() for line in told] == ["motion parallel", "motion opposite"]
+    assert "likewise" in out
+
+
+def test_a_load_beyond_the_tire_is_told_in_one_line_and_the_others_stay(rig):
+    arguments = ("--loads", "4000", "4e6", "--points", "3", "--combined", "--csv", "a.csv", "--json", "a.json")
+    code, out, _ = rig("tire", "hmmwv", *arguments)
+    assert code == 1
+    lines = [line for line in out.splitlines() if "the tire bears" in line]
+    assert len(lines) == 1
+    assert "Fz_N 4000000: the tire bears" in lines[0]
+    assert "and 5 more, likewise" in out
+    content = json.loads(Path("a.json").read_text())
+    assert (content["rows"], content["diverged"]) == (12, 6)
+    assert [bool(text) for text in content["curves"]["reason"]] == [
+        ended == "diverged" for ended in columns("a.csv")["status"]
+    ]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -203,3 +204,45 @@ def test_an_empty_range_is_one_line(sweep, message):
 def test_a_road_that_cannot_be_driven_is_one_line(sweep, message):
     with pytest.raises(SpecError, match=message):
         run_four_post_roads(shipped("artcar"), sweep)
+
+
+def overflow(rig: PostRig, world: int) -> None:
+    """Gives the vehicle of a world a speed whose square is beyond float32."""
+    v = rig.simulation.state.body_v.numpy().copy()
+    v[world, :, 2] = 1e30
+    rig.simulation.state.body_v.assign(v)
+
+
+def test_a_world_that_breaks_down_says_when_and_which_body_and_the_others_go_on():
+    rig = PostRig(shipped("artcar"), 3, dt=1e-3)
+    for _ in range(3):
+        rig.step()
+    overflow(rig, 1)
+    for _ in range(3):
+        rig.step()
+    assert rig.broken().tolist() == [False, True, False]
+    assert [rig.reason[0], rig.reason[2]] == ["", ""]
+    found = re.fullmatch(r"a value is not finite from t = ([\d.]+) s on; the fastest body is '(.+)' at .+ m/s",
+                         rig.reason[1])  # fmt: skip
+    assert found is not None
+    assert 0.0025 < float(found[1]) < 0.0065  # of the steps after the third one
+    assert found[2] in rig.simulation.model.body_names
+
+
+@pytest.mark.slow
+def test_a_road_that_breaks_a_vehicle_is_one_row(monkeypatch):
+    """The vehicle of one of two roads breaks down: its row is marked and says why, the other has its numbers."""
+    sweep = RoadSweep(roads=(RoadClass.A, RoadClass.E), duration=0.2, settle=0.1)
+    quiet = run_four_post_roads(shipped("artcar"), sweep)
+    move = PostRig.move
+
+    def thrown(rig, height, speed):
+        overflow(rig, 1)
+        move(rig, height, speed)
+
+    monkeypatch.setattr(PostRig, "move", thrown)
+    found = run_four_post_roads(shipped("artcar"), sweep)
+    assert found.status.tolist() == [RowStatus.DONE, RowStatus.DIVERGED]
+    assert found.acceleration[0] == quiet.acceleration[0]
+    (line,) = found.rows().divergences()
+    assert line.startswith("road E, speed_mps 15: a value is not finite from t = 0.1")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from simwarp.cli.view.vehicle_subject import show_body
 from simwarp.core.types import ModelError
+from simwarp.core.warp_start import report_compiling
 from simwarp.exporters.run_report import Report, number_text, write_report
 from simwarp.exporters.standing_sheet import standing_notes, standing_sheet
 from simwarp.exporters.vehicle_sheet import vehicle_sheet
@@ -70,7 +71,9 @@ def write_drive_report(driven: Driven, path: Path) -> None:
     end = float(driven.run["t_s"][-1])
     notes = [f"The vehicle broke down at t = {end:.2f} s: a value is not finite."] if driven.broken else []
     notes += [f"Interrupted at t = {end:.2f} s."] if driven.interrupted else []
-    stands, trouble = _at_rest(driven.vehicle)
+    with report_compiling():
+        stands, trouble = _at_rest(driven.vehicle)
+        picture = vehicle_picture(driven.vehicle)
     if stands is not None and not isinstance(driven.vehicle, TrackedVehicleSpec):
         notes += standing_notes(driven.vehicle, stands)
         standing = standing_sheet(driven.vehicle, stands)
@@ -79,7 +82,7 @@ def write_drive_report(driven: Driven, path: Path) -> None:
     report = Report(
         title=driven.title, passed=False if driven.broken else passed(driven.verdicts), verdicts=driven.verdicts,
         results=driven.results, parameters={**driven.options, **_parameters(driven.maneuver)},
-        vehicle=vehicle_sheet(driven.vehicle, stands), portrait=vehicle_picture(driven.vehicle),
+        vehicle=vehicle_sheet(driven.vehicle, stands), portrait=picture,
         caption=picture_caption(driven.vehicle), standing=standing, figures=_figures(driven), notes=notes,
     )  # fmt: skip
     write_report(report, path)

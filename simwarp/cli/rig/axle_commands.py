@@ -76,7 +76,10 @@ def run_suspension(target: str, arguments: list[str]) -> int:
         "rig": "suspension", "target": target, "axle": options.axle, "parameters": parameters,
         "compliance": {curve.kind.value: curve.rows().as_json() for curve in pushed},
     }  # fmt: skip
-    return finish(console, options, found.rows(), content, interrupted=found.interrupted, wall=wall)
+    return finish(
+        console, options, found.rows(), content, interrupted=found.interrupted, wall=wall,
+        beside=[curve.rows() for curve in pushed],
+    )  # fmt: skip
 
 
 def _print_stops(console: Console, found: SuspensionRun) -> None:
@@ -113,7 +116,7 @@ def run_steering(target: str, arguments: list[str]) -> int:
     options.refuse(target)
     spec = wheeled_vehicle(target, "steering")
     begin = time.perf_counter()
-    with options.shared():
+    with options.shared(), progress_bar(f"{spec.name}, steering"):
         found = run_steering_rig(
             spec, options.axle, points=options.points, box_ratio=options.box_ratio, device=options.device_name
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from rich.table import Table
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions
 from simwarp.core.threads import default_threads
+from simwarp.core.warp_start import LINES_APART, report_compiling, start_warp
 from simwarp.model.model import resolve_device
 from simwarp.vehicle.rigs.rig_rows import Progress, RigRows, RowStatus
 from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
@@ -27,6 +29,10 @@ from simwarp.vehicle.tracks.tracked_files import load_any_vehicle
 PICTURES: Final = (".png", ".pdf", ".svg")
 REPORTED_EVERY: Final = 10.0
 """Between lines of progress where there is no terminal [s]."""
+MOST_REASONS: Final = 4
+"""Kinds of reasons that are printed; files have them all."""
+VARYING: Final = re.compile(r"'[^']*'|-?\d[\d.]*(e[-+]?\d+)?")
+"""What makes no other kind of a reason: names in quotes, and numbers."""
 NOTHING: Final = 1e-9
 """Smallest number of a table that is not rounding."""
 
@@ -84,7 +90,9 @@ def wheeled_vehicle(target: str, rig: str) -> VehicleSpec:
 
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """Progress on standard error: a bar on a terminal, elsewhere a line now and then."""
+    """Progress on standard error: a bar on a terminal, elsewhere a line now and then; and of kernels as they are
+    compiled.
+    """
     console = Console(stderr=True, markup=False, emoji=False)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
     reported = time.perf_counter()
@@ -93,12 +101,20 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
         def advance(share: float) -> None:
             nonlocal reported
-            bar.update(task, completed=share)
+            bar.update(task, completed=share, description=title)
             if not console.is_terminal and time.perf_counter() - reported > REPORTED_EVERY:
                 reported = time.perf_counter()
                 console.print(f"{title}: {100.0 * share:.0f} %", highlight=False)
 
-        yield advance
+        def compiling(text: str) -> None:
+            if console.is_terminal:
+                bar.update(task, description=f"{title}: {text}")
+            else:
+                console.print(f"{title}: {text}", highlight=False, soft_wrap=True)
+
+        start_warp()
+        with report_compiling(compiling, every=1.0 if console.is_terminal else LINES_APART):
+            yield advance
 
 
 def print_table(console: Console, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -125,9 +141,11 @@ def print_values(console: Console, values: Mapping[str, float], meanings: Mappin
 
 
 def finish(
-    console: Console, options: RigOptions, rows: RigRows, content: Mapping[str, Any], *, interrupted: bool, wall: float
+    console: Console, options: RigOptions, rows: RigRows, content: Mapping[str, Any], *, interrupted: bool, wall: float,
+    beside: Sequence[RigRows] = (),
 ) -> int:  # fmt: skip
-    """Write the files of a rig, report rows that are missing, and return the exit code.
+    """Write the files of a rig, report rows that are missing with the reasons, and return the exit code: 1 where a row
+    diverged.
 
     Args:
         console: for people.
@@ -136,22 +154,49 @@ def finish(
         content: what stands in the JSON file beside the rows.
         interrupted: the run was.
         wall: time that it took [s].
+        beside: rows of further sweeps, which stand in the content.
     """
-    total, diverged = len(rows.status), rows.count(RowStatus.DIVERGED)
-    unfinished = rows.count(RowStatus.UNFINISHED)
+    every = [rows, *beside]
+    total = sum(len(each.status) for each in every)
+    diverged, unfinished, tipped = (
+        sum(each.count(kind) for each in every) for kind in (RowStatus.DIVERGED, RowStatus.UNFINISHED, RowStatus.TIPPED)
+    )
     if options.csv is not None:
         rows.write(options.csv)
         console.print(f"wrote {options.csv}", highlight=False, soft_wrap=True)
     if diverged:
-        console.print(f"{diverged} of {total} rows diverged: see the column status", style="red", soft_wrap=True)
+        console.print(
+            f"{diverged} of {total} rows diverged: see the columns status and reason", style="red", soft_wrap=True
+        )
+        _print_reasons(console, [line for each in every for line in each.divergences()])
+    if tipped:
+        console.print(f"{tipped} of {total} rows tipped over, as the columns status and reason tell", soft_wrap=True)
     if unfinished:
         console.print(f"{unfinished} of {total} rows are unfinished: see the column status", soft_wrap=True)
     if interrupted:
         console.print("interrupted; the rows that are done are kept", soft_wrap=True)
     console.print(f"{total} rows, {wall:.1f} s", highlight=False, soft_wrap=True)
-    counts = {"rows": total, "diverged": diverged, "unfinished": unfinished, "interrupted": interrupted}
+    counts = {
+        "rows": total,
+        "diverged": diverged,
+        "unfinished": unfinished,
+        "tipped": tipped,
+        "interrupted": interrupted,
+    }
     files = {name: None if path is None else str(path) for name, path in (("csv", options.csv), ("plot", options.plot))}
     options.emit({**content, "curves": rows.as_json(), **counts, **files, "wall_s": wall})
     if interrupted:
         return INTERRUPTED
-    return FELL_SHORT if diverged == total else DONE
+    return FELL_SHORT if diverged else DONE
+
+
+def _print_reasons(console: Console, lines: Sequence[str]) -> None:
+    """One line for each kind of reason, with the first row that has it; kinds differ in more than numbers and names."""
+    first: dict[str, str] = {}
+    for line in lines:
+        first.setdefault(VARYING.sub("", line), line)
+    for line in list(first.values())[:MOST_REASONS]:
+        console.print(f"  {line}", highlight=False, markup=False, soft_wrap=True)
+    if len(lines) > min(len(first), MOST_REASONS):
+        others = len(lines) - min(len(first), MOST_REASONS)
+        console.print(f"  and {others} more, likewise", highlight=False, soft_wrap=True)

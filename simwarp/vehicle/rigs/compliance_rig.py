@@ -18,7 +18,7 @@ import numpy.typing as npt
 from simwarp.analysis import solve_static
 from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.core.types import JointType, ModelError
-from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses
+from simwarp.vehicle.rigs.rig_rows import Reasons, RigRows, RowStatus, Statuses
 from simwarp.vehicle.rigs.suspension_curves import SuspensionReference
 from simwarp.vehicle.rigs.suspension_rig import reference_state
 from simwarp.vehicle.spec.parts import Array, SpecError
@@ -50,6 +50,7 @@ class ComplianceCurve(Readable):
         camber: (n, 2) positive where the top leans outwards [rad].
         shift: (n, 2, 2) of the wheels' centres forwards and to the left, from those of no force [m].
         status: (n,) `RowStatus`.
+        reason: (n,) texts: why a state is not DONE; empty of the others.
     """
 
     kind: WheelForce
@@ -59,6 +60,7 @@ class ComplianceCurve(Readable):
     camber: Array
     shift: Array
     status: Statuses
+    reason: Reasons
 
     def _readable_title(self) -> str:
         return f": {self.kind.value} force, {plural(len(self.force), 'state')}"
@@ -79,7 +81,7 @@ class ComplianceCurve(Readable):
                 f"shift_x_{side}_mm": 1e3 * self.shift[:, column, 0],
                 f"shift_y_{side}_mm": 1e3 * self.shift[:, column, 1],
             }
-        return RigRows(columns, self.status)
+        return RigRows(columns, self.status, self.reason, ("force", "force_N"))
 
     def parameters(self) -> dict[str, float]:
         """Slopes of the left wheel's angles and shifts over the force; keys name units, such as [mm/kN]."""
@@ -124,20 +126,21 @@ def run_compliance_rig(
     state = reference_state(spec, axle, reference, device=device)
     forces = np.linspace(-force, force, points)
     held = hold_axle(spec, axle, np.full(points, state.travel), state.travel, device=device)
-    reached = held.reached.copy()
+    reached, reason = held.reached.copy(), held.reason.copy()
     # without bushings nothing that can move is left: the closed linkage is the equilibrium under any force
     if any(joint.type is JointType.BUSHING for joint in held.simulation.model.builder.joints):
         _push(held, kind, forces, state.loaded_radius)
         try:
             solve_static(held.simulation)
-        except ModelError:
+        except ModelError as error:
+            reason[reached] = f"it does not come to rest: {error}"
             reached[:] = False
     table = wheel_angles(held)
     shift = (table.center - table.center[points // 2])[..., :2]
     status = np.where(reached, RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
     for values in (table.steer, table.toe, table.camber, shift):
         values[status != RowStatus.DONE] = np.nan
-    return ComplianceCurve(kind, forces, table.steer, table.toe, table.camber, shift, status)
+    return ComplianceCurve(kind, forces, table.steer, table.toe, table.camber, shift, status, reason)
 
 
 def _push(held: HeldAxle, kind: WheelForce, forces: Array, radius: float) -> None:

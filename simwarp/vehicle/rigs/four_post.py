@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.vehicle.rigs.post_rig import SLIDING, PostRig
-from simwarp.vehicle.rigs.rig_rows import Progress, RigRows, RowStatus, Statuses
+from simwarp.vehicle.rigs.rig_rows import Progress, Reasons, RigRows, RowStatus, Statuses
 from simwarp.vehicle.rigs.road_profiles import RoadClass, RoadProfile, road_profile
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
@@ -111,6 +111,7 @@ class FourPostResponse(Readable):
         travel: (n, wheels) ratio of the wheels' travel against the chassis to the posts' motion, complex.
         static_load: (wheels,) of the standing vehicle [N].
         status: (n,) `RowStatus`.
+        reason: (n,) texts: why a world diverged; empty of the others.
     """
 
     sweep: SineSweep
@@ -125,6 +126,7 @@ class FourPostResponse(Readable):
     travel: Complex
     static_load: Array
     status: Statuses
+    reason: Reasons
 
     def _readable_title(self) -> str:
         return f": {plural(len(self.frequency), 'world')}"
@@ -145,7 +147,7 @@ class FourPostResponse(Readable):
         for wheel in range(self.load.shape[1]):
             columns[f"load{wheel}_per_post_N_per_m"] = np.abs(self.load[:, wheel])
             columns[f"travel{wheel}_per_post"] = np.abs(self.travel[:, wheel])
-        return RigRows(columns, self.status)
+        return RigRows(columns, self.status, self.reason, ("mode", "frequency_Hz"))
 
     def parameters(self) -> dict[str, float]:
         """Peaks of the chassis' motion and of the first wheel's load, and where they are [Hz]; keys name units."""
@@ -201,7 +203,7 @@ def run_four_post(
                 if not static.any():
                     static = rig.loads()[0]
                 rig.move(*_sines(amplitude, frequency, begin - asked.settle, shape))
-            rig.simulation.step()
+            rig.step()
             inside = (time >= start) & (time < end)
             if inside.any():
                 signals = [rig.chassis_motion(), rig.loads(), rig.suspension_travel()]
@@ -214,12 +216,14 @@ def run_four_post(
     found = fit.amplitudes() / amplitude[:, None]
     found[:, 3 : 3 + wheels] *= np.exp(2j * math.pi * frequency * dt)[:, None]  # loads are of the steps' beginning
     status = np.where(time >= end - dt, RowStatus.DONE, RowStatus.UNFINISHED).astype(np.int8)
-    status[rig.broken() | ((status == RowStatus.DONE) & ~np.isfinite(found).all(axis=1))] = RowStatus.DIVERGED
+    odd = (status == RowStatus.DONE) & ~np.isfinite(found).all(axis=1) & ~rig.broken()
+    rig.reason[odd] = "a signal that is measured is not finite"
+    status[rig.broken() | odd] = RowStatus.DIVERGED
     found[status != RowStatus.DONE] = np.nan
     heave, roll, pitch = found[:, 0], found[:, 1], found[:, 2]
     return FourPostResponse(
         asked, modes, frequency, amplitude, heave, pitch, roll, -((2.0 * math.pi * frequency) ** 2) * heave,
-        found[:, 3 : 3 + wheels], found[:, 3 + wheels :], static, status,
+        found[:, 3 : 3 + wheels], found[:, 3 + wheels :], static, status, rig.reason,
     )  # fmt: skip
 
 
@@ -318,6 +322,7 @@ class RoadResponse(Readable):
         travel: (n, wheels) root mean square of a wheel's travel against the chassis [m].
         most_travel: (n, wheels) largest size of it [m].
         status: (n,) `RowStatus`.
+        reason: (n,) texts: why a world diverged; empty of the others.
     """
 
     roads: tuple[RoadClass, ...]
@@ -329,6 +334,7 @@ class RoadResponse(Readable):
     travel: Array
     most_travel: Array
     status: Statuses
+    reason: Reasons
 
     def _readable_title(self) -> str:
         return f": {plural(len(self.roads), 'road')}"
@@ -348,7 +354,7 @@ class RoadResponse(Readable):
             columns[f"load{wheel}_least_per_mean"] = self.least_load[:, wheel]
             columns[f"travel{wheel}_rms_mm"] = 1e3 * self.travel[:, wheel]
             columns[f"travel{wheel}_most_mm"] = 1e3 * self.most_travel[:, wheel]
-        return RigRows(columns, self.status)
+        return RigRows(columns, self.status, self.reason, ("road", "speed_mps"))
 
     def parameters(self) -> list[dict[str, Any]]:
         """One entry for every road; keys name units, such as [m/s²]."""
@@ -407,7 +413,7 @@ def run_four_post_roads(
                 height = min(driven / RAMP, 1.0) * size * _heights(profile, speed * driven, places)
                 rig.move(height, (height - last) / dt)
                 last = height
-            rig.simulation.step()
+            rig.step()
             if driven > RAMP and step % every == 0:
                 samples.append(np.concatenate([rig.chassis_motion(), rig.loads(), rig.suspension_travel()], axis=1))
             if progress is not None and step % 100 == 0:
@@ -419,7 +425,7 @@ def run_four_post_roads(
             raise
     status = np.full(len(worlds), RowStatus.DONE if finished else RowStatus.UNFINISHED, np.int8)
     status[rig.broken()] = RowStatus.DIVERGED
-    return _summed(tuple(road for road, _ in worlds), speed, np.array(samples), every * dt, status)
+    return _summed(tuple(road for road, _ in worlds), speed, np.array(samples), every * dt, status, rig.reason)
 
 
 def _heights(road: RoadProfile, driven: Array, places: Array) -> Array:
@@ -429,7 +435,7 @@ def _heights(road: RoadProfile, driven: Array, places: Array) -> Array:
 
 
 def _summed(
-    roads: tuple[RoadClass, ...], speed: Array, samples: Array, spacing: float, status: Statuses
+    roads: tuple[RoadClass, ...], speed: Array, samples: Array, spacing: float, status: Statuses, reason: Reasons
 ) -> RoadResponse:
     """Statistics of samples (times, n, signals), a spacing [s] apart."""
     wheels = (samples.shape[2] - 3) // 2
@@ -437,11 +443,14 @@ def _summed(
     rms = np.sqrt((second**2).mean(axis=0))
     load, travel = samples[..., 3 : 3 + wheels], samples[..., 3 + wheels :]
     mean, away = load.mean(axis=0), travel - travel.mean(axis=0)
+    mean = np.where(mean > 0.0, mean, np.nan)
     found = RoadResponse(
         roads=roads, speed=speed, acceleration=rms[:, 0], pitch_acceleration=rms[:, 2],
         load_variation=load.std(axis=0) / mean, least_load=load.min(axis=0) / mean, travel=travel.std(axis=0),
-        most_travel=np.abs(away).max(axis=0), status=status,
+        most_travel=np.abs(away).max(axis=0), status=status, reason=reason,
     )  # fmt: skip
+    odd = (status == RowStatus.DONE) & ~np.isfinite(found.load_variation).all(axis=1)
+    status[odd], reason[odd] = RowStatus.DIVERGED, "a wheel never stands on its post, or a signal is not finite"
     for name in ("acceleration", "pitch_acceleration", "load_variation", "least_load", "travel", "most_travel"):
         getattr(found, name)[status == RowStatus.DIVERGED] = np.nan
     return found

@@ -17,6 +17,7 @@ from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.rigs.posts_kernels import push_posts
+from simwarp.vehicle.rigs.rig_rows import Reasons, no_reasons
 from simwarp.vehicle.rigs.tire_rig import rig_vector
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
@@ -105,6 +106,9 @@ class PostRig(Readable):
         simulation: of all worlds.
         vehicle: on the posts.
         posts: below its wheels.
+        spindles: bodies of its wheels.
+        mass: of the vehicle [kg].
+        reason: (W,) why worlds broke down, as `watch` found it; empty of the others.
 
     Raises:
         SpecError: a tire makes no forces of its own, or the step is not usable.
@@ -127,6 +131,7 @@ class PostRig(Readable):
         self._mass = np.asarray(model.body_mass.numpy()[0], np.float64)[list(parts.bodies)]
         self._bodies = list(parts.bodies)
         self.spindles = [side.spindle for side in parts.sides]
+        self.reason: Reasons = no_reasons(worlds)
         self.mass = float(self._mass.sum())
 
     @staticmethod
@@ -179,6 +184,25 @@ class PostRig(Readable):
         x, y, z, w = np.asarray(self.simulation.state.body_rot.numpy()[:, chassis], np.float64).T
         up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
         return np.asarray(np.einsum("wki,wi->wk", self.wheel_places() - place[:, None], up))
+
+    def step(self) -> None:
+        """One time step, and a look at the worlds: those that break down in it get their reason."""
+        self.simulation.step()
+        lost = np.flatnonzero(self.broken() & (self.reason == ""))
+        if len(lost):
+            time = float(self.simulation.time.numpy().max())
+            for world, text in zip(lost, self._fastest(lost), strict=True):
+                self.reason[world] = f"a value is not finite from t = {time:.3f} s on; {text}"
+
+    def _fastest(self, worlds: npt.NDArray[np.intp]) -> list[str]:
+        """The body of the vehicle that moved fastest in each of these worlds, which are frozen as they were."""
+        state, names = self.simulation.state, self.simulation.model.body_names
+        v = np.linalg.norm(state.body_v.numpy()[worlds][:, self._bodies].astype(np.float64), axis=2)
+        fastest = np.nan_to_num(v, nan=np.inf).argmax(axis=1)
+        return [
+            f"the fastest body is '{names[self._bodies[body]]}' at {speeds[body]:.3g} m/s"
+            for speeds, body in zip(v, fastest, strict=True)
+        ]
 
     def broken(self) -> npt.NDArray[np.bool_]:
         """(W,) whether a value of a world is not finite."""

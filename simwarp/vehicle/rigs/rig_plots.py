@@ -162,8 +162,14 @@ def draw_suspension(run: SuspensionRun, target: Path, title: str) -> None:
             label_axes(axes, text, "travel of the left wheel [mm]")
             axes.axvline(0.0, color=GREY, linewidth=0.6)
             clip_poles(axes, values, least)
-        handles = [Line2D([], [], color=BLUE, linestyle=style, label=name.value) for name, style in (
-            (SuspensionMotion.PARALLEL, "-"), (SuspensionMotion.OPPOSITE, "--")) if name in run.curves]  # fmt: skip
+        looks: tuple[tuple[SuspensionMotion, Any], ...] = (
+            (SuspensionMotion.PARALLEL, "-"), (SuspensionMotion.OPPOSITE, "--"),
+        )  # fmt: skip
+        handles = [
+            Line2D([], [], color=BLUE, linestyle=style, label=motion.value)
+            for motion, style in looks
+            if motion in run.curves
+        ]
         if stopped:
             handles += [
                 Line2D([], [], color=ORANGE, marker="o", markerfacecolor="none", linestyle="", label="in a stop"),

@@ -20,6 +20,8 @@ Progress: TypeAlias = Callable[[float], None]
 """Called with the share of a rig's work that is done, 0 to 1."""
 
 Statuses: TypeAlias = npt.NDArray[np.int8]
+Reasons: TypeAlias = npt.NDArray[np.object_]
+"""(n,) texts: why a row is DIVERGED or TIPPED; empty of others."""
 
 
 class RowStatus(enum.IntEnum):
@@ -30,6 +32,13 @@ class RowStatus(enum.IntEnum):
     """The run was interrupted before it was there."""
     DIVERGED = 2
     """A value of its world is not finite, it does not come to rest, or its mechanism does not reach the state."""
+    TIPPED = 3
+    """The vehicle does not stand on its wheels any more: what a tilt table is to find."""
+
+
+def no_reasons(count: int) -> Reasons:
+    """(n,) empty texts."""
+    return np.full(count, "", dtype=object)
 
 
 def count_of(status: Statuses, kind: RowStatus) -> int:
@@ -44,10 +53,14 @@ class RigRows(Readable):
     Attributes:
         columns: (n,) by their names, which end in their units; text or numbers.
         status: (n,) `RowStatus`; numbers of rows that are not DONE are NaN, but for what was asked of them.
+        reason: (n,) why a row did not end well; None: nothing is known.
+        asked: columns that were asked of a row.
     """
 
     columns: Mapping[str, npt.NDArray[Any]]
     status: Statuses
+    reason: Reasons | None = None
+    asked: tuple[str, ...] = ()
 
     def _readable_title(self) -> str:
         return f": {plural(len(self.status), 'row')}"
@@ -64,7 +77,7 @@ class RigRows(Readable):
         return count_of(self.status, kind)
 
     def write(self, path: str | Path) -> None:
-        """Writes a CSV file with a header; the last column is the status.
+        """Writes a CSV file with a header; the last columns are the status and the reason of rows that diverged.
 
         Raises:
             FileError: the path cannot be written to.
@@ -73,14 +86,26 @@ class RigRows(Readable):
         names = [RowStatus(code).name.lower() for code in self.status]
         with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow([*self.columns, "status"])
-            for *row, name in zip(*self.columns.values(), names, strict=True):
-                writer.writerow([*map(_text, row), name])
+            writer.writerow([*self.columns, "status", "reason"])
+            for *row, name, reason in zip(*self.columns.values(), names, self.reasons(), strict=True):
+                writer.writerow([*map(_text, row), name, reason])
 
     def as_json(self) -> dict[str, list[Any]]:
-        """Lists by column, with the status."""
+        """Lists by column, with the status and the reason."""
         found = {name: values.tolist() for name, values in self.columns.items()}
-        return found | {"status": [RowStatus(code).name.lower() for code in self.status]}
+        return found | {"status": [RowStatus(code).name.lower() for code in self.status], "reason": self.reasons()}
+
+    def reasons(self) -> list[str]:
+        """Why rows did not end well; empty of others."""
+        return [""] * len(self.status) if self.reason is None else [str(text) for text in self.reason]
+
+    def divergences(self) -> list[str]:
+        """A line for each row that diverged: what was asked of it, and the reason."""
+        texts = self.reasons()
+        return [
+            f"{', '.join(f'{name} {_text(self.columns[name][row])}' for name in self.asked)}: {texts[row]}"
+            for row in np.flatnonzero(self.status == RowStatus.DIVERGED).tolist()
+        ]
 
 
 def _text(value: Any) -> str:
@@ -91,7 +116,8 @@ def joined_rows(parts: list[RigRows]) -> RigRows:
     """Rows of several sweeps with the same columns, one after the other."""
     names = parts[0].columns
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in names}
-    return RigRows(columns, np.concatenate([part.status for part in parts]))
+    reason = np.concatenate([np.array(part.reasons(), dtype=object) for part in parts])
+    return RigRows(columns, np.concatenate([part.status for part in parts]), reason, parts[0].asked)
 
 
 def slopes(values: Array, abscissae: Array, done: npt.NDArray[np.bool_]) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.object_repr import Readable, Row, plural
-from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, Statuses, slopes
+from simwarp.vehicle.rigs.rig_rows import Reasons, RigRows, RowStatus, Statuses, slopes
 from simwarp.vehicle.rigs.suspension_rig import checked_axle
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
@@ -41,6 +41,7 @@ class SteeringCurve(Readable):
         kerb_circle: (n,) diameter of the circle of the outermost wheel's contact point, a tire's radius below its
             centre in its middle plane [m].
         status: (n,) `RowStatus`.
+        reason: (n,) texts: why a state is not reached; empty of the others.
     """
 
     axle: int
@@ -55,6 +56,7 @@ class SteeringCurve(Readable):
     turn_radius: Array
     kerb_circle: Array
     status: Statuses
+    reason: Reasons
 
     def _readable_title(self) -> str:
         return f" of axle {self.axle}: {plural(len(self.status), 'state')}"
@@ -73,7 +75,7 @@ class SteeringCurve(Readable):
             "ackermann_percent": 1e2 * self.ackermann, "turn_radius_m": self.turn_radius,
             "kerb_circle_m": self.kerb_circle,
         }  # fmt: skip
-        return RigRows(columns, self.status)
+        return RigRows(columns, self.status, self.reason, ("steering", "handwheel_deg"))
 
     def parameters(self) -> dict[str, float]:
         """What a data sheet has of the steering; keys name units, such as [m]. Locks that are not reached are NaN."""
@@ -164,7 +166,7 @@ def _measured(spec: VehicleSpec, axle: int, inputs: Array, lock: float, tables: 
     status = np.where(table.reached, RowStatus.DONE, RowStatus.DIVERGED).astype(np.int8)
     return SteeringCurve(
         axle, inputs, handwheel, table.steer, ratio, table.toe, table.camber, wanted, share, radius,
-        2.0 * away.max(axis=1), status,
+        2.0 * away.max(axis=1), status, table.reason,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of, rotate
-from simwarp.vehicle.rigs.rig_rows import RowStatus, slopes
+from simwarp.vehicle.rigs.rig_rows import Reasons, RowStatus, slopes
 from simwarp.vehicle.rigs.spring_rates import stop_depth, without_stops
 from simwarp.vehicle.rigs.standing_loads import GRAVITY, StandingLoads, driven_axles
 from simwarp.vehicle.rigs.suspension_curves import SuspensionCurve, SuspensionMotion
@@ -66,6 +66,7 @@ class SuspensionBench:
         heights, self.steering = np.stack([travels, right], axis=1), np.zeros(self.states)
         if motion is SuspensionMotion.STEERING:
             heights, self.steering = np.full((self.states, 2), self.reference), np.linspace(-1.0, 1.0, self.states)
+        self.asked = heights - self.reference
         self.pinned = isinstance(self.part.suspension, PinnedAxle)
         self.front = bool(of.loads.axle_x[of.axle] > of.loads.axle_x.mean())
         self.driven = of.axle in driven_axles(of.spec)
@@ -126,8 +127,18 @@ class SuspensionBench:
         measured |= self._rates(measured, _loads_of(bare), float(usual[0, 1] - usual[1, 1]), done)
         for values in measured.values():
             values[~done] = np.nan
+        measured["travel"][~done] = self.asked[~done]
         return SuspensionCurve(
-            motion=self.motion, steering=self.steering, status=status, front=self.front, driven=self.driven, **measured
+            motion=self.motion, steering=self.steering, status=status, reason=self._reasons(), front=self.front,
+            driven=self.driven, **measured,
+        )  # fmt: skip
+
+    def _reasons(self) -> Reasons:
+        """(n,) why a state or one of its neighbours is not reached."""
+        texts = self.held.reason.reshape(self.states, len(SHIFTS))
+        lost = ~self.reached
+        return np.array(
+            [row[mask][0] if mask.any() else "" for row, mask in zip(texts, lost, strict=True)], dtype=object
         )
 
     def _wheel_axis(self, side: int) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.object_repr import Names, Readable, Row, plural
-from simwarp.vehicle.rigs.rig_rows import RigRows, Statuses, joined_rows
+from simwarp.vehicle.rigs.rig_rows import Reasons, RigRows, Statuses, joined_rows
 from simwarp.vehicle.rigs.standing_loads import StandingLoads
 from simwarp.vehicle.spec.parts import Array
 
@@ -45,7 +45,8 @@ class SuspensionMotion(enum.Enum):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class SuspensionCurve(Readable):
-    """An axle over one motion of the bench; n states, columns left and right. NaN where a state is not DONE.
+    """An axle over one motion of the bench; n states, columns left and right. NaN where a state is not DONE, but for
+    the travel, which is what was asked.
 
     Attributes:
         motion: of the bench.
@@ -77,6 +78,7 @@ class SuspensionCurve(Readable):
             opposite motion.
         free_roll_stiffness: (n,) the same without what stops add [N·m/rad].
         status: (n,) `RowStatus`.
+        reason: (n,) texts: why a state is not reached; empty of the others.
         front: whether the axle is ahead of the middle of all axles.
         driven: whether the vehicle's driveline drives it.
     """
@@ -105,6 +107,7 @@ class SuspensionCurve(Readable):
     roll_stiffness: Array
     free_roll_stiffness: Array
     status: Statuses
+    reason: Reasons
     front: bool
     driven: bool
 
@@ -164,7 +167,7 @@ class SuspensionCurve(Readable):
             "roll_stiffness_Nm_per_deg": self.roll_stiffness * math.pi / 180.0,
             "free_roll_stiffness_Nm_per_deg": self.free_roll_stiffness * math.pi / 180.0,
         }  # fmt: skip
-        return RigRows(columns, self.status)
+        return RigRows(columns, self.status, self.reason, ("motion", "travel_L_mm", "steering"))
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

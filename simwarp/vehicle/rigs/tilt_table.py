@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.vehicle.rigs.post_rig import PostRig
-from simwarp.vehicle.rigs.rig_rows import Progress, RigRows, RowStatus, Statuses
+from simwarp.vehicle.rigs.rig_rows import Progress, Reasons, RigRows, RowStatus, Statuses
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
@@ -30,13 +30,15 @@ LIFTED: Final = 1.0e-3
 """Share of the mean wheel load below which a wheel has lifted."""
 UNBORNE: Final = 0.05
 """Share of the weight that the wheels may not bear in a state at rest."""
+LYING: Final = 0.25 * math.pi
+"""Roll of the chassis on the table beyond which a vehicle lies on its side [rad]."""
 BEYOND: Final = 1.15
 """Largest angle as a share of the rigid vehicle's."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class TiltTable(Readable):
-    """A vehicle on a tilt table; n angles. NaN where a world is not DONE: one that tipped over has DIVERGED.
+    """A vehicle on a tilt table; n angles. NaN where a world is not DONE: one that tipped over is TIPPED.
 
     Attributes:
         angle: (n,) of the table, positive where the left side is raised [rad].
@@ -48,6 +50,7 @@ class TiltTable(Readable):
         track: between the points of contact, of the axle whose wheel lifts, else of the first one [m].
         com_height: of the centre of mass above the level table [m].
         status: (n,) `RowStatus`.
+        reason: (n,) texts: how a world tipped over or diverged; empty of the others.
     """
 
     angle: Array
@@ -58,6 +61,7 @@ class TiltTable(Readable):
     track: float
     com_height: float
     status: Statuses
+    reason: Reasons
 
     @property
     def static_stability_factor(self) -> float:
@@ -81,7 +85,7 @@ class TiltTable(Readable):
             "angle_deg": np.rad2deg(self.angle), "roll_deg": np.rad2deg(self.roll),
         }  # fmt: skip
         columns |= {f"load{k}_N": self.load[:, k] for k in range(self.load.shape[1])}
-        return RigRows(columns, self.status)
+        return RigRows(columns, self.status, self.reason, ("angle_deg",))
 
     def parameters(self) -> dict[str, float]:
         """Characteristic values; keys name units, such as [m]."""
@@ -133,7 +137,7 @@ def run_tilt_table(
             if settling <= step <= settling + ramp:
                 share = (step - settling) / ramp
                 rig.tilt(target * share * share * (3.0 - 2.0 * share))
-            rig.simulation.step()
+            rig.step()
             if progress is not None and step % 100 == 0:
                 progress(step / total)
         finished = True
@@ -152,16 +156,22 @@ def _tracks(rig: PostRig) -> Array:
 def _read(rig: PostRig, angle: Array, height: float, tracks: Array, finished: bool) -> TiltTable:
     load, roll = rig.loads(), rig.chassis_motion()[:, 1]
     weight = rig.mass * float(np.linalg.norm(rig.vehicle.model.builder.gravity)) * np.cos(angle)
-    tipped = rig.broken() | (np.abs(roll) > 0.25 * math.pi)
+    tipped = np.abs(roll) > LYING
     if finished:  # a vehicle that falls, or lies on its side, does not stand on its wheels
         tipped |= ~(np.abs(load.sum(axis=1) - weight) < UNBORNE * weight)
     kind = RowStatus.DONE if finished else RowStatus.UNFINISHED
-    status = np.where(tipped, RowStatus.DIVERGED, kind).astype(np.int8)
+    status = np.where(tipped, RowStatus.TIPPED, kind).astype(np.int8)
+    for row in np.flatnonzero(tipped).tolist():
+        share = 100.0 * load[row].sum() / weight[row]
+        rig.reason[row] = rig.reason[row] or (
+            f"tipped over: the chassis rolls by {math.degrees(roll[row]):.0f}°, wheels bear {share:.0f} % of the weight"
+        )
+    status[rig.broken()] = RowStatus.DIVERGED
     load[status != RowStatus.DONE] = np.nan
     roll[status != RowStatus.DONE] = np.nan
     lift, wheel = first_lift(angle, load)
     axle = 0 if wheel < 0 else wheel // 2
-    return TiltTable(angle, load, roll, lift, wheel, float(tracks[axle]), height, status)
+    return TiltTable(angle, load, roll, lift, wheel, float(tracks[axle]), height, status, rig.reason)
 
 
 def first_lift(angle: Array, load: Array) -> tuple[float, int]:

@@ -21,7 +21,7 @@ import warp as wp
 
 from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.vehicle.rigs.rig_rows import Progress, RigRows, RowStatus, Statuses
+from simwarp.vehicle.rigs.rig_rows import Progress, Reasons, RigRows, RowStatus, Statuses, no_reasons
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.parameter_vector import MODELS
@@ -67,6 +67,7 @@ class TireForces(Readable):
         mx, my, mz: (...,) overturning, rolling and aligning moment about the contact point [N·m].
         deflection: (...,) vertical [m].
         status: (...,) `RowStatus`.
+        reason: (...,) texts: why a point is not DONE; empty of the others.
     """
 
     slip_ratio: Array
@@ -81,6 +82,7 @@ class TireForces(Readable):
     mz: Array
     deflection: Array
     status: Statuses
+    reason: Reasons
 
     def _readable_title(self) -> str:
         return f": {plural(self.load.size, 'point')}"
@@ -105,7 +107,8 @@ class TireForces(Readable):
             "Fx_N": flat.fx, "Fy_N": flat.fy, "Mx_Nm": flat.mx, "My_Nm": flat.my, "Mz_Nm": flat.mz,
             "deflection_m": flat.deflection,
         }  # fmt: skip
-        return RigRows(columns, flat.status)
+        asked = ("slip_ratio", "slip_angle_deg", "inclination_deg", "speed_mps", "Fz_N")
+        return RigRows(columns, flat.status, flat.reason, (*(("tire",) if tire else ()), *asked))
 
 
 def tire_forces(
@@ -188,6 +191,7 @@ class _Machine:
         self.device = self.tires.device
         self.steady = np.zeros(self.count, bool)
         self.interrupted = False
+        self.change = np.zeros(self.count)
         half = 0.5 * self.lean
         turn = np.stack([np.sin(half), 0.0 * half, 0.0 * half, np.cos(half)], axis=1)
         self.state: Any = StateArrays()
@@ -235,7 +239,7 @@ class _Machine:
                 for _ in range(ROUND):
                     self.tires.apply(STEP, self.state)
                 force = self.tires.force_w.numpy()[:, 0].astype(np.float64)
-                change = np.abs(force - last).max(axis=1)
+                self.change = change = np.abs(force - last).max(axis=1)
                 self.steady = (change < SETTLED * self.load) | ~np.isfinite(force).all(axis=1)
                 last = force
                 if progress is not None:
@@ -259,13 +263,30 @@ class _Machine:
         status = np.where(self.steady, RowStatus.DONE, restless).astype(np.int8)
         borne = np.abs(load - self.load) < LOAD_ERROR * self.load
         status[~(np.isfinite(force).all(axis=1) & borne)] = RowStatus.DIVERGED
+        finite = np.isfinite(force).all(axis=1)
         measured = np.column_stack([force, moment, self.deflection])
         measured[status != RowStatus.DONE] = np.nan
-        load = np.where(status == RowStatus.DONE, load, self.load)
+        bears, load = load, np.where(status == RowStatus.DONE, load, self.load)
         return TireForces(
             self.slip, self.angle, self.lean, load, self.speed, measured[:, 0], measured[:, 1], measured[:, 3],
-            measured[:, 4], measured[:, 5], measured[:, 6], status,
+            measured[:, 4], measured[:, 5], measured[:, 6], status, self._reasons(status, finite, borne, bears),
         )  # fmt: skip
+
+    def _reasons(
+        self, status: Statuses, finite: npt.NDArray[np.bool_], borne: npt.NDArray[np.bool_], bears: Array
+    ) -> Reasons:
+        """(n,) why points diverged."""
+        found = no_reasons(self.count)
+        for row in np.flatnonzero(status == RowStatus.DIVERGED).tolist():
+            if not finite[row]:
+                found[row] = "a force of the tire is not finite"
+            elif not borne[row]:
+                share = 100.0 * self.deflection[row] / self.radius
+                found[row] = f"the tire bears {bears[row]:.4g} N at a deflection of {share:.0f} % of its radius"
+            else:
+                time = MOST_ROUNDS * ROUND * STEP
+                found[row] = f"forces do not settle: {self.change[row]:.3g} N in {ROUND * STEP:g} s after {time:g} s"
+        return found
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

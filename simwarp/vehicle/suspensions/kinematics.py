@@ -22,6 +22,7 @@ from simwarp.vehicle.spec.vehicle_spec import Axle, PinnedAxle, RigidSuspension,
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.line_lengths import line_lengths
+from simwarp.vehicle.suspensions.open_joints import open_joints
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 from simwarp.vehicle.suspensions.wheel_axes import camber_angles, steer_angles, toe_angles
 
@@ -53,6 +54,8 @@ class TravelTable:
     """(n, 2, 3) of the wheels, likewise, unit vectors to the left."""
     reached: npt.NDArray[np.bool_]
     """(n,) whether the linkage closes there."""
+    reason: npt.NDArray[np.object_]
+    """(n,) why it does not: text, empty where it does."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +82,8 @@ class HeldAxle:
     """(n, 2, 3) centres of the wheels as built [m]."""
     reached: npt.NDArray[np.bool_]
     """(n,) whether the linkage closes there."""
+    reason: npt.NDArray[np.object_]
+    """(n,) why it does not: the joint that stays apart and where on the way; empty where it closes."""
 
 
 def travel_table(
@@ -152,7 +157,7 @@ def hold_axle(
     held = cast(wp.array, model.parameters.joint_anchor0)
     anchors = held.numpy().copy()
     stages = max(FEWEST_STAGES, math.ceil(float(np.abs(heights).max()) / STAGE))
-    reached = np.full(len(lefts), True)
+    reached, reason = np.full(len(lefts), True), np.full(len(lefts), "", dtype=object)
     for stage in range(1, stages + 1):
         share = stage / stages
         for column, joint in enumerate(bench.planes):
@@ -162,8 +167,20 @@ def hold_axle(
         if bench.steering is not None:
             q[:, model.joint_dof_start[bench.steering.joint]] = share * inputs * bench.steering.travel
         simulation.set_joint_state(None, q, None)
-        reached &= (simulation.state.world_status.numpy() & WorldStatus.NOT_ASSEMBLED) == 0
-    return HeldAxle(simulation, bench, inputs, rest, reached)
+        lost = reached & ((simulation.state.world_status.numpy() & WorldStatus.NOT_ASSEMBLED) != 0)
+        if lost.any():
+            reached &= ~lost
+            worlds = np.flatnonzero(lost)
+            for world, phrase in zip(worlds, open_joints(model, simulation.state, worlds), strict=True):
+                place = _place(share * heights[world], share * inputs[world] if bench.steering is not None else 0.0)
+                reason[world] = f"the linkage does not close: {phrase} at {place}"
+    return HeldAxle(simulation, bench, inputs, rest, reached, reason)
+
+
+def _place(heights: Array, steering: float) -> str:
+    """Travels of both wheels and the steering, for people."""
+    text = f"{1e3 * heights[0]:.1f} and {1e3 * heights[1]:.1f} mm of travel from the state as built"
+    return f"{text}, steering {steering:.2f}" if steering else text
 
 
 def _floats(values: npt.ArrayLike) -> Array:
@@ -209,4 +226,5 @@ def wheel_angles(held: HeldAxle) -> TravelTable:
     return TravelTable(
         steering=held.steering, travel=(center - held.rest)[..., 2], steer=steer_angles(axes),
         toe=toe_angles(axes, signs), camber=camber_angles(axes, signs), center=center, axis=axes, reached=held.reached,
+        reason=held.reason,
     )  # fmt: skip

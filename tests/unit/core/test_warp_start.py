@@ -71,8 +71,25 @@ def test_a_terminal_sees_how_long_it_takes(cache, capsys, monkeypatch):
     with report_compiling():
         compile_something(cache)
     said = capsys.readouterr().err
-    assert said.startswith(f"\rsimwarp: {COMPILING}, 0 s")
+    assert said.startswith(f"\r\x1b[Ksimwarp: {COMPILING}; module 1, module, 0 s")
     assert said.endswith("\n")
+
+
+def test_modules_are_counted_and_named(cache):
+    """A second line comes after the time that was asked for, and only while something is compiled."""
+    lines: list[str] = []
+    with report_compiling(lines.append, every=0.1):
+        for name in ("simwarp.kernels.first", "simwarp.tires_kernels"):
+            folder = cache / f"wp_{name}_0123abc_p{os.getpid()}_t12"
+            folder.mkdir()
+            time.sleep(0.3)
+            folder.rmdir()
+        told = len(lines)
+        time.sleep(0.3)
+    assert lines[0] == COMPILING
+    assert lines[1] == f"{COMPILING}; module 1, simwarp.kernels.first, 0 s"
+    assert lines[-1].startswith(f"{COMPILING}; module 2, simwarp.tires_kernels, ")
+    assert len(lines) <= told + 1
 
 
 def test_without_compiling_nothing_is_told(cache, capsys):
