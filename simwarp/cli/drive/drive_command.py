@@ -21,6 +21,8 @@ from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.drive.drive_batch import ALONE, Batch, batch_variants, parse_values, run_batch, verdict_table
 from simwarp.cli.drive.drive_films import RecordOptions, films_of, sensors_of
 from simwarp.cli.drive.drive_progress import ManeuverBar
+from simwarp.cli.drive.drive_road import METAVAR as PATCH, Patch, check_patches, with_patches
+from simwarp.cli.drive.drive_titles import UNITS, choices_of_run, named_options, title_of_run
 from simwarp.cli.drive.study_options import StudyOptions
 from simwarp.cli.options import FLAT, CommonOptions, parse_options, require_subject, split_subject
 from simwarp.core.memory import check_fits
@@ -70,11 +72,6 @@ MANEUVER_HELP: Final = (
     " time, t) [s] and any of steering (or steer), throttle, braking (or brake) and speed_target [m/s], such as a file"
     " of --csv."
 )
-UNITS: Final = {
-    "speed": " m/s", "steering": "", "radius": " m", "slope": "", "width": " m", "duration": " s", "brakes": "",
-    "left": "", "height": " m", "length": " m", "dwell": " s",
-}  # fmt: skip
-"""Of the options of manoeuvres."""
 OWN: Final = "(default: the vehicle's own)"
 MANEUVER_HINT: Final = "(default: reference-accel, on tracks accelerate)"
 SPEEDS_HINT: Final = (
@@ -125,6 +122,8 @@ class DriveOptions(RecordOptions):
     """Along which soil presses on rigid wheels: the ground's, or their surface's, where compaction holds them back."""
     friction: float = REFERENCE_FRICTION
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
+    friction_patch: Annotated[tyro.conf.UseAppendAction[tuple[Patch, ...]], tyro.conf.arg(metavar=PATCH)] = ()
+    """Another friction on a rectangle of the road [m], x ahead and y to the left of the start; may be repeated."""
     dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
@@ -234,7 +233,9 @@ def run(arguments: list[str]) -> int:
     if options.speeds is not None or options.steerings is not None:
         return _run_batch(spec, options)
     usual = "accelerate" if isinstance(spec, TrackedVehicleSpec) else "reference-accel"
-    what = maneuver(usual if options.maneuver is None else options.maneuver, spec, **options.chosen)
+    with named_options():
+        what = maneuver(usual if options.maneuver is None else options.maneuver, spec, **options.chosen)
+    what = with_patches(what, options.friction_patch, options.friction, spec)
     _check_effort(options, what.start + what.duration)
     if options.video is not None:
         from simwarp.cli.view.drive_film import check_film
@@ -284,7 +285,9 @@ def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
         friction=options.friction, device=str(resolve_device(None if options.device == "auto" else options.device)),
         plot=options.plot,
     )  # fmt: skip
-    variants = batch_variants(batch)
+    with named_options():
+        variants = batch_variants(batch)
+    variants = [with_patches(each, options.friction_patch, options.friction, spec) for each in variants]
     _check_effort(options, max(each.start + each.duration for each in variants), len(variants))
     code, content = run_batch(batch, variants, options.console())
     options.emit(content)
@@ -312,6 +315,10 @@ def _check(name: str, options: DriveOptions) -> None:
         *files, csv=options.csv, output=options.output, plot=options.plot, report=options.report,
         chains=options.chains, video=options.video, export_scene=options.export_scene, record=options.record,
     )  # fmt: skip
+    if name.endswith(".csv"):
+        rule = "a shipped one or a JSON file, got a .csv file; drive its inputs by --maneuver"
+        raise UsageError(f"vehicle '{name}': must be {rule} {name}")
+    check_patches(options.friction_patch)
     options.check_record()
     if options.output is not None:
         check_run_file(options.output, "--output")
@@ -321,11 +328,11 @@ def _check(name: str, options: DriveOptions) -> None:
     for key in ("dt", "friction"):
         value = getattr(options, key)
         if not (math.isfinite(value) and value > 0.0):
-            raise UsageError(f"{key} must be a positive number, got {value}")
+            raise UsageError(f"--{key} must be a positive number, got {value}")
     if options.dt > 0.05:
-        raise UsageError(f"dt must be at most 0.05 s for a vehicle, got {options.dt:g}")
+        raise UsageError(f"--dt must be at most 0.05 s for a vehicle, got {options.dt:g}")
     if options.worlds < 1:
-        raise UsageError(f"worlds must be at least 1, got {options.worlds}")
+        raise UsageError(f"--worlds must be at least 1, got {options.worlds}")
     for picture in (options.plot, options.chains):
         if picture is not None and picture.suffix not in PICTURES:
             raise UsageError(f"cannot write '{picture}': the name must end in {', '.join(PICTURES)}")
@@ -355,7 +362,7 @@ def _vehicle(name: str, options: DriveOptions) -> AnyVehicleSpec:
 
         engine, _, transmission = (options.powertrain or "").partition(",")
         if options.powertrain is not None and not transmission:
-            raise UsageError("powertrain of a Chrono vehicle: its engine's file, a comma, its transmission's file")
+            raise UsageError("--powertrain of a Chrono vehicle: its engine's file, a comma, its transmission's file")
         spec = load_chrono_vehicle(name, engine=engine or None, transmission=transmission or None, tire=options.tire)
         return with_options(spec, driveline=options.driveline)
     any_spec = load_any_vehicle(name)
@@ -471,7 +478,7 @@ def _print_results(
     found: list[Result],
     judged: list[Verdict],
 ) -> None:
-    console.print(_title(spec, options, outcome.maneuver), style="bold", highlight=False, soft_wrap=True)
+    console.print(title_of_run(spec, options, outcome.maneuver), style="bold", highlight=False, soft_wrap=True)
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     table.add_column("quantity")
     table.add_column("value", justify="right")
@@ -494,35 +501,14 @@ def _print_results(
     console.print(f"{worlds}, {outcome.wall:.1f} s, {rate:,.0f} steps/s", highlight=False, soft_wrap=True)
 
 
-def _title(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
-    """Vehicle and manoeuvre with what is not as usual."""
-    parts = [f"{spec.name}, {what.name}"]
-    if what.follow is not None and options.speed is None:
-        parts.append(f"speed {what.follow.speed:.4g}{UNITS['speed']}")
-    parts += [f"{key} {value:g}{UNITS[key]}" for key, value in options.chosen.items()]
-    for kind in ("tire", "powertrain", "driveline"):
-        value = getattr(options, kind)
-        if value is not None:
-            parts.append(f"{kind} {Path(value).stem}")
-    if options.soil is not None:
-        parts.append(f"soil {options.soil}")
-    if options.soil_normal is not None:
-        parts.append(f"pressure along the {options.soil_normal}")
-    if options.friction != REFERENCE_FRICTION:
-        parts.append(f"friction {options.friction:g}")
-    if options.dt != REFERENCE_DT:
-        parts.append(f"dt {1e3 * options.dt:g} ms")
-    return ", ".join(parts)
-
-
 def _write(
     console: Console, spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result],
     judged: list[Verdict],
 ) -> None:  # fmt: skip
     """The files that were asked for."""
-    what, title = outcome.maneuver, _title(spec, options, outcome.maneuver)
+    what, title = outcome.maneuver, title_of_run(spec, options, outcome.maneuver)
     if options.output is not None:
-        sources = {"vehicle": spec.name, "maneuver": what.name, **_choices(spec, options)}
+        sources = {"vehicle": spec.name, "maneuver": what.name, **choices_of_run(spec, options)}
         write_run(outcome.run, options.output, sources, {each.name: each.meaning for each in outcome.channels})
         console.print(f"wrote {options.output}", highlight=False, markup=False, soft_wrap=True)
     if options.report is not None:
@@ -530,7 +516,7 @@ def _write(
 
         driven = Driven(
             title=title, vehicle=spec, maneuver=what, run=outcome.run, results=found, verdicts=judged,
-            options=_choices(spec, options), broken=outcome.broken, interrupted=outcome.interrupted,
+            options=choices_of_run(spec, options), broken=outcome.broken, interrupted=outcome.interrupted,
         )  # fmt: skip
         write_drive_report(driven, options.report)
         console.print(f"wrote {options.report}", highlight=False, markup=False, soft_wrap=True)
@@ -549,17 +535,6 @@ def _write(
         console.print(f"wrote {film.path}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _choices(spec: AnyVehicleSpec, options: DriveOptions) -> dict[str, str]:
-    """What was chosen, for files: options of the manoeuvre with their units, parts, ground and step."""
-    found = {key: f"{value:g}{UNITS[key]}" for key, value in options.chosen.items()}
-    for kind in ("tire", "powertrain", "driveline", "soil", "soil_normal"):
-        if getattr(options, kind) is not None:
-            found[kind] = str(getattr(options, kind))
-    if "tire" not in found and not isinstance(spec, TrackedVehicleSpec):
-        found["tire"] = spec.axles[0].tire.template
-    return found | {"friction": f"{options.friction:g}", "dt": f"{options.dt:g} s"}
-
-
 def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
     """For scripts: what ran, its results, and the last value of every column."""
     files = {name: getattr(options, name) for name in ("csv", "output", "plot", "report", "chains", "video")}
@@ -574,6 +549,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         "soil": options.soil,
         "soil_normal": options.soil_normal,
         "friction": options.friction,
+        "friction_patches": [list(patch) for patch in options.friction_patch],
         "dt": options.dt,
         "worlds": options.worlds,
         "results": {item.key: item.value for item in found},
