@@ -186,9 +186,7 @@ def _text(value: float | None) -> str:
     return "" if value is None or math.isnan(value) else f"{value:.4g}"
 
 
-def _write(
-    search: DesignSearch, spec: VehicleSpec, folder: Path, plot: Path | None, title: str
-) -> dict[str, Path]:
+def _write(search: DesignSearch, spec: VehicleSpec, folder: Path, plot: Path | None, title: str) -> dict[str, Path]:
     """The best vehicle, what of it differs, a table of all designs and a picture."""
     files = {"trials": folder / "trials.csv", "plot": plot or folder / "search.png"}
     if not search.designs:
