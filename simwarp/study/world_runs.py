@@ -145,10 +145,8 @@ class WorldRuns:
         merged = dataclasses.replace(
             first.maneuver, duration=max(each.maneuver.duration for each in part.worlds)
         )  # fmt: skip
-        setup = set_up(
-            base.spec, merged, variants=[each.maneuver for each in part.worlds], worlds=len(part.worlds),
-            randomised=differing, own_tires=True, **options,
-        )  # fmt: skip
+        options |= {"worlds": len(part.worlds), "randomised": differing, "own_tires": True}
+        setup = set_up(base.spec, merged, variants=[each.maneuver for each in part.worlds], **options)
         write_world_numbers(setup.simulation, differing, [World(each, NO_INPUTS, {}) for each in part.numbers])
         frictions = [{"friction": np.array([friction_of(each.document)])} for each in part.worlds]
         others = [{**each.others, **rest} for each, rest in zip(part.numbers, frictions, strict=True)]

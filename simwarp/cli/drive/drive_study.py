@@ -194,20 +194,19 @@ def _write_world(made: MonteCarlo, row: StudyRow, film: WorstFilm, stem: Path) -
         setup = made.runs.alone(document)
     except ValueError:
         return {}
-    drive, shown = Drive(setup), _nothing
+    drive = Drive(setup)
     files = {"vehicle": stem.with_suffix(".json"), "csv": stem.with_suffix(".csv")}
-    camera = None
-    if film is not WorstFilm.NONE:
+    if film is WorstFilm.NONE:
+        run = drive.run()
+    else:
         from simwarp.cli.view.drive_film import DriveFilm
 
         files["video"] = stem.with_suffix(f".{film.value}")
         camera = DriveFilm(setup, files["video"], FILM_SIZE)
-        shown = camera.beside(shown)
-    run = drive.run(shown)
+        run = drive.run(camera.beside(_nothing))
+        camera.write()
     save_vehicle(spec_of(document), files["vehicle"])
     run.write(files["csv"])
-    if camera is not None:
-        camera.write()
     return files
 
 

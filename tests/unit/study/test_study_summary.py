@@ -72,7 +72,13 @@ def row(world, value, passed=True, trouble=""):
     )  # fmt: skip
 
 
-ROWS = (row(0, 0.3), row(1, -0.1, False), row(2, 0.0, False, "diverged at 1.00 s"), row(3, math.nan, False), row(4, 0.1))
+ROWS = (
+    row(0, 0.3),
+    row(1, -0.1, False),
+    row(2, 0.0, False, "diverged at 1.00 s"),
+    row(3, math.nan, False),
+    row(4, 0.1),
+)
 RESULT = StudyResult(keys=("k",), figures=(Figure("margin", "margin", "m"),), nominal={}, rows=ROWS)
 
 
