@@ -232,9 +232,7 @@ class DesignSearch:
         if len(sound) < len(outcomes):
             trouble = next(each for each in outcomes if isinstance(each, str))
             return {"trouble": trouble, "goal": None, "objective": None, "highest": None, "figures": {}, "bounds": []}
-        figures = [
-            {} if each.broken else {key: item.value for key, item in figures_of(each).items()} for each in sound
-        ]
+        figures = [{} if each.broken else {key: item.value for key, item in figures_of(each).items()} for each in sound]
         found = PassSpeed(math.nan, math.nan, 0)
         bounds: list[float] = []
         if self._of_speeds:
@@ -267,9 +265,9 @@ class DesignSearch:
         """The best design that keeps all bounds; None if there is none."""
         found: Design | None = None
         for each in self.designs:
-            if each.kept and not math.isnan(each.goal):
-                if found is None or self.plan.goal.better(each.goal, found.goal):
-                    found = each
+            valid = each.kept and not math.isnan(each.goal)
+            if valid and (found is None or self.plan.goal.better(each.goal, found.goal)):
+                found = each
         return found
 
 

@@ -128,7 +128,9 @@ class StudyResult:
             writer = csv.writer(file)
             writer.writerow(["world", *self.keys, *names, "passed", "trouble"])
             for row in self.rows:
-                values = [f"{value:.9g}" for value in (*row.values, *(row.figures.get(name, math.nan) for name in names))]
+                values = [
+                    f"{value:.9g}" for value in (*row.values, *(row.figures.get(name, math.nan) for name in names))
+                ]
                 verdict = "" if row.passed is None else int(row.passed)
                 writer.writerow([row.world, *values, verdict, row.trouble])
 

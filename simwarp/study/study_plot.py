@@ -9,13 +9,14 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Page
+from matplotlib.ticker import FixedLocator
 
 from simwarp.core.files import replacing
 from simwarp.study.monte_carlo import StudyResult
 from simwarp.study.study_summary import FigureSummary
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, title_of
 
-MOST_SHOWN: Final = 8
+MOST_SHOWN: Final = 6
 """Figures on a page."""
 ROW_HEIGHT: Final = 2.1
 MOST_BINS: Final = 40
@@ -45,6 +46,8 @@ def draw_study(result: StudyResult, target: Path, title: str) -> None:
             panels = [page.add_subplot(grid[row, column]) for column in range(3)]
             for axes in panels:
                 dress(axes)
+                axes.ticklabel_format(useOffset=False)
+                axes.locator_params(axis="x", nbins=5)
             _draw_histogram(panels[0], each, result)
             _draw_correlations(panels[1], each, result)
             _draw_strongest(panels[2], each, result)
@@ -72,6 +75,7 @@ def _draw_correlations(axes: Any, each: FigureSummary, result: StudyResult) -> N
     axes.barh(places, sizes, color=[BLUE if value >= 0.0 else ORANGE for value in sizes], height=0.6)
     if math.isfinite(each.chance):
         axes.axvspan(-each.chance, each.chance, color=GREY, alpha=0.25, linewidth=0)
+    axes.xaxis.set_major_locator(FixedLocator([-1.0, -0.5, 0.0, 0.5, 1.0]))
     axes.set_yticks(places, [_short(key) for key in result.keys], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlim(-1.05, 1.05)
@@ -84,7 +88,8 @@ def _draw_strongest(axes: Any, each: FigureSummary, result: StudyResult) -> None
     key = [row.values[index] for row in rows]
     passed = np.array([row.passed is not False for row in rows])
     values = result.column(each.figure.key)
-    title_of(axes, f"over {_short(result.keys[index])}")
+    failed = "; orange: not passed" if not passed.all() else ""
+    title_of(axes, f"over {_short(result.keys[index])}{failed}")
     for mask, colour in ((passed, BLUE), (~passed, ORANGE)):
         axes.plot(np.asarray(key)[mask], values[mask], ".", color=colour, markersize=4)
 

@@ -67,7 +67,9 @@ class VariedVehicle:
 
     def drawn(self, shares: Sequence[float]) -> tuple[float, ...]:
         """Values of the keys below which these shares of all draws are; changes in % as factors."""
-        return tuple(_value(key, float(key.distribution.at(share))) for key, share in zip(self.keys, shares, strict=True))
+        return tuple(
+            _value(key, float(key.distribution.at(share))) for key, share in zip(self.keys, shares, strict=True)
+        )
 
     def nominal(self) -> tuple[float, ...]:
         """Values of the keys as built: 1 of factors."""

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from simwarp.identify.fit_error import FitError
 from simwarp.identify.vehicle_target import input_gains, vehicle_numbers, write_vehicle_numbers
@@ -69,9 +68,7 @@ class WorldRuns:
     dt: float
     device: str
 
-    def run(
-        self, documents: Sequence[Any], progress: Callable[[float], None] | None = None
-    ) -> list[Outcome | str]:
+    def run(self, documents: Sequence[Any], progress: Callable[[float], None] | None = None) -> list[Outcome | str]:
         """What became of each document, or why it cannot be built, in one line.
 
         Args:
@@ -91,7 +88,8 @@ class WorldRuns:
             shown = None if progress is None else _within(progress, done / len(documents), span, part.worlds)
             drive = Drive(self.set_up(part), worlds=slice(0, len(part.worlds)))
             drive.run(shown)
-            for index, outcome in zip(part.indices, outcomes(drive, [each.maneuver for each in part.worlds]), strict=True):
+            judged = outcomes(drive, [each.maneuver for each in part.worlds])
+            for index, outcome in zip(part.indices, judged, strict=True):
                 found[index] = outcome
             done += len(part.indices)
         return found
@@ -147,10 +145,8 @@ class WorldRuns:
         merged = dataclasses.replace(
             first.maneuver, duration=max(each.maneuver.duration for each in part.worlds)
         )  # fmt: skip
-        setup = set_up(
-            base.spec, merged, variants=[each.maneuver for each in part.worlds], worlds=len(part.worlds),
-            randomised=differing, own_tires=True, **options,
-        )  # fmt: skip
+        options |= {"worlds": len(part.worlds), "randomised": differing, "own_tires": True}
+        setup = set_up(base.spec, merged, variants=[each.maneuver for each in part.worlds], **options)
         write_world_numbers(setup.simulation, differing, [World(each, NO_INPUTS, {}) for each in part.numbers])
         frictions = [{"friction": np.array([friction_of(each.document)])} for each in part.worlds]
         others = [{**each.others, **rest} for each, rest in zip(part.numbers, frictions, strict=True)]

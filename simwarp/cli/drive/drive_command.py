@@ -187,7 +187,7 @@ class DriveOptions(RecordOptions):
     """Of fishhook, between its turns of the wheel."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
     """Of the manoeuvre after t = 0; reference-* have their own."""
-    flat_study: Annotated[StudyOptions, FLAT] = StudyOptions()
+    flat_study: Annotated[StudyOptions, FLAT] = dataclasses.field(default_factory=StudyOptions)
 
     @property
     def patterns(self) -> tuple[str, ...]:

@@ -166,8 +166,8 @@ def _print(console: Console, title: str, search: DesignSearch) -> None:
     goals = [(search.plan.goal.key, "goal"), ("highest speed passed", "highest")]
     for label, name in goals if search.plan.speeds is not None else goals[:1]:
         table.add_row(label, *(_text(None if each is None else getattr(each, name)) for each in (built, best)))
-    for key in best.figures:
-        table.add_row(key, *(_text(None if each is None else each.figures.get(key)) for each in (built, best)))
+    for figure in best.figures:
+        table.add_row(figure, *(_text(None if each is None else each.figures.get(figure)) for each in (built, best)))
     console.print(table)
 
 
@@ -186,9 +186,7 @@ def _text(value: float | None) -> str:
     return "" if value is None or math.isnan(value) else f"{value:.4g}"
 
 
-def _write(
-    search: DesignSearch, spec: VehicleSpec, folder: Path, plot: Path | None, title: str
-) -> dict[str, Path]:
+def _write(search: DesignSearch, spec: VehicleSpec, folder: Path, plot: Path | None, title: str) -> dict[str, Path]:
     """The best vehicle, what of it differs, a table of all designs and a picture."""
     files = {"trials": folder / "trials.csv", "plot": plot or folder / "search.png"}
     if not search.designs:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +25,8 @@ from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec
 from simwarp.vehicle.spec.vehicle_files import save_vehicle
 
 SHOWN_WORST: Final = 5
+FILM_SIZE: Final = (640, 360)
+"""Of films of the worst worlds, a third of the work of the usual size."""
 
 
 class _StoppedError(Exception):
@@ -74,9 +75,7 @@ def run_study(any_spec: AnyVehicleSpec, drive: DriveChoices, study: StudyOptions
     return DONE if result.sound else FELL_SHORT
 
 
-def _drive(
-    made: MonteCarlo, drive: DriveChoices, console: Console, title: str, stop: StopRequest
-) -> StudyResult:
+def _drive(made: MonteCarlo, drive: DriveChoices, console: Console, title: str, stop: StopRequest) -> StudyResult:
     """All worlds, or those of the batches that were done when a request to stop came."""
     with StudyBar(console, title, drive.worlds, "worlds") as bar:
 
@@ -195,20 +194,19 @@ def _write_world(made: MonteCarlo, row: StudyRow, film: WorstFilm, stem: Path) -
         setup = made.runs.alone(document)
     except ValueError:
         return {}
-    drive, shown = Drive(setup), _nothing
+    drive = Drive(setup)
     files = {"vehicle": stem.with_suffix(".json"), "csv": stem.with_suffix(".csv")}
-    camera = None
-    if film is not WorstFilm.NONE:
+    if film is WorstFilm.NONE:
+        run = drive.run()
+    else:
         from simwarp.cli.view.drive_film import DriveFilm
 
         files["video"] = stem.with_suffix(f".{film.value}")
-        camera = DriveFilm(setup, files["video"])
-        shown = camera.beside(shown)
-    run = drive.run(shown)
+        camera = DriveFilm(setup, files["video"], FILM_SIZE)
+        run = drive.run(camera.beside(_nothing))
+        camera.write()
     save_vehicle(spec_of(document), files["vehicle"])
     run.write(files["csv"])
-    if camera is not None:
-        camera.write()
     return files
 
 

@@ -60,12 +60,13 @@ class DriveFilm:
     Args:
         setup: of the manoeuvre.
         path: .mp4 or .gif: a film; .png or .jpg: its end.
+        size: of the images, width and height.
     """
 
-    def __init__(self, setup: Setup[AnyVehicle], path: Path) -> None:
+    def __init__(self, setup: Setup[AnyVehicle], path: Path, size: tuple[int, int] = SIZE) -> None:
         self.path = path
         self._camera = FollowCamera(
-            setup.simulation, maneuver_scene(setup), drive_shot(setup), width=SIZE[0], height=SIZE[1],
+            setup.simulation, maneuver_scene(setup), drive_shot(setup), width=size[0], height=size[1],
             lighting=LIGHTING,
         )  # fmt: skip
         self._start = setup.maneuver.start
