@@ -161,6 +161,14 @@ class Writer(Readable):
                 self._write_commands(commands, now)
             self._file.tick()
 
+    def flush(self) -> None:
+        """Ends the chunk: what was recorded up to now survives a crash. It happens by itself after a second.
+
+        Raises:
+            OutputError: the disk did not take it.
+        """
+        self._file.flush()
+
     def close(self) -> None:
         """Ends the file; a second call does nothing.
 
