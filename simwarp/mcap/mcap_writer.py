@@ -137,7 +137,7 @@ class Writer(Readable):
         """Records what is new: frames of sensors, and the state where it is due. To be called after every step.
 
         Args:
-            commands: numbers by name, for the topic `/commands`; the same names in every call.
+            commands: numbers by name, dimensionless or in SI, for the topic `/commands`; the same names in every call.
 
         Raises:
             ModelError: the file is closed, or names of the commands have changed.

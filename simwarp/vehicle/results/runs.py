@@ -146,7 +146,6 @@ def set_up(
     builder = ModelBuilder()
     place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
     start = pose(rotate(rotation, np.array(place)), rotation)
-    vehicle: AnyVehicle
     if isinstance(spec, TrackedVehicleSpec):
         if on_soil:
             raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
@@ -157,7 +156,7 @@ def set_up(
         add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         below = ground(model.device, rotation=rotation) if spec.on_belts else None
-        vehicle = TrackedVehicle(tracked, model, ground=below)
+        vehicle: AnyVehicle = TrackedVehicle(tracked, model, ground=below)
         if vehicle.belts is not None:
             vehicle.belts.ground_friction.fill_(friction)
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
@@ -176,9 +175,8 @@ def set_up(
         vehicle.tires.ground_friction.fill_(friction)
     driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
-    usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
     simulation = Simulation(
-        model, dt, elements=acting, solver=usual if solver is None else solver,
+        model, dt, elements=acting, solver=solver or (TRACK_SOLVER if chains else VEHICLE_SOLVER),
         joint_reactions=chains or joint_reactions, sensors=sensors(vehicle, acting),
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
