@@ -1,6 +1,7 @@
 """`--record FILE.mcap` of `simwarp drive`, `play`, `eval` and `view`."""
 
 import json
+import math
 import re
 from collections import Counter
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simwarp.sensors import load_config
 from simwarp.vehicle.results.channels import Run
 from tests.unit.mcap.recordings import ns, of, read_by_mcap, read_by_rosbags, stamp
 
@@ -53,17 +55,23 @@ def test_a_drive_records_what_its_rows_say(folder, command):
         assert np.hypot(speed.x, speed.y) == pytest.approx(run["speed_mps"][-1], rel=0.02)  # another point of the body
 
 
+def frames(name):
+    """How many frames of a shipped sensor have come after 1.3 s, that of the beginning included."""
+    schedule = load_config(name).schedule
+    later = math.floor((1.3 - schedule.window - schedule.lag) * schedule.rate + 1e-6)
+    return later + 1 + (schedule.window > 0.0)
+
+
 def test_sensors_on_the_chassis_lose_no_frame(folder, command):
     sensors = "mems-imu,rtk-gps@0.1:-0.2:0.5,hood-camera,mems-imu@1:0:0,vlp-16"
     code, _, err = command("drive", *TURN, "--record", "a.mcap", "--sensors", sensors, "--csv", "a.csv")
     assert (code, err) == (0, "")
     read = read_by_mcap(folder / "a.mcap")
     counts = Counter(each.topic for each in read)
-    # 1.3 s, and the frame at the beginning
-    assert counts["/mems_imu/data"] == counts["/mems_imu_2/data"] == 261
-    assert counts["/rtk_gps/fix"] == 14
-    assert counts["/hood_camera/rgb/image_raw"] == 66
-    assert counts["/vlp_16/points"] == 27
+    assert counts["/mems_imu/data"] == counts["/mems_imu_2/data"] == frames("mems-imu")
+    assert counts["/rtk_gps/fix"] == frames("rtk-gps")
+    assert counts["/hood_camera/rgb/image_raw"] == frames("hood-camera")
+    assert counts["/vlp_16/points"] == frames("vlp-16")
     times = [each.time for each in read]
     assert times == sorted(times)
     static = of(read, "/tf_static")[0].message.transforms
@@ -74,9 +82,6 @@ def test_sensors_on_the_chassis_lose_no_frame(folder, command):
     assert places["mems_imu_link"].transform.translation.z == 0.0
     assert command("drive", *TURN, "--csv", "plain.csv")[0] == 0
     assert (folder / "a.csv").read_bytes() == (folder / "plain.csv").read_bytes()
-    # at rest on its brakes it feels its weight
-    rest = [each.message.linear_acceleration.z for each in of(read, "/mems_imu/data") if 0.5e9 < each.time < 1e9]
-    assert np.mean(rest) == pytest.approx(9.81, abs=0.1)
 
 
 def test_play_records_every_control_step_with_its_actions(folder, command):
@@ -146,7 +151,6 @@ def test_the_suffix_chooses_what_view_records(folder, command, target):
         ("play ant --record a.txt", "--record: the name must end in .mcap, got 'a.txt'; rename it"),
         ("play ant --record a.mcap --num-envs 3 --worlds 0 1", "--record shows one world, got --worlds 0 1"),
         ("play ant --record a.mcap --worlds 1", "worlds must be from 0 to 0, got 1"),
-        ("play pendulum --record a.mcap --checkpoint zero", "--record: task 'pendulum' has no bodies to record"),
         ("eval ant --record a.mcap --grid level=0,1", "--record: records one evaluation, and --grid makes several"),
         ("eval ant --record a.mcap.gz", "--record: the name must end in .mcap, got 'a.mcap.gz'"),
         ("view ant --record a.bag", "--record: the name must end in .html, .viser or .mcap, got 'a.bag'; give it one"),
@@ -165,6 +169,6 @@ def test_a_full_disk_is_one_line(folder, command, arguments):
         pytest.skip("there is no /dev/full here")
     Path("a.mcap").symlink_to("/dev/full")
     code, _, err = command(*arguments, "--record", "a.mcap")
-    assert (code, err.count("\n")) == (2, 1)
+    assert (code, err.count("\n")) == (1, 1)
     assert "cannot write 'a.mcap': No space left on device" in err
     assert "make room and repeat" in err

@@ -133,8 +133,7 @@ def set_up(
         on_soil: True if a soil is among the elements: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
         joint_reactions: record those of all joints; chains of tracks always do.
-        variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
-            `maneuver`'s; see `set_up_variants`.
+        variants: manoeuvres of the single worlds, for their drivers on paths and interventions; see `set_up_variants`.
         wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
 
     Raises:
@@ -146,6 +145,7 @@ def set_up(
     builder = ModelBuilder()
     place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
     start = pose(rotate(rotation, np.array(place)), rotation)
+    vehicle: AnyVehicle
     if isinstance(spec, TrackedVehicleSpec):
         if on_soil:
             raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
@@ -156,7 +156,7 @@ def set_up(
         add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         below = ground(model.device, rotation=rotation) if spec.on_belts else None
-        vehicle: AnyVehicle = TrackedVehicle(tracked, model, ground=below)
+        vehicle = TrackedVehicle(tracked, model, ground=below)
         if vehicle.belts is not None:
             vehicle.belts.ground_friction.fill_(friction)
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
