@@ -4,7 +4,7 @@
 
 gives the model builder, simulations and what they take (`simwarp/api.py` lists them), and when they are first used the
 packages `sw.actuators`, `sw.analysis`, `sw.flex`, `sw.motions`, `sw.vehicle`, `sw.sensors`, `sw.scenery`, `sw.scenes`,
-`sw.importers`, `sw.exporters`, `sw.identify`, `sw.viewer`, `sw.tasks`, `sw.train`, `sw.planning`.
+`sw.importers`, `sw.exporters`, `sw.mcap`, `sw.identify`, `sw.viewer`, `sw.tasks`, `sw.train`, `sw.planning`.
 """
 
 from __future__ import annotations

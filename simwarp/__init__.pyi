@@ -5,6 +5,7 @@ from simwarp import (
     flex as flex,
     identify as identify,
     importers as importers,
+    mcap as mcap,
     planning as planning,
     scenery as scenery,
     scenes as scenes,

@@ -137,7 +137,7 @@ class Writer(Readable):
         """Records what is new: frames of sensors, and the state where it is due. To be called after every step.
 
         Args:
-            commands: numbers by name, for the topic `/commands`; the same names in every call.
+            commands: numbers by name, dimensionless or in SI, for the topic `/commands`; the same names in every call.
 
         Raises:
             ModelError: the file is closed, or names of the commands have changed.
@@ -160,6 +160,14 @@ class Writer(Readable):
             if commands is not None:
                 self._write_commands(commands, now)
             self._file.tick()
+
+    def flush(self) -> None:
+        """Ends the chunk: what was recorded up to now survives a crash. It happens by itself after a second.
+
+        Raises:
+            OutputError: the disk did not take it.
+        """
+        self._file.flush()
 
     def close(self) -> None:
         """Ends the file; a second call does nothing.

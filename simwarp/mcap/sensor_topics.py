@@ -303,7 +303,7 @@ def _of_force(sensor: Any, context: Context) -> list[Output]:
 def _of_turning(sensor: Any, context: Context) -> list[Output]:
     names, field, scale = [context.word], "velocity", 1.0
     if isinstance(sensor, Encoder):
-        names = [f"{context.word}_{number}" for number in range(len(sensor.dofs))]
+        names = _joints_of(sensor)
         field = "velocity" if sensor.config.reading == "speed" else "position"
     elif sensor.config.unit == "rpm":
         scale = RPM
@@ -316,3 +316,13 @@ def _of_turning(sensor: Any, context: Context) -> list[Output]:
         cells[...] = scale * row().astype(np.float64)
 
     return [Output(f"/{context.word}/joint_states", "sensor_msgs/msg/JointState", template, fill)]
+
+
+def _joints_of(sensor: Encoder) -> list[str]:
+    """Names of an encoder's joints, with a number where one has several coordinates."""
+    found, starts = [], sensor.model.joint_dof_start
+    for dof in sensor.dofs:
+        joint = int(np.searchsorted(starts, dof, side="right")) - 1
+        name = sensor.model.joint_names[joint]
+        found.append(name if starts[joint + 1] - starts[joint] == 1 else f"{name}_{dof - starts[joint]}")
+    return found

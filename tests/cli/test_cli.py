@@ -199,6 +199,7 @@ def test_doctor_sees_a_gpu_that_the_libraries_do_not(monkeypatch):
         (["play", "fast", "--export-scene", "a.obj"], "must end in .glb or .pov, got 'a.obj'"),
         (["play", "fast", "--export-scene", "no/such/a.glb"], "folder no/such does not exist"),
         (["play", "fast", "--export-scene", "a.glb"], "task 'fast' has no bodies to export"),
+        (["play", "fast", "--record", "a.mcap"], "task 'fast' has no bodies to record"),
         (["play", "fast", "--export-scene", "a.glb", "--video", "a.mp4"], "--export-scene takes the place of --video"),
         (["play", "fast", "--html", "a.html", "--video", "a.mp4"], "--html takes the place of --video"),
         (["play", "fast", "--export-scene", "a.glb", "--num-envs", "2", "--worlds", "0", "1"], "shows one world, got"),

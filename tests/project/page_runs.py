@@ -53,7 +53,7 @@ NOT_RUN = {
 """Commands that are parsed and not run, as patterns of how they begin -> why."""
 NEEDS = {
     r"simwarp sweep .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser",
-    r"simwarp .*\.parquet": "pyarrow",
+    r"simwarp .*\.parquet": "pyarrow", r"simwarp .*\.mcap": "rosbags",
 }  # fmt: skip
 """Commands that are run only where an extra is installed, as patterns of how they begin -> its module."""
 

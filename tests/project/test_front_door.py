@@ -23,6 +23,7 @@ PACKAGES = {
     "simwarp.tasks.locomotion.velocity.mdp",
     "simwarp.train",
     # these import libraries that are optional
+    "simwarp.mcap",
     "simwarp.tasks.adapters.in_mujoco", "simwarp.tasks.adapters.sb3_adapter", "simwarp.tasks.adapters.skrl_adapter",
 }  # fmt: skip
 """The front door: their names do not move."""

@@ -104,7 +104,7 @@ def things(tmp_path_factory):
 
 FRONT = (
     "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.exporters", "simwarp.flex", "simwarp.importers",
-    "simwarp.kinematics", "simwarp.motions", "simwarp.planning",
+    "simwarp.kinematics", "simwarp.mcap", "simwarp.motions", "simwarp.planning",
     "simwarp.scenery", "simwarp.sensors", "simwarp.soil", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
     "simwarp.vehicle", "simwarp.viewer",
 )  # fmt: skip

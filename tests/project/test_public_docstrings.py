@@ -19,7 +19,7 @@ import simwarp as sw
 
 PACKAGES = (
     "simwarp", "simwarp.vehicle", "simwarp.vehicle.rigs", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
-    "simwarp.exporters",
+    "simwarp.exporters", "simwarp.mcap",
     "simwarp.actuators", "simwarp.analysis", "simwarp.flex", "simwarp.motions", "simwarp.planning", "simwarp.viewer",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
 )  # fmt: skip

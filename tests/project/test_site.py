@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PACKAGES = (
     "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.exporters", "simwarp.flex",
-    "simwarp.importers", "simwarp.motions", "simwarp.planning",
+    "simwarp.importers", "simwarp.mcap", "simwarp.motions", "simwarp.planning",
     "simwarp.scenery",
     "simwarp.scenes", "simwarp.sensors", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion",
     "simwarp.tasks.locomotion.velocity", "simwarp.tasks.locomotion.velocity.mdp", "simwarp.train", "simwarp.vehicle",

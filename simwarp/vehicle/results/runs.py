@@ -135,8 +135,7 @@ def set_up(
         on_soil: True if a soil is among the elements: rigid and flexible tires have no plane to stand on then.
         solver: None: `VEHICLE_SOLVER`, or `TRACK_SOLVER` of tracks.
         joint_reactions: record those of all joints; chains of tracks always do.
-        variants: manoeuvres of the single worlds, whose drivers on paths and interventions take the place of
-            `maneuver`'s; see `set_up_variants`.
+        variants: manoeuvres of the single worlds, for their drivers on paths and interventions; see `set_up_variants`.
         wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
         own_tires: True if the tires of every world have numbers and a friction of their own (`Vehicle`, `randomised`).
 
@@ -174,9 +173,8 @@ def set_up(
             vehicle.hold_gears()
     driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
-    usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
     simulation = Simulation(
-        model, dt, elements=acting, solver=usual if solver is None else solver,
+        model, dt, elements=acting, solver=solver or (TRACK_SOLVER if chains else VEHICLE_SOLVER),
         joint_reactions=chains or joint_reactions, sensors=sensors(vehicle, acting),
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)

@@ -259,8 +259,8 @@ def test_a_launch_over_tensors_refuses_those_of_another_device(device, give):
 
 PACKAGES = (
     "simwarp", "simwarp.actuators", "simwarp.kinematics", "simwarp.vehicle", "simwarp.sensors", "simwarp.soil",
-    "simwarp.scenery", "simwarp.scenes", "simwarp.viewer", "simwarp.importers", "simwarp.exporters", "simwarp.tasks",
-    "simwarp.train", "simwarp.planning", "simwarp.core.interop",
+    "simwarp.scenery", "simwarp.scenes", "simwarp.viewer", "simwarp.importers", "simwarp.exporters", "simwarp.mcap",
+    "simwarp.tasks", "simwarp.train", "simwarp.planning", "simwarp.core.interop",
 )  # fmt: skip
 ARRAYS = re.compile(r"wp\.array|Tensor|ArrayLike|NDArray")
 OF_ANY_KIND = {

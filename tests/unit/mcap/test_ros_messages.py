@@ -68,8 +68,9 @@ def test_a_table_and_a_stamp_reach_all_transforms() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "word"), [("hood-camera", "hood_camera"), ("a//b c", "a_b_c"), ("3d", "n3d"), ("Lidär", "Lid_r"), ("-", "unnamed")]
-)  # fmt: skip
+    ("name", "word"),
+    [("hood-camera", "hood_camera"), ("a//b c", "a_b_c"), ("3d", "n3d"), ("Lidär", "Lid_r"), ("-", "unnamed")],
+)
 def test_words_of_topics_are_those_that_ros_takes(name: str, word: str) -> None:
     assert topic_word(name) == word
 

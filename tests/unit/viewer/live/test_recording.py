@@ -212,7 +212,7 @@ def test_names_of_recordings_are_new(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "error"),
     [
-        ("a.gif", "--record: the name must end in .html or .viser, got 'a.gif'; give it one of these"),
+        ("a.gif", "--record: the name must end in .html, .viser or .mcap, got 'a.gif'; give it one"),
         ("no/a.html", "--record"),
     ],
 )
