@@ -24,7 +24,7 @@ from simwarp.cli.drive.drive_progress import ManeuverBar
 from simwarp.cli.drive.drive_road import METAVAR as PATCH, Patch, check_patches, with_patches
 from simwarp.cli.drive.drive_titles import UNITS, choices_of_run, named_options, title_of_run
 from simwarp.cli.drive.study_options import StudyOptions
-from simwarp.cli.options import FLAT, CommonOptions, parse_options, require_subject, split_subject
+from simwarp.cli.options import FLAT, parse_options, require_subject, split_subject
 from simwarp.core.memory import check_fits
 from simwarp.exporters.run_report import check_report
 from simwarp.exporters.run_tables import check_run_file, write_run
