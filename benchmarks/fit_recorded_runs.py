@@ -211,7 +211,8 @@ def draw_runs(runs: Mapping[str, tuple[Run, Run, Run]], target: Path, title: str
                     shown = run["t_s"] >= 0.0
                     values = low_pass(run[name], SAMPLE_OF_RUNS) if name in LOADS else run[name]
                     axes.plot(run["t_s"][shown], values[shown], color=color, label=label, linewidth=width)
-                label_axes(axes, f"{title_of_run}: {DRAWN[name]}", "t [s]")
+                label_axes(axes, title_of_run, "t [s]")
+                axes.set_ylabel(DRAWN[name], fontsize=8, color=INK)
                 legend(axes)
 
 
