@@ -35,8 +35,8 @@ RECORDED: Final = Path(__file__).parents[2] / "shared" / "reference" / "chrono"
 DT: Final = 0.002
 SAMPLE: Final = 0.02
 READINGS: Final = {
-    "speed_mps": 0.05, "yawrate_radps": 0.005, "latacc_com_mps2": 0.1, "engine_radps": 1.0, "pitch_rad": 0.002,
-    "roll_rad": 0.002,
+    "speed_mps": 0.05, "yawrate_radps": 0.005, "latacc_com_mps2": 0.1, "engine_radps": 5.0, "pitch_rad": 0.001,
+    "roll_rad": 0.001,
 }  # fmt: skip
 """What the fit is told, and the standard deviations of such sensors, in SI."""
 DRAWN: Final = {"speed_mps": "speed [m/s]", "yawrate_radps": "yaw rate [rad/s]", "Fz_FL_N": "load front left [N]"}
@@ -110,7 +110,7 @@ def configuration(proof: Proof, folder: Path, iterations: int) -> FitConfig:
                 for name, (begin, end) in proof.fitted.items()
             ],
             "readings": {name: {"noise": noise} for name, noise in READINGS.items()}, "inputs": INPUTS,
-            "parameters": proof.parameters, "search": {"iterations": iterations, "tolerance": 1e-2, "huber": 3.0},
+            "parameters": proof.parameters, "search": {"iterations": iterations, "tolerance": 1e-3, "huber": 3.0},
         },
         folder=str(folder),
     )  # fmt: skip
@@ -211,7 +211,8 @@ def draw_runs(runs: Mapping[str, tuple[Run, Run, Run]], target: Path, title: str
                     shown = run["t_s"] >= 0.0
                     values = low_pass(run[name], SAMPLE_OF_RUNS) if name in LOADS else run[name]
                     axes.plot(run["t_s"][shown], values[shown], color=color, label=label, linewidth=width)
-                label_axes(axes, f"{title_of_run}: {DRAWN[name]}", "t [s]")
+                label_axes(axes, title_of_run, "t [s]")
+                axes.set_ylabel(DRAWN[name], fontsize=8, color=INK)
                 legend(axes)
 
 
@@ -219,18 +220,20 @@ def main() -> None:
     """Fit, compare, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("proofs", nargs="*", choices=[*PROOFS, []], default=[], help="all by default")
-    parser.add_argument("--iterations", type=int, default=14)
+    parser.add_argument("--iterations", type=int, default=25)
     parser.add_argument("--threads", type=int, default=None)
-    parser.add_argument("--json", type=Path, default=None, help="file of all rows")
+    parser.add_argument("--json", type=Path, default=None, help="file of all rows; those of other proofs stay")
     parser.add_argument("--picture", type=Path, default=None, help="of the predicted manoeuvres of the first proof")
     given = parser.parse_args()
     if not RECORDED.is_dir():
         raise SystemExit(f"fit_recorded_runs: needs the recorded runs of the reference in {RECORDED}")
     start_warp()
-    found = {}
+    kept = given.json is not None and given.json.is_file()
+    found = json.loads(given.json.read_text(encoding="utf-8")) if kept else {}
     for name in given.proofs or PROOFS:
         print(f"{name}:", flush=True)
-        found[name] = proof_of(PROOFS[name], given.iterations, given.threads, None if found else given.picture)
+        picture = given.picture if name == next(iter(PROOFS)) else None
+        found[name] = proof_of(PROOFS[name], given.iterations, given.threads, picture)
     if given.json is not None:
         given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 

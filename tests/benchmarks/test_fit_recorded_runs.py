@@ -1,14 +1,14 @@
 """Fits to recorded runs of the reference: how records are read and held against runs, and that others are predicted."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from benchmarks.fit_recorded_runs import (
     ACCEL,
     BRAKE,
+    FIALA,
     INPUTS,
+    PACEJKA,
     PROOFS,
     READINGS,
     RECORDED,
@@ -21,6 +21,7 @@ from benchmarks.fit_recorded_runs import (
 from simwarp.identify.logs import read_run
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.verify.known import KNOWN
 from simwarp.verify.vehicle_cases import COLUMNS, LOADS
 from simwarp.verify.vehicle_runs import LOAD_SHARE, SPEED_SHARE
 
@@ -93,15 +94,17 @@ def test_a_name_that_is_no_record_is_one_line():
 
 @needs_records
 @pytest.mark.slow
-def test_a_vehicle_fitted_to_some_records_predicts_the_others(capsys):
-    """Full throttle and a step of the steering are fitted; the brakes are predicted within the bounds of `verify`."""
-    found = proof_of(dataclasses.replace(PROOFS["hmmwv"], held_out=[BRAKE]), 12, 1)
-    held = [row for row in found["checks"] if row["run"] == BRAKE]
-    assert held
+def test_a_vehicle_fitted_to_some_records_predicts_the_others():
+    """Full throttle and a step of the steering are fitted; brakes, and other tires, are predicted."""
+    found = proof_of(PROOFS["hmmwv"], 25, 1)
+    held = [row for row in found["checks"] if row["held_out"]]
+    assert {row["run"] for row in held} == {BRAKE, FIALA, PACEJKA}
+    # loads under full brakes miss their bound with the vehicle's own numbers too, by what `known.py` lists
+    listed, _ = KNOWN["vehicles: hmmwv tmeasy brake", "load FL, RMS"]
     for row in held:
-        assert row["pass"], row
-    # the start was wrong where the vehicles differ
-    assert sum(row["before"] is not None and row["before"] > row["bound"] for row in held) > 2
+        beyond = row["run"] == BRAKE and row["quantity"].startswith("load")
+        assert row["after"] <= (listed if beyond else row["bound"]), row
+    # the vehicle that the fit began with was beyond many bounds
+    assert sum(row["before"] is not None and row["before"] > row["bound"] for row in held) >= 10
     # no log brakes while it moves
-    assert any(line.startswith("axles[*].brake.max_torque") or "brake" in line for line in found["unidentified"])
-    assert "held out" in capsys.readouterr().out
+    assert found["unidentified"] == ["axles[*].brake.max_torque: no reading changes with it"]
