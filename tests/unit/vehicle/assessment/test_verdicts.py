@@ -156,8 +156,8 @@ def test_two_wheels_of_a_side_that_lift_together_are_a_lift(wheels, rows, kept):
 @pytest.mark.parametrize("constant", ["radius", "speed"])
 @pytest.mark.parametrize(("gradient", "by_driver"), [(0.004, 0.006), (-0.001, 0.002), (-0.003, -0.001)])
 def test_the_understeer_gradients_of_a_bicycle_are_found(constant, gradient, by_driver):
-    """Angle of the road wheels = l / r + K a, that of the steering wheel over its ratio with another K: the front axle's
-    roll steer is between them. On a circle of 40 m and at 20 m/s, to the right; roll 0.01 rad per m/s².
+    """Road wheels turn by l / r + K a, the steering wheel over its ratio with another K: roll steer is between them.
+    On a circle of 40 m and at 20 m/s, to the right; roll 0.01 rad per m/s².
     """
     t = np.arange(0, 6001) * 0.01
     lateral = -6.0 * t / 60.0

@@ -1,4 +1,4 @@
-"""Defaults of manoeuvres: a changed copy of a vehicle has those of the vehicle, others what their engine lets them hold."""
+"""Defaults of manoeuvres: a copy of a vehicle has those of the vehicle, others what their engine lets them hold."""
 
 import dataclasses
 import json
@@ -49,7 +49,7 @@ def test_a_vehicle_without_conditions_holds_what_it_is_asked_for(vehicle):
 
 
 def test_top_speeds_are_those_of_engine_and_gears():
-    """The Gator by its engine's limit, one gear; the HMMWV where torque less losses is zero; a motor's no-load speed."""
+    """The Gator by its engine's limit; the HMMWV where torque less losses is zero; the robot by its motors' limit."""
     gator, hmmwv, robot = (load_vehicle(name) for name in ("gator", "hmmwv", "skid-steer"))
     gear = gator.transmission.forward_ratios[0]
     rear = gator.axles[1].tire.radius * gator.driveline.rear_gear_ratio
