@@ -23,9 +23,12 @@ def check_installed(module: str, what: str, extra: str = "import") -> None:
         ModelError: it is not installed.
     """
     if importlib.util.find_spec(module) is None:
-        raise ModelError(
-            f"{what} needs the library {module}, which is not installed; run: pip install 'simwarp[{extra}]'"
-        )
+        raise ModelError(f"{what} needs the library {module}, which is not installed; run: {installation(extra)}")
+
+
+def installation(extra: str) -> str:
+    """What to run for an extra, of a released package and in a checkout."""
+    return f"pip install 'simwarp[{extra}]', or in a checkout '.[{extra}]'"
 
 
 def needed(module: str, what: str, extra: str = "import") -> ModuleType:
@@ -39,7 +42,7 @@ def needed(module: str, what: str, extra: str = "import") -> ModuleType:
     except ImportError as error:
         raise ModelError(
             f"{what} needs the library {module.split('.')[0]}, which cannot be imported ({error}); "
-            f"run: pip install 'simwarp[{extra}]'"
+            f"run: {installation(extra)}"
         ) from None
 
 

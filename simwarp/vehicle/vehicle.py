@@ -150,9 +150,7 @@ class Vehicles(ForceElement):
         return self.input
 
     def hold_gears(self) -> None:
-        """From now on automatic transmissions stay in the gear that they are in, as manual ones do; `gear` is written to
-        shift them.
-        """
+        """From now on automatic transmissions stay in their gears, as manual ones do; `gear` is written to shift."""
         self._powertrain.shift_up.fill_(math.inf)
         self._powertrain.shift_down.fill_(-math.inf)
 
@@ -364,9 +362,7 @@ class Vehicle(ForceElement):
         return self._vehicles.input[:, self._number : self._number + 1]
 
     def hold_gears(self) -> None:
-        """From now on an automatic transmission stays in the gear that it is in, as a manual one does; `gear` is written
-        to shift it.
-        """
+        """From now on an automatic transmission stays in its gear, as a manual one does; `gear` is written to shift."""
         self._element().hold_gears()
 
     @property

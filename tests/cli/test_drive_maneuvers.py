@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from simwarp.cli.drive.drive_road import with_patches
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.results.runs import set_up
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
@@ -83,6 +84,31 @@ def test_a_batch_of_speeds_has_a_table_and_the_highest_speed_passed(command, tmp
     assert values[0] == pytest.approx(values[1], abs=1e-12)
 
 
+def test_patches_of_the_command_line_are_on_the_road_with_the_friction_that_is_given():
+    spec = load_vehicle("gator")
+    what = with_patches(maneuver("split-braking", spec), [(1.0, 5.0, -2.0, 0.0, 0.09)], 0.9, spec)
+    own, laid = what.patches
+    assert own == maneuver("split-braking", spec).patches[0]
+    assert (laid.x, laid.y, laid.factor) == ((1.0, 5.0), (-2.0, 0.0), pytest.approx(0.1))
+
+
+@pytest.mark.slow
+def test_a_patch_of_ice_lengthens_a_stop_and_stands_in_title_and_files(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    common = ["drive", "gator", "--maneuver", "braking", "--speed", "6", "--dt", "0.002", "--device", "cpu"]
+    ice = [*PATCH, "10", "30", "-5", "5", "0.05"]
+    distances = []
+    for patch in ([], ice):
+        code, out, err = command(*common, *patch, "--json", "a.json")
+        assert (code, err) == (0, "")
+        assert ("friction 0.05 on a patch" in out.splitlines()[0]) == bool(patch)
+        assert "at 6 m/s" in " ".join(out.split())
+        content = json.loads((tmp_path / "a.json").read_text())
+        assert len(content["friction_patches"]) == bool(patch)
+        distances.append(content["final"]["x_m"])
+    assert distances[1] > distances[0] + 2.0
+
+
 @pytest.mark.slow
 def test_a_batch_of_steerings_is_a_row_each(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -117,6 +143,7 @@ def test_an_interruption_of_a_batch_keeps_what_was_recorded(command, tmp_path, m
 
 
 LANES = ["--maneuver", "iso-3888-1"]
+PATCH = ["--friction-patch"]
 
 
 @pytest.mark.parametrize(
@@ -150,6 +177,22 @@ LANES = ["--maneuver", "iso-3888-1"]
         (["gator", "--maneuver", "sine-with-dwell", "--duration", "2"], "duration: must be above 3.68 s"),
         (["gator", "--maneuver", "iso-3888-1", "--left", "0.3"], "left: no option of the maneuver iso-3888-1"),
         (["gator", "--maneuver", "bump", "--tire", "soil-rigid"], "must be driven on tires that are force laws"),
+        (["gator", "--maneuver", "slow-steer", "--brakes", "1"], "--brakes: no option of the maneuver slow-steer"),
+        (["gator", *LANES, "--speeds", "0,5"], "--speed: must be in [0.01, 1000], got 0.0"),
+        (["gator", "--dt", "0"], "--dt must be a positive number"),
+        (["gator", "--worlds", "0"], "--worlds must be at least 1"),
+        (["run.csv"], "vehicle 'run.csv': must be a shipped one or a JSON file, got a .csv file; drive its inputs by"),
+        (["gator", *PATCH, "5", "0", "-2", "2", "0.1"], "X0 and X1 must rise [m], got 5 and 0"),
+        (["gator", *PATCH, "0", "5", "2", "2", "0.1"], "Y0 and Y1 must rise [m], got 2 and 2"),
+        (["gator", *PATCH, "0", "5", "-2", "2", "0"], "MU must be from 0.0001 to 10, got 0"),
+        (["gator", *PATCH, "0", "5", "-2", "2"], "--friction-patch'. Expected 5 values"),
+        (["gator", *PATCH, "0", "5", "-2", "2", "x"], "--friction-patch must be a number [X0 X1 Y0 Y1 MU], got 'x'"),
+        (["gator", *PATCH, "0", "1e4", "0", "1e3", "0.1"], "all patches must lie within 250000 m²"),
+        (
+            ["gator", "--tire", "rigid", *PATCH, "0", "5", "0", "2", "0.1"],
+            "must be driven on tires that are force laws",
+        ),
+        (["m113", *PATCH, "0", "5", "0", "2", "0.1"], "--friction-patch: 'M113' has tracks"),
     ],
 )
 def test_wrong_input_is_one_line(command, tmp_path, monkeypatch, arguments, words):

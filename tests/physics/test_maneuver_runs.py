@@ -13,6 +13,7 @@ from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.driving.path_tracking import wheelbase
+from simwarp.vehicle.driving.steering_ratio import angle_per_steering
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.road import tire_ground
 from simwarp.vehicle.results.run_result import lateral_acceleration, smoothed
@@ -158,6 +159,50 @@ def test_the_yaw_gain_of_a_step_is_that_of_the_bicycle():
     # speed is held to 1 %, the throttle of the step is not
     assert step["yaw_gain_wheels"] == pytest.approx(bicycle, rel=0.02)
     assert 0.0 < step["yaw_response_time"] < 0.5
+    # the driver's gradient takes the same turn from the steering wheel
+    by_driver = 15.0 / (2.776 + ramp["understeer_handwheel_gradient"] * 15.0**2)
+    assert step["yaw_gain"] == pytest.approx(angle_per_steering(SEDAN) * by_driver, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "speed"), [("hmmwv", 18.0), ("sedan", 8.0), ("hmmwv-14dof", 12.0), ("artcar", 1.2),
+                                             ("skid-steer", 0.8)])  # fmt: skip
+def test_a_test_begins_at_the_speed_that_is_asked_for(name, speed):
+    """Within half of a percent, after the two seconds in which springs settle and the driver finds the throttle."""
+    spec = load_vehicle(name)
+    what = maneuver("slow-steer", spec, speed=speed, duration=0.02)
+    run = Drive(set_up(spec, what, device="cpu", dt=1e-3)).run()
+    assert np.interp(0.0, run["t_s"], run["speed_mps"]) == pytest.approx(speed, rel=0.005)
+    found = {item.key for item in results(run, what)}
+    assert {"entry_speed", "asked_speed"} <= found
+    assert "entry_error" not in found
+
+
+@pytest.mark.slow
+def test_a_speed_that_the_engine_does_not_hold_is_told_and_not_passed():
+    """The HMMWV ends at 20.2 m/s: what begins at 24 m/s has fallen below 23 two seconds later."""
+    variants = [maneuver("iso-3888-1", HMMWV, speed=speed, duration=0.3) for speed in (16.0, 24.0)]
+    held, not_held = drive_variants(HMMWV, variants, device="cpu", dt=2e-3)
+    assert held.held
+    assert not not_held.held
+    assert {item.key: item.value for item in not_held.results}["entry_error"] < -4.0
+    kept = tuple(dataclasses.replace(each, passed=True) for each in held.verdicts)
+    passing = [dataclasses.replace(each, verdicts=kept) for each in (held, not_held)]
+    assert highest_passed(passing) == 16.0
+
+
+@pytest.mark.parametrize(("name", "gear"), [("hmmwv", 3), ("sedan", 2), ("hmmwv-14dof", 3)])
+def test_gears_are_held_in_a_steady_turn(name, gear):
+    """From rest in the gear of the last speed: an automatic would shift down at once."""
+    spec = load_vehicle(name)
+    for held in (gear, None):
+        what = dataclasses.replace(maneuver("steady-state-circle", spec, duration=0.2), start=0.0, held_gear=held)
+        setup = set_up(spec, what, device="cpu", dt=2e-3)
+        setup.vehicle.gear.fill_(gear)
+        for _ in range(60 if spec.transmission.template == "automatic-map" else 300):
+            setup.simulation.step()
+        assert (int(setup.vehicle.gear.numpy()[0]) == gear) == (held is not None)
+    assert maneuver("steady-state-circle", spec).held_gear == gear
 
 
 @pytest.mark.slow

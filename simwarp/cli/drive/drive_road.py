@@ -33,7 +33,9 @@ def check_patches(patches: Sequence[Patch]) -> None:
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise UsageError(f"{OPTION} {METAVAR}: {name} must rise [m], got {low:g} and {high:g}; swap them")
         if not FRICTION[0] <= friction <= FRICTION[1]:
-            raise UsageError(f"{OPTION} {METAVAR}: MU must be from {FRICTION[0]:g} to {FRICTION[1]:g}, got {friction:g}")
+            raise UsageError(
+                f"{OPTION} {METAVAR}: MU must be from {FRICTION[0]:g} to {FRICTION[1]:g}, got {friction:g}"
+            )
     if patches:
         spans = [max(p[k + 1] for p in patches) - min(p[k] for p in patches) for k in (0, 2)]
         cells = spans[0] * spans[1] / CELL**2

@@ -17,6 +17,7 @@ from simwarp.vehicle.results.run_result import Result, crossing, lateral_acceler
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
+
 def step_input_response(run: Run, maneuver: Maneuver) -> list[Result]:
     """ISO 7401: gains at the end, response times from half the steering on, peaks and overshoots.
 

@@ -195,8 +195,7 @@ def _before_freeze(run: Run) -> Run:
 
 
 def highest_passed(found: Sequence[Outcome]) -> float:
-    """The greatest speed of the variants that was held and passed, below which none failed [m/s]; NaN if there is none.
-    """
+    """The greatest speed of the variants that was held and passed, below which none failed [m/s]; NaN if none is."""
     best = math.nan
     for each in sorted(found, key=lambda outcome: asked_speed(outcome.maneuver)):
         if not (each.passed and each.held):

@@ -1,4 +1,4 @@
-"""Understeer of a steady turn (ISO 4138): two angles beyond Ackermann's over the lateral acceleration, and their slopes.
+"""Understeer of a steady turn (ISO 4138): two angles beyond Ackermann's over the lateral acceleration, their slopes.
 
 That of the road wheels holds what tires and rear axle do. That of the steering wheel over the overall steering ratio,
 by which ISO 8855 defines the gradient, holds the roll steer and the compliance of the front axle and its steering, too.

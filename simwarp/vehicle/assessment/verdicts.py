@@ -20,7 +20,8 @@ __all__ = ["Verdict", "passed", "verdict_rows", "verdicts"]
 
 
 def verdicts(run: Run, maneuver: Maneuver) -> list[Verdict]:
-    """What a manoeuvre asks of a run, with the speed asked for in each rule; nothing where it asks for nothing, or the run has no rows after its zero.
+    """What a manoeuvre asks of a run, with the speed asked for in each rule; nothing where it asks for nothing, or the
+    run has no rows after its zero.
 
     Args:
         run: recorded, with the settling before its zero.

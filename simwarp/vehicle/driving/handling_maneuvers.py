@@ -46,7 +46,7 @@ def handling_speed(spec: VehicleSpec) -> float:
 def steering_unit(spec: VehicleSpec) -> float:
     """Steering input at 0.3 g and `handling_speed`; NaN of vehicles whose description has none.
 
-    Of `artcar` and `skid-steer`, which do not reach 0.3 g, it is one of which 6.5 times as much is nearly full steering.
+    Of `artcar` and `skid-steer`, which do not reach 0.3 g, 6.5 times as much is nearly full steering.
     """
     return spec.usual.handling_steering or math.nan
 

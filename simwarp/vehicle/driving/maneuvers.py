@@ -147,6 +147,7 @@ FASTEST: Final = 1000.0
 SHORTEST: Final = 0.01
 """A row of the record [s]."""
 
+
 def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:

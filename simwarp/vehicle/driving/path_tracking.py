@@ -126,7 +126,9 @@ class PathTrackingSpec(Spec):
             SpecError: its gains have a derivative, or the pedals have no integral.
         """
         if self.first_throttle > 0.0 and not self.speed_gains.integral > 0.0:
-            raise SpecError(f"first_throttle: must be 0 without an integral of speed_gains, got {self.first_throttle!r}")
+            raise SpecError(
+                f"first_throttle: must be 0 without an integral of speed_gains, got {self.first_throttle!r}"
+            )
         if isinstance(self.steering, Stanley) and self.steering.gains.derivative != 0.0:
             raise SpecError(f"derivative: must be 0 for Stanley's law, got {self.steering.gains.derivative!r}")
 

@@ -59,7 +59,8 @@ def run_figure(
 ) -> Figure:  # fmt: skip
     """The page of `draw_run`, not written."""
     special = maneuver is not None and has_special(maneuver)
-    figure = Figure(figsize=(12.0, 13.0 if special else 11.0))
+    round_way = is_round(run) and (maneuver is None or maneuver.course is None)
+    figure = Figure(figsize=(12.0, 13.0 if special or round_way else 11.0))
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
     if title:
@@ -68,6 +69,9 @@ def run_figure(
     told += [f"{item.rule} {item.value_text} {item.unit}: {'pass' if item.passed else 'FAIL'}" for item in verdicts]
     lines = joined(told)
     heights = [0.01 + 0.13 * len(lines), 1, 1, 1, 1, *([1.3] if special else []), 1.5]
+    if round_way:
+        # a way that is as wide as long fills one column; panels of the manoeuvre stand beside it
+        heights[5:] = [1.6, 1.6] if special else [3.2]
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     note = figure.add_subplot(grid[0, :])
     note.axis("off")
@@ -82,7 +86,7 @@ def run_figure(
         if index >= len(panels) - 2:
             axes.set_xlabel("time [s]", fontsize=9, color=INK)
     first.set_xlim(run["t_s"][0], max(run["t_s"][-1], run["t_s"][0] + 0.01))
-    above = figure.add_subplot(grid[-1, :])
+    above = figure.add_subplot(grid[5:, 0] if round_way and special else grid[-1, :])
     dress(above)
     if maneuver is not None and maneuver.course is not None:
         title_of(above, f"cones of {maneuver.course.standard} and the vehicle's outline, from above [m]")
@@ -90,7 +94,7 @@ def run_figure(
     else:
         _draw_way(above, run, path)
     if maneuver is not None and special:
-        draw_special(figure, (grid[5, 0], grid[5, 1]), run, maneuver)
+        draw_special(figure, (grid[5, 1], grid[6, 1]) if round_way else (grid[5, 0], grid[5, 1]), run, maneuver)
     return figure
 
 
@@ -187,8 +191,18 @@ _PANELS: Final = (_speed, _yaw_rate, _lateral, _loads, _wheels, _engine, _inputs
 _TRACK_PANELS: Final = (track_speeds, _yaw_rate, tensions, ground_or_pins, arms, _engine, _inputs, _attitude)
 
 
+ROUND: Final = 0.4
+"""Breadth over length from which on a way from above is drawn in a panel of its own shape."""
+
+
+def is_round(run: Run) -> bool:
+    """Whether the way from above is about as broad as long, such as a circle."""
+    sizes = sorted(float(np.ptp(run[name])) for name in ("x_m", "y_m"))
+    return sizes[0] > ROUND * sizes[1]
+
+
 def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
-    title_of(axes, "way from above [m], a mark every second")
+    title_of(axes, f"way{'' if is_round(run) else ' from above'} [m], a mark every second")
     x, y = run["x_m"], run["y_m"]
     width = max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
     if path is not None:
@@ -199,7 +213,9 @@ def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
     axes.plot(x, y, color=INK, linewidth=1.4)
     axes.plot(x[::100], y[::100], ".", color=WHEELS["RL"], markersize=4.0)
     # a straight run stays a line of readable height: its sideways drift is centimetres
-    if float(np.ptp(y)) > 0.04 * width:
+    if is_round(run):
+        axes.set_aspect("equal", adjustable="box")
+    elif float(np.ptp(y)) > 0.04 * width:
         axes.set_aspect("equal", adjustable="datalim")
     else:
         axes.set_ylim(float(y.mean()) - 0.04 * width, float(y.mean()) + 0.04 * width)

@@ -86,6 +86,7 @@ def draw_lanes(axes: Any, run: Run, course: LaneCourse) -> None:
 def _understeer(axes: Any, run: Run, maneuver: Maneuver) -> None:
     title_of(axes, "angle less wheelbase / radius [deg]")
     curve = understeer_curve(run, maneuver)
+    told: list[tuple[str, tuple[float, float], float]] = []
     shown = curve.rising & (smoothed(run["speed_mps"], FIT_WINDOW) > 0.2 * run["speed_mps"].max())
     for values, label, colour in (
         (curve.road_wheels, "road wheels", INK), (curve.steering_wheel, "steering wheel / ratio", BLUE),
@@ -97,14 +98,17 @@ def _understeer(axes: Any, run: Run, maneuver: Maneuver) -> None:
             used = curve.rows(*band)
             line = np.polyfit(curve.lateral[used], np.degrees(values[used]), 1)
             axes.plot(band, np.polyval(line, band), color=ORANGE, linewidth=2.0)
-            axes.text(np.mean(band), np.polyval(line, np.mean(band)), f"{GRAVITY * line[0]:+.2f} deg/g", fontsize=8,
-                      color=ORANGE, ha="center", va="bottom")  # fmt: skip
+            told.append((label, band, GRAVITY * float(line[0])))
     # a slide at the end would flatten what gradients are read from
-    calm = shown & curve.rows(0.0, 0.97 * float(curve.lateral.max()))
+    calm = shown & curve.rows(0.0, 0.9 * float(curve.lateral.max()))
     if calm.any():
         both = np.degrees(np.concatenate([curve.road_wheels[calm], curve.steering_wheel[calm]]))
         low, high = float(np.nanmin(both)), float(np.nanmax(both))
-        axes.set_ylim(low - 0.1 * (high - low) - 0.01, high + 0.15 * (high - low) + 0.01)
+        size = max(high - low, 0.02)
+        axes.set_ylim(low - 0.1 * size, high + (0.1 + 0.15 * len(told)) * size)  # the texts stand above
+    for row, (label, band, gradient) in enumerate(sorted(told)):
+        text = f"{label}, {band[0]:g} to {band[1]:.2g} m/s²: {gradient:+.2f} deg/g"
+        axes.text(0.02, 0.97 - 0.09 * row, text, fontsize=8, color=ORANGE, va="top", transform=axes.transAxes)
     _under(axes, "lateral acceleration [m/s²]")
     legend(axes)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Final
 
 from simwarp.core.constraints import Positive
 from simwarp.vehicle.spec.parts import Spec
@@ -36,3 +37,7 @@ class UsualConditions(Spec):
     """[m/s]."""
     speed_of_pull: Positive | None = None
     """Of drawbar [m/s]."""
+
+
+NONE_GIVEN: Final = UsualConditions()
+"""Of a vehicle whose description has none."""

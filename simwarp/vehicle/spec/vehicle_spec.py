@@ -64,7 +64,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     TrailingArm,
 )
 from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
-from simwarp.vehicle.spec.usual_conditions import UsualConditions
+from simwarp.vehicle.spec.usual_conditions import NONE_GIVEN, UsualConditions
 from simwarp.vehicle.spec.vehicle_parts import Axle, Brake, Chassis, SteeringMount, Tire, Wheel
 
 __all__ = [
@@ -136,7 +136,7 @@ class VehicleSpec(Readable, Spec):
     """Declared distance of the first and the last axle [m]: checked against their frames and their wheels."""
     start_height: float = 0.5
     """Of the frame of reference above the ground at the start [m]."""
-    usual: UsualConditions = UsualConditions()
+    usual: UsualConditions = NONE_GIVEN
     """Speeds and radii of tests that suit it, where nothing else is asked for."""
 
     @property

@@ -13,6 +13,7 @@ from simwarp.vehicle.driving.handling_maneuvers import SINE_END, sine_pattern
 from simwarp.vehicle.driving.lane_courses import obstacle_avoidance_course
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.driving.maneuvers import maneuver
+from simwarp.vehicle.driving.steering_ratio import angle_per_steering
 from simwarp.vehicle.driving.vehicle_outline import Outline
 from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.results.results import results
@@ -153,9 +154,11 @@ def test_two_wheels_of_a_side_that_lift_together_are_a_lift(wheels, rows, kept):
 
 
 @pytest.mark.parametrize("constant", ["radius", "speed"])
-@pytest.mark.parametrize("gradient", [0.004, -0.001])
-def test_the_understeer_gradient_of_a_bicycle_is_found(constant, gradient):
-    """Angle = l / r + K a, on a circle of 40 m and at 20 m/s, to the right; roll 0.01 rad per m/s²."""
+@pytest.mark.parametrize(("gradient", "by_driver"), [(0.004, 0.006), (-0.001, 0.002), (-0.003, -0.001)])
+def test_the_understeer_gradients_of_a_bicycle_are_found(constant, gradient, by_driver):
+    """Road wheels turn by l / r + K a, the steering wheel over its ratio with another K: roll steer is between them.
+    On a circle of 40 m and at 20 m/s, to the right; roll 0.01 rad per m/s².
+    """
     t = np.arange(0, 6001) * 0.01
     lateral = -6.0 * t / 60.0
     speed = np.sqrt(40.0 * -lateral + 1e-9) if constant == "radius" else np.full(t.shape, 20.0)
@@ -163,19 +166,24 @@ def test_the_understeer_gradient_of_a_bicycle_is_found(constant, gradient):
     angle = SEDAN_WHEELBASE * curvature + gradient * lateral
     run = made_up(
         t, latacc_com_mps2=lateral, speed_mps=speed, yawrate_radps=speed * curvature, steerangle_FL_rad=angle + 0.01,
-        steerangle_FR_rad=angle - 0.01, steer=2.0 * angle, roll_rad=0.01 * lateral,
+        steerangle_FR_rad=angle - 0.01, roll_rad=0.01 * lateral,
+        steer=(SEDAN_WHEELBASE * curvature + by_driver * lateral) / angle_per_steering(SEDAN),
     )  # fmt: skip
     name = "steady-state-circle" if constant == "radius" else "slow-steer"
     found = values(results(run, maneuver(name, SEDAN)))
     # means over a second of a curve (v of a) are off by its curvature: less than one in a thousand of l / r
     assert found["understeer_gradient"] == pytest.approx(gradient, abs=3e-5)
-    key = "characteristic_speed" if gradient > 0.0 else "critical_speed"
-    assert found[key] == pytest.approx(math.sqrt(SEDAN_WHEELBASE / abs(gradient)), rel=0.02)
+    assert found["understeer_handwheel_gradient"] == pytest.approx(by_driver, abs=3e-5)
+    for prefix in ("understeer", "understeer_handwheel"):
+        per_g = math.degrees(found[f"{prefix}_gradient"]) * 9.81
+        assert found[f"{prefix}_gradient_deg_g"] == pytest.approx(per_g)
+    key = "characteristic_speed" if by_driver > 0.0 else "critical_speed"
+    assert found[key] == pytest.approx(math.sqrt(SEDAN_WHEELBASE / abs(by_driver)), rel=0.02)
     assert found["roll_gradient"] == pytest.approx(math.degrees(0.01) * 9.81, rel=0.01)
     assert found["understeer_straightness"] > 0.98
 
 
-def test_a_curve_in_place_of_a_line_has_no_critical_speed():
+def test_a_curve_in_place_of_a_line_has_gradients_by_bands():
     """Oversteer below 2.6 m/s², understeer above, as the HMMWV has it: one line through both has no sure sign."""
     t = np.arange(0, 6001) * 0.01
     lateral = 6.0 * t / 60.0
@@ -188,7 +196,13 @@ def test_a_curve_in_place_of_a_line_has_no_critical_speed():
     found = values(results(run, maneuver("slow-steer", SEDAN)))
     # with u = a - 2.5 from -1.5 to 1.5: u² has a variance of 1.5⁴ · 4/45 = 0.45, the slope's -0.2 u one of 0.03
     assert found["understeer_straightness"] == pytest.approx(0.03 / 0.48, abs=0.005)
-    assert math.isnan(found["critical_speed"])
+    assert math.isnan(found["understeer_gradient"])
+    assert math.isnan(found["understeer_gradient_deg_g"])
+    # a line of least squares through a parabola rises as its tangent in the middle; the last band ends at 90 % of what
+    # is reached, of which the mean over the last half second is 5.975 m/s²
+    for key, middle in (("1", 1.5), ("2", 3.0), ("4", 0.5 * (4.0 + 0.9 * 5.975))):
+        slope = 0.002 * (middle - 2.6)
+        assert found[f"understeer_{key}_deg_g"] == pytest.approx(math.degrees(slope) * 9.81, abs=0.01)
 
 
 SEDAN_WHEELBASE = 2.776

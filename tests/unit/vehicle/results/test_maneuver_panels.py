@@ -6,7 +6,7 @@ import pytest
 from simwarp.vehicle.assessment.verdicts import verdicts
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.results.channels import COLUMNS, Run
-from simwarp.vehicle.results.drive_plot import draw_run
+from simwarp.vehicle.results.drive_plot import draw_run, run_figure
 from simwarp.vehicle.results.maneuver_panels import has_special
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
@@ -44,3 +44,21 @@ def test_the_page_of_a_manoeuvre_tells_its_verdicts_and_has_its_panels(tmp_path,
     assert axes[0] - axes[1] == (2 if has_special(what) else 0)
     if judged:
         assert drawn != plain.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["constant-radius", "steady-state-circle"])
+def test_a_circle_fills_its_panel(name):
+    """Its diameter spans most of the axes' width; in a panel of the page's width it was a tenth of it."""
+    what = maneuver(name, SEDAN)
+    angle = np.linspace(0.0, 2.0 * np.pi, 201)
+    columns = {key: np.zeros(len(angle)) for key in COLUMNS} | {
+        "t_s": 0.1 * np.arange(len(angle)), "x_m": 40.0 * np.sin(angle), "y_m": 40.0 * (1.0 - np.cos(angle)),
+    }  # fmt: skip
+    figure = run_figure(Run(columns), "", (), what.follow.paths[0], what)
+    way = next(axes for axes in figure.axes if axes.get_title(loc="left").startswith("way"))
+    figure.draw_without_rendering()
+    low, high = way.get_xlim()
+    box = way.get_window_extent()
+    assert 80.0 / (high - low) > 0.8
+    assert box.height > 0.2 * figure.bbox.height
+    assert box.width / box.height == pytest.approx((high - low) / np.ptp(way.get_ylim()), rel=0.01)
