@@ -5,6 +5,7 @@ Serialising a message anew takes as long as hundreds of its numbers: a recording
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -21,6 +22,8 @@ except ImportError as error:
 
 HEADER: Final = 4
 """Bytes of a serialised message before its fields; they are aligned from there."""
+STAMP: Final = struct.Struct("<iI")
+"""Of a time: seconds, nanoseconds."""
 SECOND: Final = 1_000_000_000
 """In nanoseconds."""
 
@@ -115,13 +118,18 @@ class Template:
     def __init__(self, data: bytearray, places: Places) -> None:
         self.data = data
         self._places = places
-        self._seconds = self._slots([path for path in places if path.endswith(("stamp.sec", "clock.sec"))], 4)
-        self._rests = self._seconds + 1
+        stamps = [path for path in places if path.endswith(("stamp.sec", "clock.sec"))]
+        self._only = places[stamps[0]][1] if len(stamps) == 1 else None
+        self._seconds = self._slots(stamps, 4)
         self._words = np.frombuffer(data, np.uint32, (len(data) - HEADER) // 4, HEADER)
 
     def stamp(self, time: int) -> None:
         """Writes a time [ns] into all of its stamps."""
-        self._words[self._seconds], self._words[self._rests] = divmod(time, SECOND)
+        seconds, rest = divmod(time, SECOND)
+        if self._only is not None:
+            STAMP.pack_into(self.data, self._only, seconds, rest)
+            return
+        self._words[self._seconds], self._words[self._seconds + 1] = seconds, rest
 
     def numbers(self, path: str) -> npt.NDArray[Any]:
         """(n,) the numbers of a field, to be written: views of the message."""
