@@ -5,6 +5,7 @@ Serialising a message anew takes as long as hundreds of its numbers: a recording
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -35,7 +36,7 @@ class MessageTypes:
     """The common message types of ROS 2: their definitions, and messages with all fields that are not given zero."""
 
     def __init__(self) -> None:
-        self._store: Any = get_typestore(Stores.ROS2_HUMBLE)
+        self._store = _store()
 
     def definition(self, kind: str) -> str:
         """Text of a message type such as `sensor_msgs/msg/Imu`, with those that it is made of."""
@@ -92,6 +93,12 @@ class MessageTypes:
         for index, each in enumerate(value):
             at = self._places(each, inner, at, f"{path}[{index}]", found)
         return at
+
+
+@functools.cache
+def _store() -> Any:
+    """The library's types, which it makes code for as they are asked for: tenths of a second, once in a process."""
+    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def _aligned(at: int, size: int) -> int:
