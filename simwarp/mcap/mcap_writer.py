@@ -80,9 +80,9 @@ class Writer(Readable):
         if compression not in {each.value for each in Compression}:
             raise ModelError(f"Writer: compression must be lz4, zstd or none, got {formatted(compression)}; take lz4")
         body = _base(simulation, base)
-        self._simulation, self._period = simulation, round(SECOND / rate)
+        self._period = 1.0 / rate
         self._time = row_of(simulation.state.world_time, self._world)
-        self._offset, self._last, self._step, self._next = 0, -1, 0, 0
+        self._offset, self._last, self._step, self._next = 0, math.inf, 0.0, 0.0
         self._file = McapFile(self.path, Compression(compression))
         names = Names(MAP, ODOM, "base_link")
         frames = body_frames(model, body, names)
@@ -121,7 +121,7 @@ class Writer(Readable):
     @property
     def elapsed(self) -> float:
         """Time from the beginning to the last call of `add` [s]."""
-        return max(self._last, 0) / SECOND
+        return self._offset / SECOND + self._last
 
     @property
     def size(self) -> int:
@@ -145,21 +145,33 @@ class Writer(Readable):
         """
         if self._file.closed:
             raise ModelError(f"Writer: '{self.path}' is closed and takes no more; make another Writer")
-        now, begins = self._advanced(self._offset + round(float(self._time()) * SECOND))
-        fresh = [sensor for sensor in self._sensors if sensor.is_new(begins)]
+        time = float(self._time())
+        if time < self._last:
+            self._begin(time)
+            moved = True
+        else:
+            moved = time > self._last
+            self._step = time - self._last if moved else self._step
+        self._last = time
+        fresh = [sensor for sensor in self._sensors if sensor.is_new()]
         # Half a step early is as near as half a step late
-        due = begins or (now + self._step // 2 >= self._next and now > self._last)
-        self._last = now
-        if due or fresh or commands is not None:
-            self._clock.write(now, now)
+        due = moved and time + 0.5 * self._step >= self._next
+        if not (due or fresh or commands is not None):
+            return
+        now = self._offset + round(time * SECOND)
+        self._clock.write(now, now)
+        if due:
             self._static.refresh(now)
-            for sensor in fresh:
-                sensor.write(now, self._offset)
-            if due:
-                self._write_state(now)
-            if commands is not None:
-                self._write_commands(commands, now)
-            self._file.tick()
+        for sensor in fresh:
+            sensor.write(now, self._offset)
+        if due:
+            for channel, fill in self._state:
+                fill()
+                channel.write(now, now)
+            self._next = max(self._next + self._period, time + 0.5 * self._period)
+        if commands is not None:
+            self._write_commands(commands, now)
+        self._file.tick()
 
     def flush(self) -> None:
         """Ends the chunk: what was recorded up to now survives a crash. It happens by itself after a second.
@@ -185,24 +197,13 @@ class Writer(Readable):
     ) -> None:
         self.close()
 
-    def _advanced(self, now: int) -> tuple[int, bool]:
-        """Time of the file [ns], and whether an episode begins with it: it goes on where the world's own goes back."""
-        begins = now < self._last or self._last < 0
-        if begins:
-            if self._last >= 0:
-                begun = self._last + self._step
-                self._offset += begun - now
-                now = begun
-            self._next = now
-        elif now > self._last:
-            self._step = now - self._last
-        return now, begins
-
-    def _write_state(self, now: int) -> None:
-        for channel, fill in self._state:
-            fill()
-            channel.write(now, now)
-        self._next = max(self._next + self._period, now + self._period // 2)
+    def _begin(self, time: float) -> None:
+        """An episode: the time of the file goes on where that of the world went back."""
+        if math.isfinite(self._last):
+            self._offset += round((self._last + self._step - time) * SECOND)
+        self._next = time
+        for sensor in self._sensors:
+            sensor.forget()
 
     def _write_commands(self, commands: Mapping[str, float], now: int) -> None:
         names = tuple(commands)
@@ -259,11 +260,13 @@ class _SensorChannels:
         self._period = 0.0 if frames is None else frames.steps.period * frames.dt
         self._last = -math.inf
 
-    def is_new(self, begins: bool) -> bool:
-        """Whether there is a frame that was not written; `begins`: the world was reset."""
-        if begins:
-            self._last = -math.inf
-        return bool(self._timestamp() > self._last) and bool(self._valid())
+    def is_new(self) -> bool:
+        """Whether there is a frame that was not written."""
+        return bool(self._timestamp() > self._last and self._valid())
+
+    def forget(self) -> None:
+        """To be called where the world was reset: its time begins anew."""
+        self._last = -math.inf
 
     def write(self, now: int, offset: int) -> None:
         """Writes the present frame, delivered now, in a world whose time began at an offset [ns]."""

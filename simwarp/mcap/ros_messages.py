@@ -5,6 +5,8 @@ Serialising a message anew takes as long as hundreds of its numbers: a recording
 
 from __future__ import annotations
 
+import functools
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -21,6 +23,8 @@ except ImportError as error:
 
 HEADER: Final = 4
 """Bytes of a serialised message before its fields; they are aligned from there."""
+STAMP: Final = struct.Struct("<iI")
+"""Of a time: seconds, nanoseconds."""
 SECOND: Final = 1_000_000_000
 """In nanoseconds."""
 
@@ -32,7 +36,7 @@ class MessageTypes:
     """The common message types of ROS 2: their definitions, and messages with all fields that are not given zero."""
 
     def __init__(self) -> None:
-        self._store: Any = get_typestore(Stores.ROS2_HUMBLE)
+        self._store = _store()
 
     def definition(self, kind: str) -> str:
         """Text of a message type such as `sensor_msgs/msg/Imu`, with those that it is made of."""
@@ -91,6 +95,12 @@ class MessageTypes:
         return at
 
 
+@functools.cache
+def _store() -> Any:
+    """The library's types, which it makes code for as they are asked for: tenths of a second, once in a process."""
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
 def _aligned(at: int, size: int) -> int:
     return HEADER + -(-(at - HEADER) // size) * size
 
@@ -115,13 +125,18 @@ class Template:
     def __init__(self, data: bytearray, places: Places) -> None:
         self.data = data
         self._places = places
-        self._seconds = self._slots([path for path in places if path.endswith(("stamp.sec", "clock.sec"))], 4)
-        self._rests = self._seconds + 1
+        stamps = [path for path in places if path.endswith(("stamp.sec", "clock.sec"))]
+        self._only = places[stamps[0]][1] if len(stamps) == 1 else None
+        self._seconds = self._slots(stamps, 4)
         self._words = np.frombuffer(data, np.uint32, (len(data) - HEADER) // 4, HEADER)
 
     def stamp(self, time: int) -> None:
         """Writes a time [ns] into all of its stamps."""
-        self._words[self._seconds], self._words[self._rests] = divmod(time, SECOND)
+        seconds, rest = divmod(time, SECOND)
+        if self._only is not None:
+            STAMP.pack_into(self.data, self._only, seconds, rest)
+            return
+        self._words[self._seconds], self._words[self._seconds + 1] = seconds, rest
 
     def numbers(self, path: str) -> npt.NDArray[Any]:
         """(n,) the numbers of a field, to be written: views of the message."""

@@ -205,7 +205,7 @@ def test_a_mount_that_moves_is_told_again(tmp_path: Path) -> None:
         return [s.Imu(model, s.Mount("hull"), s.ImuConfig(schedule=s.Schedule(rate=100.0)))]
 
     sim = simulation(imu)
-    with sw.mcap.Writer(tmp_path / "run.mcap", sim) as writer:
+    with sw.mcap.Writer(tmp_path / "run.mcap", sim, rate=100.0) as writer:
         for step in range(4):
             if step == 2:
                 sim.sensors[0].mount.position.assign([(0.1, 0.2, 0.3)])
