@@ -1,10 +1,12 @@
 """Puts a trained policy into the package: ``python -m scripts.ship_policy RUN [--nominal [--keep FIELD ...]]``.
 
 Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached);
-``TASK.OBS`` where the task has a choice of observations, ``TASK.OBS.soil`` where it was trained on soil.
+``TASK.OBS`` where the task has a choice of observations, ``TASK.OBS.soil`` where it was trained on soil,
+``TASK.OBS.vehicles`` where it drives several vehicles.
 
 A policy brings the configuration of its worlds with it, where its evaluation begins. With ``--nominal`` that is the
 task's own instead of the one that it was trained in, such as worlds that vary, but for the fields of ``--keep``.
+``--vehicle`` names the vehicles to evaluate it in where it was trained in reduced ones.
 """
 
 from __future__ import annotations
@@ -29,7 +31,10 @@ _EPISODES = 256
 _SEED = 1_000_003
 
 
-def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Collection[str] = ()) -> dict[str, Any]:
+def ship(
+    run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Collection[str] = (),
+    vehicle: str | None = None, episodes: int = _EPISODES, num_envs: int | None = None, baselines: bool = True,
+) -> dict[str, Any]:  # fmt: skip
     """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``.
 
     Args:
@@ -37,6 +42,10 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Coll
         target: folder of the policies.
         nominal: ship it with the configuration that its task has by default, on the ground that it was trained on.
         keep: fields that are as in the training all the same, such as the tracks that it knows.
+        vehicle: what the field ``vehicle`` is in place of the training's.
+        episodes: of each evaluation.
+        num_envs: worlds stepped together; by default as many as the episodes fill.
+        baselines: evaluate the policies that do nothing and that act at random as well.
 
     Raises:
         InputError: the task has no such field.
@@ -53,12 +62,16 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Coll
     if nominal:
         kept = {key: trained[key] for key in ("obs", "soil", *keep) if key in trained}
         content["task_config"] = usual | kept
+    if vehicle is not None:
+        content["task_config"] |= {"vehicle": vehicle}
     found = evaluate_policies(
         name,
         lambda task: network_policy(content, task),
         config=task_config_from_plain(task_class(name), content["task_config"]),
-        episodes=_EPISODES,
+        episodes=episodes,
         seed=_SEED,
+        num_envs=num_envs,
+        baselines=baselines,
     )
     results = dict(found)
     made = read_json(folder.path / PROVENANCE, PROVENANCE)
@@ -72,7 +85,8 @@ def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False, keep: Coll
     }
     target.mkdir(exist_ok=True)
     soil = "soil" if trained.get("soil", "none") != "none" else None
-    title = ".".join(part for part in (name, trained.get("obs"), soil) if part is not None)
+    several = "vehicles" if "," in (content["task_config"].get("vehicle") or "") else None
+    title = ".".join(part for part in (name, trained.get("obs"), soil, several) if part is not None)
     save_checkpoint(target / f"{title}{SUFFIX}", content)
     write_json(target / f"{title}.json", record)
     return record
@@ -89,5 +103,8 @@ if __name__ == "__main__":
     parser.add_argument("run", type=Path, help="folder of the run")
     parser.add_argument("--nominal", action="store_true", help="with the task's configuration by default")
     parser.add_argument("--keep", nargs="*", default=(), metavar="FIELD", help="but for these fields")
-    options = parser.parse_args()
-    print(json.dumps(ship(options.run, nominal=options.nominal, keep=options.keep)["evaluation"], indent=2))
+    parser.add_argument("--vehicle", help="vehicles in place of the training's")
+    parser.add_argument("--episodes", type=int, default=_EPISODES, help="of each evaluation")
+    parser.add_argument("--num-envs", type=int, help="worlds stepped together")
+    parser.add_argument("--no-baselines", dest="baselines", action="store_false", help="evaluate the policy alone")
+    print(json.dumps(ship(**vars(parser.parse_args()))["evaluation"], indent=2))

@@ -48,6 +48,7 @@ NOT_RUN = {
     r"simwarp \w+ mine\.py": "needs Go2's own MJCF file, which its reader downloads",
     r"simwarp (replay|view) \S*broken\.npz": "needs a world that broke down; test_cli_new_task.py replays one",
     r"simwarp (clone|train) hallway .*(driven\.npz|cloned\.pt)": "needs a person who drove: test_drive_and_clone.py",
+    r"simwarp (clone|distill) off-road .*governed\.(npz|pt)": "needs what benchmarks/off_road_teacher.py records",
     r"(?!simwarp)": "other programs: scripts of benchmarks have tests in tests/benchmarks, examples in test_docs.py",
 }
 """Commands that are parsed and not run, as patterns of how they begin -> why."""
