@@ -579,10 +579,7 @@ APART: Final[dict[str, str]] = {
     "ForceElement.record_outputs": "does nothing: the Simulation calls it",
     "ForceElement.record_reset": "does nothing: the Simulation calls it",
     "Snapshot.empty": "allocates like the arrays that it gets",
-    "ForceElement.record_shown": "does nothing: the Simulation calls it",
     "Vehicles.record_outputs": "Vehicle.record_outputs calls it",
-    "Vehicle.record_shown": "launches that the Simulation runs; it takes no array",
-    "Vehicles.record_shown": "Vehicle.record_shown calls it",
     "TrackedVehicle.record_outputs": "as that of Vehicle, with readings of tracks",
     **{f"ReducedWheels.record{what}": "Vehicle calls it" for what in ("", "_poses", "_set_poses")},
     **dict.fromkeys(

@@ -220,7 +220,7 @@ BROKEN = [
     (("shapes", 1, "mask", -1), "shapes[1].mask: must be zero or positive, got -1; give 31 bits"),
     (("shapes", 2, "material", "friction", -0.1), "material.friction: must be zero or positive, got -0.1"),
     (("shapes", 2, "material", "colour", 1), "shapes[2].material.colour: unknown key"),
-    (("excluded_bodies", 0, [0, 7]), "excluded_bodies[0]: exclude_collision: body must be WORLD or in 0..2, got 7"),
+    (("excluded_bodies", 0, [0, 7]), "excluded_bodies[0]: exclude_collision: body must be WORLD or in 0..3, got 7"),
     (("given_pairs", 0, "shapes", [2, 2]), "given_pairs[0]: add_shape_pair: shape0 and shape1 must differ"),
     (("excluded_shapes", 0, [0, 3]), "ok"),
     (("hulls", 0, "faces", 0, [0, 1, 2]), "a hull must be a closed polyhedron"),

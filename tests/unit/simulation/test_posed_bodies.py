@@ -44,7 +44,8 @@ class Follower(sw.ForceElement):
         return [simulation.shares.record(follow, inputs=[mask, 0, 1], outputs=[simulation.state.arrays])]
 
     def _following(self, simulation: sw.StepContext) -> Sequence[Any]:
-        return self.record_outputs(simulation, wp.full(simulation.model.world_count, True, dtype=wp.bool))
+        model = simulation.model
+        return self.record_outputs(simulation, wp.full(model.world_count, True, dtype=wp.bool, device=model.device))
 
     def record_after(self, simulation: sw.StepContext, dt: float) -> Sequence[Any]:
         return self._following(simulation) if self.in_steps else ()
