@@ -179,7 +179,7 @@ def _vehicle(report: Report) -> str:
 
 def _standing(facts: Iterable[StandingFact]) -> str:
     rows = [[fact.label, fact.built, fact.standing, fact.unit] for fact in facts]
-    head = ("on level ground, without a driver's inputs", "as built", "at rest", "unit")
+    head = ("on level ground, wheels on plates that slide", "as built", "at rest", "unit")
     return _table(head, rows, numbers=(1, 2)) if rows else ""
 
 

@@ -94,6 +94,7 @@ def clip_poles(axes: Any, curves: Sequence[npt.ArrayLike], least: float) -> None
 
 
 def spanned(axes: Any, size: float) -> None:
-    """No magnified noise: the axis spans zero and a least size to either side."""
+    """No magnified noise: the axis spans zero and a least size to either side, with room beside a curve far from it."""
     low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -size), max(high, size))
+    room = MARGIN * (max(high, size) - min(low, -size))
+    axes.set_ylim(low - room if low < -size else -size, high + room if high > size else size)

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from simwarp.vehicle.results.plot_style import clip_poles, sane_range
+from simwarp.vehicle.results.plot_style import clip_poles, sane_range, spanned
 
 U = np.linspace(-1.0, 1.0, 41)
 
@@ -65,3 +65,13 @@ def test_noise_is_not_magnified():
     low, high = axes.get_ylim()
     assert high - low == pytest.approx(0.02)
     assert low < 5.0 < high
+
+
+def test_a_nearly_constant_curve_far_from_zero_does_not_lie_on_the_frame():
+    for sign in (1.0, -1.0):
+        axes = panel()
+        axes.plot(U, sign * (15.0 + 1e-3 * U))
+        spanned(axes, 0.05)
+        low, high = sorted(sign * end for end in axes.get_ylim())
+        assert low == -0.05
+        assert high > 15.0 * 1.04
