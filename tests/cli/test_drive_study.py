@@ -26,7 +26,7 @@ HAS_OPTUNA = importlib.util.find_spec("optuna") is not None
         ((*SHORT, "--worlds", "4", "--vary", "mass=1..2"), "--vary 'mass': unknown; "),
         ((*SHORT, "--worlds", "4", "--vary", "ground.friction=1..0.5"), "the first number must be below the second"),
         ((*SHORT, "--worlds", "4", "--vary", "axles[1].antiroll_bar.stiffness=1..2"), "unknown; did you mean"),
-        ((*SHORT, "--worlds", "4", "--vary", "chassis.components[0].mass=-5..5"), "must be a positive number, got -5"),
+        ((*SHORT, "--worlds", "4", "--vary", "chassis.components[0].mass=-5..5"), "must be positive, got -5"),
         ((*SHORT, *MASS, "--worlds", "4", "--worst-by", "peak_roll"), "--worst-by: needs --worst"),
         ((*SHORT, *MASS, "--worlds", "4", "--worst", "5"), "--worst must be at most --worlds, got 5 of 4"),
         ((*SHORT, *MASS, "--worlds", "4", "--worst", "99"), "--worst must be from 0 to 20, got 99"),
