@@ -62,6 +62,7 @@ def test_what_cannot_be_is_one_line(command, tmp_path, monkeypatch, arguments, s
         (("--worst", "1", "--worst-by", "peak_rol"), "--worst-by: 'peak_rol' is no figure of iso-3888-2; did you mean"),
         (("--worst", "1", "--worst-by", "peak_roll:most"), "--worst-by: must be FIGURE or FIGURE:least"),
     ],
+    ids=["figure", "word"],
 )
 def test_a_figure_that_is_not_there_is_told_before_worlds_are_driven(command, tmp_path, monkeypatch, more, said):
     monkeypatch.chdir(tmp_path)
