@@ -137,8 +137,10 @@ def varied_vehicle(
         option: of the command line, for messages.
 
     Raises:
+        SpecError: the vehicle as built cannot drive the manoeuvre so.
         StudyError: a text is no key, the vehicle has no such number, or an end of a range breaks a rule of it.
     """
+    maneuver(name, spec, **options)  # what is wrong without any key is no fault of one
     document = vehicle_document(spec)
     document[GROUND] = {"friction": friction}
     known = maneuver_options(name) if name in MANEUVERS else ["duration"]

@@ -37,6 +37,7 @@ HAS_OPTUNA = importlib.util.find_spec("optuna") is not None
         ((*SHORT, *MASS, "--worlds", "4", "--search", "ground.friction=0.5..1"), "cannot be given beside --vary"),
         (("drive", "m113", *MASS, "--worlds", "4"), "has tracks; studies are for vehicles on wheels"),
         (("drive", "sedan", *MASS, "--worlds", "4"), "needs a --maneuver"),
+        (("drive", "sedan", "--maneuver", "iso-9", *MASS, "--worlds", "4"), "simwarp: maneuver 'iso-9' is not known"),
         (SEARCH, "needs one goal, --maximise FIGURE or --minimise FIGURE"),
         ((*SEARCH, "--maximise", "pass_speed"), "needs --speeds A:B:STEP"),
         ((*SEARCH, "--maximise", "margin", "--speeds", "12,14"), "--speeds: is of --maximise pass_speed"),
