@@ -146,7 +146,7 @@ class DesignSearch:
         for key, value in zip(self.plan.vehicle.keys, nominal, strict=True):
             each = key.distribution
             drawn = value - 1.0 if each.relative else value
-            if not each.low <= drawn <= each.high or (each.choices and drawn not in each.choices):
+            if math.isnan(drawn) or not each.low <= drawn <= each.high or (each.choices and drawn not in each.choices):
                 return None
             found[key.name] = drawn
         return found

@@ -19,7 +19,7 @@ from simwarp.study.study_figures import MARGIN, Figure, figures_of
 from simwarp.study.study_summary import FigureSummary, summary_of
 from simwarp.study.varied_vehicle import VariedVehicle
 from simwarp.study.world_runs import WorldRuns
-from simwarp.train.evaluation.evaluation import wilson_interval
+from simwarp.train.evaluation.proportions import wilson_interval
 from simwarp.vehicle.assessment.maneuver_variants import Outcome
 
 USUAL_BATCH: Final = 64

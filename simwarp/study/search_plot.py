@@ -14,18 +14,20 @@ from matplotlib.figure import Figure as Page
 from simwarp.core.files import replacing
 from simwarp.study.design_goal import Goal
 from simwarp.study.design_search import Design
+from simwarp.study.distributions import Kind
+from simwarp.study.varied_vehicle import VariedKey
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, title_of
 
 MOST_KEYS: Final = 12
 ACROSS: Final = 3
 
 
-def draw_search(designs: Sequence[Design], keys: Sequence[str], goal: Goal, target: Path, title: str) -> None:
+def draw_search(designs: Sequence[Design], keys: Sequence[VariedKey], goal: Goal, target: Path, title: str) -> None:
     """Writes a page: the goal of every design with the best so far, and the goal over each key.
 
     Args:
         designs: in the order in which they were driven.
-        keys: names.
+        keys: of the search.
         goal: of the search.
         target: .png, .pdf or .svg.
         title: the heading.
@@ -54,7 +56,11 @@ def draw_search(designs: Sequence[Design], keys: Sequence[str], goal: Goal, targ
     for index, key in enumerate(shown):
         axes = page.add_subplot(grid[1 + index // ACROSS, index % ACROSS])
         dress(axes)
-        title_of(axes, f"over {key if len(key) <= 40 else '...' + key[-37:]}")
+        title_of(axes, f"over {key.name if len(key.name) <= 40 else '...' + key.name[-37:]}")
+        if key.distribution.kind is Kind.LOG_UNIFORM:
+            axes.set_xscale("log")
+        else:
+            axes.locator_params(axis="x", nbins=5)
         values = np.array([each.values[index] for each in designs])
         axes.plot(values[~good], goals[~good], ".", color=GREY)
         axes.plot(values[good], goals[good], ".", color=BLUE)

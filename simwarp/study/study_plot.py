@@ -88,12 +88,12 @@ def _draw_strongest(axes: Any, each: FigureSummary, result: StudyResult) -> None
     key = [row.values[index] for row in rows]
     passed = np.array([row.passed is not False for row in rows])
     values = result.column(each.figure.key)
-    failed = "; orange: not passed" if not passed.all() else ""
-    title_of(axes, f"over {_short(result.keys[index])}{failed}")
+    failed = "; orange: failed" if not passed.all() else ""
+    title_of(axes, f"over {_short(result.keys[index], 26)}{failed}")
     for mask, colour in ((passed, BLUE), (~passed, ORANGE)):
         axes.plot(np.asarray(key)[mask], values[mask], ".", color=colour, markersize=4)
 
 
-def _short(key: str) -> str:
+def _short(key: str, most: int = 34) -> str:
     """The end of a long key."""
-    return key if len(key) <= 34 else f"...{key[-31:]}"
+    return key if len(key) <= most else f"...{key[3 - most :]}"

@@ -34,7 +34,7 @@ class VariedKey:
         name: as it was written: paths of `simwarp fit --list` with commas between.
         distribution: of its values.
         places: where in the document it acts.
-        factor: whether a value multiplies what is there; False: it replaces the one number.
+        factor: whether a value multiplies what is there; False: it takes the place of each number.
     """
 
     name: str
@@ -57,11 +57,12 @@ class VariedVehicle:
     maneuver: str
     keys: tuple[VariedKey, ...]
 
-    def changed(self, values: Sequence[float]) -> Any:
-        """The document with a value for each key."""
+    def changed(self, values: Sequence[float | None]) -> Any:
+        """The document with a value for each key; None leaves what is there."""
         changes: dict[Keys, Any] = {}
         for key, value in zip(self.keys, values, strict=True):
-            for place in key.places:
+            for place in key.places if value is not None else ():
+                assert value is not None
                 changes[place] = scaled(value_at(self.document, place), value) if key.factor else float(value)
         return replaced(self.document, changes)
 
@@ -72,8 +73,12 @@ class VariedVehicle:
         )
 
     def nominal(self) -> tuple[float, ...]:
-        """Values of the keys as built: 1 of factors."""
-        return tuple(1.0 if key.factor else float(value_at(self.document, key.places[0])) for key in self.keys)
+        """Values of the keys as built: 1 of factors, NaN where the numbers of a key differ."""
+        found = []
+        for key in self.keys:
+            built = {1.0} if key.factor else {float(value_at(self.document, place)) for place in key.places}
+            found.append(built.pop() if len(built) == 1 else math.nan)
+        return tuple(found)
 
 
 def _value(key: VariedKey, drawn: float) -> float:
@@ -120,7 +125,8 @@ def varied_vehicle(
     """A vehicle with keys from their texts, `PATH[,PATH]=DISTRIBUTION`.
 
     Paths are those of `simwarp fit --list`, with `ground.friction` and `maneuver.speed` (or another option of the
-    manoeuvre). A path to one number takes its value; paths to more numbers, or to a table, take a factor.
+    manoeuvre). Numbers are values, of each place that the paths lead to; those in % are changes of what is there, the
+    only ones that a table takes.
 
     Args:
         spec: of the vehicle.
@@ -131,8 +137,10 @@ def varied_vehicle(
         option: of the command line, for messages.
 
     Raises:
+        SpecError: the vehicle as built cannot drive the manoeuvre so.
         StudyError: a text is no key, the vehicle has no such number, or an end of a range breaks a rule of it.
     """
+    maneuver(name, spec, **options)  # what is wrong without any key is no fault of one
     document = vehicle_document(spec)
     document[GROUND] = {"friction": friction}
     known = maneuver_options(name) if name in MANEUVERS else ["duration"]
@@ -166,8 +174,10 @@ def _key(document: Any, text: str, option: str) -> VariedKey:
     for keys in places:
         if not is_scalable(value_at(document, keys)):
             raise StudyError(f"{place}: must be a number or a table of numbers, got {path_of(document, keys)}")
-    single = len(places) == 1 and is_number(value_at(document, places[0]))
-    factor = distribution.relative or not single
+    factor = distribution.relative
+    table = next((keys for keys in places if not is_number(value_at(document, keys))), None)
+    if table is not None and not factor:
+        raise StudyError(f"{place}: {path_of(document, table)} is a table, which takes changes in %: -10%..10%")
     if factor and any(_unknown(value_at(document, keys)) for keys in places):
         raise StudyError(f"{place}: a change in % needs a value; give it as an option, or the numbers themselves")
     if factor and all(not np.any(_flat(value_at(document, keys))) for keys in places):
@@ -185,13 +195,11 @@ def _flat(value: Any) -> list[float]:
 
 def _check_ends(vehicle: VariedVehicle, option: str) -> None:
     """Refuse ranges that leave what a vehicle can be; each key alone at both ends, the others as built."""
-    nominal = vehicle.nominal()
-    for index, key in enumerate(vehicle.keys):
+    for key in vehicle.keys:
         for end in key.distribution.ends:
-            values = [*nominal[:index], _value(key, end), *nominal[index + 1 :]]
-            document = vehicle.changed(values)
+            document = vehicle.changed([_value(key, end) if each is key else None for each in vehicle.keys])
             try:
                 friction_of(document)
                 maneuver_of(vehicle.maneuver, spec_of(document), document)
             except ValueError as error:
-                raise StudyError(f"{option} {key.name}: {_value(key, end):g}: {error}") from None
+                raise StudyError(f"{option} {key.name}={_value(key, end):g}: {error}") from None

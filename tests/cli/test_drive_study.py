@@ -25,7 +25,7 @@ SEARCH = ("drive", "sedan", "--maneuver", "iso-3888-2", "--duration", "0.2", "--
         ((*SHORT, "--worlds", "4", "--vary", "mass=1..2"), "--vary 'mass': unknown; "),
         ((*SHORT, "--worlds", "4", "--vary", "ground.friction=1..0.5"), "the first number must be below the second"),
         ((*SHORT, "--worlds", "4", "--vary", "axles[1].antiroll_bar.stiffness=1..2"), "unknown; did you mean"),
-        ((*SHORT, "--worlds", "4", "--vary", "chassis.components[0].mass=-5..5"), "must be a positive number, got -5"),
+        ((*SHORT, "--worlds", "4", "--vary", "chassis.components[0].mass=-5..5"), "must be positive, got -5"),
         ((*SHORT, *MASS, "--worlds", "4", "--worst-by", "peak_roll"), "--worst-by: needs --worst"),
         ((*SHORT, *MASS, "--worlds", "4", "--worst", "5"), "--worst must be at most --worlds, got 5 of 4"),
         ((*SHORT, *MASS, "--worlds", "4", "--worst", "99"), "--worst must be from 0 to 20, got 99"),
@@ -36,6 +36,7 @@ SEARCH = ("drive", "sedan", "--maneuver", "iso-3888-2", "--duration", "0.2", "--
         ((*SHORT, *MASS, "--worlds", "4", "--search", "ground.friction=0.5..1"), "cannot be given beside --vary"),
         (("drive", "m113", *MASS, "--worlds", "4"), "has tracks; studies are for vehicles on wheels"),
         (("drive", "sedan", *MASS, "--worlds", "4"), "needs a --maneuver"),
+        (("drive", "sedan", "--maneuver", "iso-9", *MASS, "--worlds", "4"), "simwarp: maneuver 'iso-9' is not known"),
         (SEARCH, "needs one goal, --maximise FIGURE or --minimise FIGURE"),
         ((*SEARCH, "--maximise", "pass_speed"), "needs --speeds A:B:STEP"),
         ((*SEARCH, "--maximise", "margin", "--speeds", "12,14"), "--speeds: is of --maximise pass_speed"),
@@ -61,6 +62,7 @@ def test_what_cannot_be_is_one_line(command, tmp_path, monkeypatch, arguments, s
         (("--worst", "1", "--worst-by", "peak_rol"), "--worst-by: 'peak_rol' is no figure of iso-3888-2; did you mean"),
         (("--worst", "1", "--worst-by", "peak_roll:most"), "--worst-by: must be FIGURE or FIGURE:least"),
     ],
+    ids=["figure", "word"],
 )
 def test_a_figure_that_is_not_there_is_told_before_worlds_are_driven(command, tmp_path, monkeypatch, more, said):
     monkeypatch.chdir(tmp_path)

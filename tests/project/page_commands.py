@@ -332,6 +332,10 @@ def place_files(folder: Path, text: str) -> None:
             from simwarp.vehicle import load_vehicle, save_vehicle
 
             save_vehicle(load_vehicle(vehicle), folder / file)
+    made = re.search(r"```python\n((?:(?!```).)*barred\.json.*?)```", text, re.DOTALL)
+    if made is not None:
+        with contextlib.chdir(folder):
+            exec(made[1], {})
 
 
 LEG = """<link name="{0}_HIP"><inertial><mass value="1"/>

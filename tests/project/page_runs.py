@@ -28,6 +28,8 @@ OTHERS = {
     ("drive", "soil-rigid"): {"--spacing": "0.1"},
     ("drive", "step-steer"): {"--duration": "15.1"},  # it steers at 15 s
     ("drive", "--speeds"): {"--speeds": "12,15"},
+    ("drive", "--vary"): {"--worlds": "3", "--worst": "1", "--worst-film": "png"},
+    ("drive", "--search"): {"--trials": "2", "--speeds": "14,15"},
     ("drive", "drawbar"): {"--duration": "5.5"},  # it pulls from 5 s on
 }
 """Further options, where a command has words that ask for them."""
@@ -53,7 +55,7 @@ NOT_RUN = {
 }
 """Commands that are parsed and not run, as patterns of how they begin -> why."""
 NEEDS = {
-    r"simwarp sweep .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser",
+    r"simwarp (sweep|drive) .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser",
     r"simwarp .*\.parquet": "pyarrow", r"simwarp .*\.mcap": "rosbags",
 }  # fmt: skip
 """Commands that are run only where an extra is installed, as patterns of how they begin -> its module."""

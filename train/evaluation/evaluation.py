@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from simwarp.tasks.framework.errors import TaskStepError
 from simwarp.tasks.framework.registry import agents_in_world
 
 from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
+from .proportions import wilson_interval as wilson_interval
 
 _MAX_WORLDS = 4096
 CHECK_INTERVAL = 25
@@ -74,16 +74,6 @@ class Evaluation(ReadableFields):
             plain["models"] = {name: each.as_json() for name, each in self.by_model.items()}
         plain["success_ci95"] = list(self.success_ci95)
         return plain | {name: value for name, value in own.items() if name not in plain}
-
-
-def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """Return the Wilson score interval of a proportion (Wilson 1927); z = 1.96 gives 95 %."""
-    if trials < 1:
-        raise ValueError(f"trials must be at least 1, got {trials}")
-    share, square = successes / trials, z * z
-    centre = (share + square / (2 * trials)) / (1 + square / trials)
-    half = z / (1 + square / trials) * math.sqrt(share * (1 - share) / trials + square / (4 * trials * trials))
-    return max(0.0, centre - half), min(1.0, centre + half)
 
 
 class EpisodeRecords:

@@ -200,7 +200,7 @@ def _write(search: DesignSearch, spec: VehicleSpec, folder: Path, plot: Path | N
             numbers = [f"{value:.9g}" for value in (*each.values, each.goal, each.highest)]
             rest = [f"{each.figures.get(key, math.nan):.9g}" for key in figures]
             writer.writerow([each.number, *numbers, int(each.kept), *rest, each.trouble])
-    draw_search(search.designs, names, search.plan.goal, files["plot"], title)
+    draw_search(search.designs, vehicle.keys, search.plan.goal, files["plot"], title)
     best = search.best
     if best is not None:
         files |= {"vehicle": folder / "best.json", "patch": folder / "patch.json"}

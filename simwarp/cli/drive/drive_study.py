@@ -100,12 +100,12 @@ def _print(
 ) -> None:
     """The tables of a study."""
     console.print(title, style="bold", highlight=False, soft_wrap=True)
-    for key in made.vehicle.keys:
-        console.print(f"{key.name} = {key.distribution.text}", highlight=False, soft_wrap=True)
+    for number, key in enumerate(made.vehicle.keys, 1):
+        console.print(f"({number}) {key.name} = {key.distribution.text}", highlight=False, soft_wrap=True)
     found = result.summaries()
     console.print(figure_table(found))
     if found and len(result.sound) > 1:
-        console.print(correlation_table(found, result.keys))
+        console.print(correlation_table(found, len(result.keys)))
         console.print(
             f"rank correlations below {found[0].chance:.2f} may be chance (95 %)", highlight=False, soft_wrap=True
         )
@@ -139,12 +139,12 @@ def figure_table(found: list[FigureSummary]) -> Table:
     return table
 
 
-def correlation_table(found: list[FigureSummary], keys: tuple[str, ...]) -> Table:
-    """A row for each figure, with its rank correlation to every key."""
+def correlation_table(found: list[FigureSummary], count: int) -> Table:
+    """A row for each figure, with its rank correlation to every key; keys are called by their numbers."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("rank correlation", no_wrap=True)
-    for key in keys:
-        table.add_column(key, justify="right", overflow="fold")
+    for number in range(1, count + 1):
+        table.add_column(f"({number})", justify="right", no_wrap=True)
     for each in found:
         table.add_row(each.figure.key, *(f"{value:+.2f}" if value == value else "" for value in each.correlations))
     return table
