@@ -2,9 +2,9 @@
 
 warp <- core <- kernels <- geometry <- model <- simulation <- actuators, kinematics, motions, analysis, vehicle,
 sensors, soil, flex, scenery, scenes <- importers, exporters, mcap, identify, viewer, planning <- tasks <- train, study
-<- bench, verify <- cli. A device half, `X_kernels.py` beside its host `X.py`, imports `core`, the engine and other device
-halves. Measurement and commands may import each other's modules, but not in a circle. Torch and trimesh have one file
-each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles too.
+<- bench, verify <- cli. A device half, `X_kernels.py` beside its host `X.py`, imports `core`, the engine and other
+device halves. Measurement and commands may import each other's modules, but not in a circle. Torch and trimesh have one
+file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles too.
 """
 
 import ast
