@@ -40,8 +40,8 @@ FOLLOWED: Final = 0.17
 what the bench of a suspension goes through."""
 STATES: Final = 11
 """Travels there."""
-LONGER: Final = 1000
-"""Lengths of a drop link that are tried for the message, up to a radius of the tire more."""
+LONGER: Final = 150
+"""Lengths of a drop link that are tried for the message, up to a radius of the tire more: steps of 5 % at most."""
 
 HELD_BY: Final[dict[type, tuple[str, ...]]] = {
     DoubleWishbone: ("lower_arm_front", "lower_arm_back", "lower_arm_upright"),
@@ -110,7 +110,8 @@ def _check_droplink(key: str, axle: Axle, bar: AntirollBar, middle: Array) -> No
     if _follows(axle.suspension, bar, middle, bar.droplink_height, reach):
         return
     sign = math.copysign(1.0, bar.droplink_height)
-    tried = abs(bar.droplink_height) + np.linspace(0.0, axle.tire.radius, LONGER)
+    least = max(abs(bar.droplink_height), 1e-3 * axle.tire.radius)
+    tried = np.geomspace(least, least + axle.tire.radius, LONGER)
     longer = next((each for each in tried if _follows(axle.suspension, bar, middle, sign * each, reach)), None)
     rule = f"long enough for the bar's end to follow the wheel through {reach:.3g} m up and down"
     if longer is None:
