@@ -308,6 +308,7 @@ def test_stops_are_marked_and_their_share_of_the_rate_is_told(stop):
     assert found.parameters()["into_stop_mm"] == 0.0
 
 
+@pytest.mark.slow
 def test_shares_in_braking_and_driving_are_named_by_the_axle():
     """A front axle dives in braking and lifts in driving; a rear one lifts and squats. One without a drive has none."""
     spec = shipped("artcar")

@@ -61,6 +61,7 @@ def test_angles_and_distances_stand_beside_each_other_with_units():
     assert all(unit for _, _, unit in found.values())
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_was_trimmed_stands_as_it_is_built():
     spec = shipped("sedan")
     for row in standing_sheet(spec, stance(spec)):

@@ -31,6 +31,7 @@ def outside(figure) -> None:
     assert not any(box.overlaps(axes.get_tightbbox()) for axes in figure.axes)
 
 
+@pytest.mark.slow
 def test_tires_over_each_other_have_one_legend_outside(pages, tmp_path):
     names, sweep = ("fiala", "tmeasy", "pacejka89"), TireSweep(loads=(3000.0, 5000.0, 7000.0), points=5)
     curves = {
