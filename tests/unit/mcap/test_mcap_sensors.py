@@ -55,7 +55,7 @@ class Rig:
         self.speedometer = s.Speedometer(model, SIGHT, s.SpeedometerConfig(schedule=lagging))
         self.contact = s.ContactSensor(model, SIGHT, s.ContactSensorConfig(schedule=lagging), name="bumper")
         self.load_cell = s.LoadCell(model, "axle", s.LoadCellConfig(schedule=lagging))
-        self.all = [each for each in vars(self).values() if isinstance(each, sw.Sensor)]
+        self.all: list[Any] = [each for each in vars(self).values() if isinstance(each, sw.Sensor)]
         self.sim = sw.Simulation(model, DT, sensors=self.all, joint_reactions=True, threads=1)
         self.sim.state.body_omega[WORLD, car] = (0.1, -0.2, 0.8)
         self.sim.state.body_omega[WORLD, wheel] = (0.1, 9.0, 0.8)

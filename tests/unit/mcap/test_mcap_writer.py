@@ -149,7 +149,9 @@ def test_frames_that_nobody_saw_are_counted(tmp_path: Path) -> None:
 def test_a_sensor_without_a_message_is_left_out(tmp_path: Path) -> None:
     class Own(sw.Sensor):
         name = "own"
-        data = timestamp = valid = None
+        data: Any = None
+        timestamp: Any = None
+        valid: Any = None
 
     sim = simulation(lambda model: [Own()])
     with sw.mcap.Writer(tmp_path / "run.mcap", sim) as writer:
@@ -208,7 +210,8 @@ def test_a_mount_that_moves_is_told_again(tmp_path: Path) -> None:
     with sw.mcap.Writer(tmp_path / "run.mcap", sim, rate=100.0) as writer:
         for step in range(4):
             if step == 2:
-                sim.sensors[0].mount.position.assign([(0.1, 0.2, 0.3)])
+                moving: Any = sim.sensors[0]
+                moving.mount.position.assign([(0.1, 0.2, 0.3)])
             sim.step()
             writer.add()
     found = of(read_by_mcap(tmp_path / "run.mcap"), "/tf_static")

@@ -13,7 +13,7 @@ from simwarp.mcap.ros_messages import MessageTypes
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = MessageTypes()
-KINDS = {
+KINDS: dict[str, Any] = {
     "rosgraph_msgs/msg/Clock": {},
     "sensor_msgs/msg/Imu": {"header": {"frame_id": "imu"}},
     "sensor_msgs/msg/NavSatFix": {"header": {"frame_id": "gps_link"}},
