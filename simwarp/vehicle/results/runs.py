@@ -163,18 +163,15 @@ def set_up(
         if maneuver.drawbar is not None:
             spec.require_linkages("a drawbar test")
         driven = spec if maneuver.drawbar is None else with_locks(spec)
-        parts = add_vehicle(
-            builder, driven, at=start, speed=maneuver.initial_speed, gear=maneuver.held_gear, wheel_bodies=wheel_bodies
-        )
+        speed, gear = maneuver.initial_speed, maneuver.held_gear
+        parts = add_vehicle(builder, driven, at=start, speed=speed, gear=gear, wheel_bodies=wheel_bodies)
         if not on_soil and any(side.meets_shapes for side in parts.sides):
             add_ground(builder, None, rotation, Material(friction=friction))
         check_road(maneuver, parts.spec, on_soil)
         asset = add_bump(builder, maneuver)
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         vehicle = Vehicle(parts, model, ground=tire_ground(maneuver, model.device, rotation, asset))
-        vehicle.tires.ground_friction.fill_(friction)
-        if maneuver.held_gear is not None:
-            vehicle.hold_gears()
+        _prepare(vehicle, maneuver, friction)
     driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     usual = TRACK_SOLVER if chains else VEHICLE_SOLVER
@@ -183,6 +180,13 @@ def set_up(
         joint_reactions=chains or joint_reactions,
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
+
+
+def _prepare(vehicle: Vehicle, maneuver: Maneuver, friction: float) -> None:
+    """The road's friction, and gears that are held."""
+    vehicle.tires.ground_friction.fill_(friction)
+    if maneuver.held_gear is not None:
+        vehicle.hold_gears()
 
 
 def _check(dt: float, friction: float) -> None:
