@@ -5,17 +5,48 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 from simwarp.cli import UsageError
+from simwarp.cli.drive.drive_road import Patch
 from simwarp.vehicle.assessment.entry_speed import asked_speed
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
-if TYPE_CHECKING:
-    from simwarp.cli.drive.drive_command import DriveOptions
+
+class RunOptions(Protocol):
+    """Options of a run that name it, those of `simwarp drive`."""
+
+    @property
+    def chosen(self) -> dict[str, float]:
+        """Of the manoeuvre."""
+
+    @property
+    def speed(self) -> float | None:
+        """To hold [m/s]."""
+
+    @property
+    def soil(self) -> str | None:
+        """Below the wheels."""
+
+    @property
+    def soil_normal(self) -> str | None:
+        """Along which it presses."""
+
+    @property
+    def friction(self) -> float:
+        """Of the ground."""
+
+    @property
+    def friction_patch(self) -> tuple[Patch, ...]:
+        """Rectangles with another one."""
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+
 
 UNITS: Final = {
     "speed": " m/s", "steering": "", "radius": " m", "slope": "", "width": " m", "duration": " s", "brakes": "",
@@ -39,7 +70,7 @@ def named_options() -> Iterator[None]:
         raise
 
 
-def title_of_run(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) -> str:
+def title_of_run(spec: AnyVehicleSpec, options: RunOptions, what: Maneuver) -> str:
     """Vehicle and manoeuvre with the speed that it asks for, and what is not as usual."""
     parts = [f"{spec.name}, {what.name}"]
     speed = asked_speed(what)
@@ -62,7 +93,7 @@ def title_of_run(spec: AnyVehicleSpec, options: DriveOptions, what: Maneuver) ->
     return ", ".join(parts)
 
 
-def choices_of_run(spec: AnyVehicleSpec, options: DriveOptions) -> dict[str, str]:
+def choices_of_run(spec: AnyVehicleSpec, options: RunOptions) -> dict[str, str]:
     """What was chosen, for files: options of the manoeuvre with their units, parts, ground and step."""
     found = {key: f"{value:g}{UNITS[key]}" for key, value in options.chosen.items()}
     for kind in ("tire", "powertrain", "driveline", "soil", "soil_normal"):

@@ -84,7 +84,7 @@ def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | No
     state = simulation.state
     moving: tuple[wp.array, ...] = (state.body_v, state.body_omega, state.joint_qd)
     velocity, omega, rates = (array.numpy() for array in moving)
-    names = ("gear", "engine_speed", "last_input", "last_drive")
+    names: tuple[str, ...] = ("gear", "engine_speed", "last_input", "last_drive")
     if vehicle.reduced is not None:
         names = (*names, *REDUCED_SPEEDS)
     memory: dict[str, wp.array] = {name: vehicle.memory[name] for name in names}

@@ -18,8 +18,8 @@ PREVIEW: Final = 0.5
 """Of the driver [s]."""
 FIRMNESS: Final = 2.0
 """Pedal per error of the speed [s/m], and per second of it: an error dies out within `LEAD`."""
-FIRM_BELOW: Final = 3.0
-"""Speed below which the pedals are firmer, for vehicles of the size of a toy [m/s]."""
+FIRM_BELOW: Final = 8.0
+"""Speed below which the pedals are firmer [m/s]."""
 
 
 def holding_gains(spec: VehicleSpec, speed: float) -> PIDGains:

@@ -168,9 +168,7 @@ def set_up(
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
         terrain = tire_ground(maneuver, model.device, rotation, asset)
         vehicle = Vehicle(parts, model, ground=terrain, randomised=own_tires)
-        vehicle.tires.ground_friction.fill_(friction)
-        if maneuver.held_gear is not None:
-            vehicle.hold_gears()
+        _prepare(vehicle, maneuver, friction)
     driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     simulation = Simulation(
@@ -224,6 +222,13 @@ def _start_pose(spec: AnyVehicleSpec, maneuver: Maneuver) -> Pose:
     rotation = _lean(maneuver)
     place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
     return pose(rotate(rotation, np.array(place)), rotation)
+
+
+def _prepare(vehicle: Vehicle, maneuver: Maneuver, friction: float) -> None:
+    """The road's friction, and gears that are held."""
+    vehicle.tires.ground_friction.fill_(friction)
+    if maneuver.held_gear is not None:
+        vehicle.hold_gears()
 
 
 def _check(dt: float, friction: float) -> None:
