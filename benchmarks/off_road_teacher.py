@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -89,7 +90,7 @@ def told(task: Task, found: Trajectories, options: Options) -> None:
 
 def main(options: Options) -> None:
     """Record the governed policy."""
-    worlds = {"obstacles": 50, "hills": 1.0, "varied": True}
+    worlds: dict[str, Any] = {"obstacles": 50, "hills": 1.0, "varied": True}
     task = make("off-road", options.worlds, obs="state", vehicle=options.vehicles, seed=options.seed, **worlds)
     found = record(task, Governed(task, options), options.episodes, options.seed, {"governor": options.limit})
     save_trajectories(options.output, found)
