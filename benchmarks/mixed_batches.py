@@ -8,6 +8,7 @@ Both take the same worlds through the same actions, in turns, as a trainer steps
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import statistics
@@ -16,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import tyro
 
 from simwarp.tasks import Task, make
 from simwarp.train.algorithm.vec_env import TaskVecEnv
@@ -28,20 +28,26 @@ ROOT = Path(__file__).resolve().parents[1]
 class Options:
     """Options of the comparison."""
 
-    task: tyro.conf.Positional[str] = "obstacle-avoidance"
-    """Task that is stepped."""
-    obs: str = "state"
-    """Its observations."""
-    vehicles: str = "hmmwv,gator,sedan"
-    """Models of the batch."""
-    worlds: int = 96
-    """Of all models together."""
-    steps: int = 10
-    """Control steps of a turn."""
-    turns: int = 7
-    """Turns of either."""
-    save: Path | None = None
-    """File to which the figures are added, as JSON."""
+    task: str
+    obs: str
+    vehicles: str
+    worlds: int
+    steps: int
+    turns: int
+    save: Path | None
+
+
+def read_options() -> Options:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("task", nargs="?", default="obstacle-avoidance", help="task that is stepped")
+    parser.add_argument("--obs", default="state", help="its observations")
+    parser.add_argument("--vehicles", default="hmmwv,gator,sedan", help="models of the batch")
+    parser.add_argument("--worlds", type=int, default=96, help="of all models together")
+    parser.add_argument("--steps", type=int, default=10, help="control steps of a turn")
+    parser.add_argument("--turns", type=int, default=7, help="turns of either")
+    parser.add_argument("--save", type=Path, help="file to which the figures are added, as JSON")
+    return Options(**vars(parser.parse_args()))
 
 
 def seconds_of(envs: list[TaskVecEnv], actions: list[torch.Tensor]) -> tuple[float, torch.Tensor]:
@@ -103,4 +109,4 @@ def main(options: Options) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    main(read_options())

@@ -11,12 +11,13 @@ worlds act with noise, so that the trajectories show how to come back; its mean 
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-import tyro
 
 from simwarp.tasks import Task, make
 from simwarp.train.algorithm.trajectories import Trajectories, record, save_trajectories
@@ -35,22 +36,28 @@ SUCCESS_REWARD = 3.0
 class Options:
     """Options of the recording."""
 
-    output: Path = Path("governed.npz")
-    """File of trajectories that is written."""
-    vehicles: str = "hmmwv-14dof,gator-14dof,sedan-14dof"
-    """Vehicles that share the batch."""
-    worlds: int = 96
-    """Of all vehicles together."""
-    episodes: int = 384
-    """Episodes that are recorded."""
-    limit: float = 8.0
-    """Speed at which the governor leaves no throttle [m/s]."""
-    gain: float = 0.5
-    """Pedal per speed below or above that limit [s/m]."""
-    noise: float = 0.3
-    """Standard deviation of the actions of every second world."""
-    seed: int = 1
-    """Of worlds and noise."""
+    output: Path
+    vehicles: str
+    worlds: int
+    episodes: int
+    limit: float
+    gain: float
+    noise: float
+    seed: int
+
+
+def read_options() -> Options:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=Path("governed.npz"), help="file of trajectories to write")
+    parser.add_argument("--vehicles", default="hmmwv-14dof,gator-14dof,sedan-14dof", help="they share the batch")
+    parser.add_argument("--worlds", type=int, default=96, help="of all vehicles together")
+    parser.add_argument("--episodes", type=int, default=384, help="episodes that are recorded")
+    parser.add_argument("--limit", type=float, default=8.0, help="speed at which no throttle is left [m/s]")
+    parser.add_argument("--gain", type=float, default=0.5, help="pedal per speed below or above that limit [s/m]")
+    parser.add_argument("--noise", type=float, default=0.3, help="deviation of actions in every second world")
+    parser.add_argument("--seed", type=int, default=1, help="of worlds and noise")
+    return Options(**vars(parser.parse_args()))
 
 
 class Governed:
@@ -89,7 +96,7 @@ def told(task: Task, found: Trajectories, options: Options) -> None:
 
 def main(options: Options) -> None:
     """Record the governed policy."""
-    worlds = {"obstacles": 50, "hills": 1.0, "varied": True}
+    worlds: dict[str, Any] = {"obstacles": 50, "hills": 1.0, "varied": True}
     task = make("off-road", options.worlds, obs="state", vehicle=options.vehicles, seed=options.seed, **worlds)
     found = record(task, Governed(task, options), options.episodes, options.seed, {"governor": options.limit})
     save_trajectories(options.output, found)
@@ -97,4 +104,4 @@ def main(options: Options) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    main(read_options())

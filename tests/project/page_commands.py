@@ -10,6 +10,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -327,6 +328,9 @@ def place_files(folder: Path, text: str) -> None:
         with np.load(ROOT / "tests" / "data" / "before" / "trajectories.npz") as kept:
             np.savez(folder / data, **{**kept, "about": np.array(json.dumps(about))})
         save_checkpoint(folder / clone, content)
+    for name in set(re.findall(r"train/shipped/\S+\.pt", text)):  # policies of the checkout
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, folder / name)
     for file, vehicle in VEHICLE_FILES.items():
         if file in text:
             from simwarp.vehicle import load_vehicle, save_vehicle

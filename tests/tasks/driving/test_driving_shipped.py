@@ -17,11 +17,9 @@ TARGETS = {
     "obstacle-avoidance.state": 95, "obstacle-avoidance.camera": 98, "off-road.state": 90, "off-road.camera": 95,
     "convoy.state": 90, "convoy.camera": 90, "hallway.state": 95, "hallway.camera": 95,
     "barrier-track.state": 90, "barrier-track.camera": 95,
-    "off-road.state.soil": 85, "off-road.camera.vehicles": 85,
+    "off-road.state.soil": 85,
 }  # fmt: skip
 LONG = ("convoy", "hallway", "barrier-track")
-# what the third part of a name says of the worlds
-LEARNT_IN = {"soil": {"soil": "random"}, "vehicles": {"vehicle": "hmmwv,gator,sedan"}}
 
 
 def test_every_task_has_a_policy_by_exact_state_and_by_camera():
@@ -32,7 +30,7 @@ def test_every_task_has_a_policy_by_exact_state_and_by_camera():
 @pytest.mark.parametrize("title", POLICIES)
 def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     record = json.loads((SHIPPED / f"{title}.json").read_text(encoding="utf-8"))
-    name, obs, *special = title.split(".")
+    name, obs, *ground = title.split(".")
     assert record["task"] == name
     assert record["command"][:3] in (["simwarp", "train", name], ["simwarp", "distill", name])
     assert ("teacher" in record) == (record["command"][1] == "distill")
@@ -41,7 +39,7 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     reached = record["evaluation"]["policy"]
     assert reached["episodes"] >= 200
     assert 100.0 * reached["success_rate"] >= TARGETS.get(title, 50)
-    own = LEARNT_IN[special[0]] if special else {}
+    soil = {"soil": "random"} if ground else {}
     # What drives the task as it is today: another number of tracks, or of obstacles, would be another task
     saved = load_checkpoint(SHIPPED / f"{title}.pt")["task_config"]
     assert saved["obs"] == obs
@@ -50,19 +48,15 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     named = cls.distilled_in if "teacher" in record else cls.trained_in
     # In the defaults, or in what the task names to be trained in
     learnt_in = {key: value for key, value in named.items() if config[key] == value}
-    today = config_to_plain(replace_fields(cls.config_type(), {"obs": obs} | own | learnt_in))
+    today = config_to_plain(replace_fields(cls.config_type(), {"obs": obs} | soil | learnt_in))
     free = {"camera_rate", "rewards"}  # how often it looked, and what it was rewarded for
     if obs == "state":
         free |= {"camera_width", "camera_height"}  # there is no camera
     assert {key: config[key] for key in today if key not in free} == {
         key: value for key, value in today.items() if key not in free
     }
-    for model in reached.get("models", {}).values():  # each vehicle of several
-        assert model["episodes"] >= 64
-        assert 100.0 * model["success_rate"] >= TARGETS.get(title, 50)
     # Doing nothing, or anything, does not do it: a random drive off road hits its goal once in 256
-    if special != ["vehicles"]:
-        assert max(record["evaluation"][other]["success_rate"] for other in ("zero", "random")) < 0.02
+    assert max(record["evaluation"][other]["success_rate"] for other in ("zero", "random")) < 0.02
 
 
 @pytest.mark.slow
