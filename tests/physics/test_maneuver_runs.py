@@ -199,6 +199,7 @@ def test_gears_are_held_in_a_steady_turn(name, gear):
         what = dataclasses.replace(maneuver("steady-state-circle", spec, duration=0.2), start=0.0, held_gear=held)
         setup = set_up(spec, what, device="cpu", dt=2e-3)
         setup.vehicle.gear.fill_(gear)
+        assert spec.transmission is not None
         for _ in range(60 if spec.transmission.template == "automatic-map" else 300):
             setup.simulation.step()
         assert (int(setup.vehicle.gear.numpy()[0]) == gear) == (held is not None)

@@ -267,9 +267,9 @@ def test_what_no_bench_can_hold_is_one_line(vehicle, axle, options, message):
 def with_stops(spec: VehicleSpec, axle: int, **lengths: float) -> VehicleSpec:
     """A vehicle whose first spring of an axle has stops at these lengths [m]."""
     part = spec.axles[axle]
-    stopped = dataclasses.replace(part.suspension.springs[0], bump_curve=BUMP_STOP, **lengths)
-    springs = (stopped, *part.suspension.springs[1:])
-    part = dataclasses.replace(part, suspension=dataclasses.replace(part.suspension, springs=springs))
+    sprung: Any = part.suspension
+    stopped = dataclasses.replace(sprung.springs[0], bump_curve=BUMP_STOP, **lengths)
+    part = dataclasses.replace(part, suspension=dataclasses.replace(sprung, springs=(stopped, *sprung.springs[1:])))
     return dataclasses.replace(spec, axles=(*spec.axles[:axle], part, *spec.axles[axle + 1 :]))
 
 
@@ -279,7 +279,8 @@ def test_stops_are_marked_and_their_share_of_the_rate_is_told(stop):
     """A stop that begins at half the travel. Without it, loads are those of the vehicle that has none, bitwise; with
     it, beside its beginning, the rate is larger by that of the stop times the square of the motion ratio.
     """
-    spec, options = shipped("sedan"), {"travel": 0.02, "points": 21, "reference": BUILT, "loaded_radius": 0.3}
+    spec = shipped("sedan")
+    options: dict[str, Any] = {"travel": 0.02, "points": 21, "reference": BUILT, "loaded_radius": 0.3}
     plain = run_suspension_rig(spec, 1, **options).curves
     ratio = plain[SuspensionMotion.PARALLEL].motion_ratio[:, 0, 0]
     line = spec.axles[1].suspension.springs[0]

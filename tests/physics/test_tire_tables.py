@@ -27,7 +27,10 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     block = PAGE.read_text(encoding="utf-8").split("<!-- grips of tires -->")[1].split("<!-- end of grips -->")[0]
-    return [Row(*found[:3], 1e3 * float(found[3]), *map(float, found[4:])) for found in ROW.findall(block)]
+    return [
+        Row(vehicle, axle, tire, 1e3 * float(load), float(lateral), float(braking))
+        for vehicle, axle, tire, load, lateral, braking in ROW.findall(block)
+    ]
 
 
 def test_the_page_has_rows():

@@ -51,9 +51,8 @@ def with_a_stop(spec: VehicleSpec, stop: str) -> VehicleSpec:
     def change(index: int, number: int, line: ForceLine) -> ForceLine:
         if (index, number) != (0, 0):
             return line
-        return dataclasses.replace(
-            line, bump_curve=BUMP_STOP, **{"max_length": None, "min_length": None, STOP_KEYS[stop]: at}
-        )
+        stops: dict[str, Any] = {"max_length": None, "min_length": None, STOP_KEYS[stop]: at}
+        return dataclasses.replace(line, bump_curve=BUMP_STOP, **stops)
 
     return with_springs(spec, change)
 

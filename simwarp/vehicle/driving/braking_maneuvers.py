@@ -28,7 +28,7 @@ SLIPPERY_WIDTH: Final = 50.0
 
 def braking_speed(spec: VehicleSpec) -> float:
     """Of stops: 100 km/h, or what suits the vehicle [m/s]."""
-    return spec.usual.speed_of_stops or held_speed(spec, FULL_SPEED)
+    return spec.maneuver_defaults.speed_of_stops or held_speed(spec, FULL_SPEED)
 
 
 def _brakes(share: float) -> Intervention:
@@ -74,8 +74,8 @@ def brake_in_turn(
     duration: float = 6.0,
 ) -> Maneuver:  # fmt: skip
     """ISO 7975: on a circle [m] at a speed [m/s], 4 m/s² across; then the steering is kept and the brakes act."""
-    turn = usual_radius(spec, spec.usual.radius_of_circle, CIRCLE[0]) if radius is None else radius
-    last = spec.usual.speed_on_circle or held_speed(spec, math.inf)
+    turn = usual_radius(spec, spec.maneuver_defaults.radius_of_circle, CIRCLE[0]) if radius is None else radius
+    last = spec.maneuver_defaults.speed_on_circle or held_speed(spec, math.inf)
     target = min(last, math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
         paths=(circle(turn),), speed=target, steering=steering_for(spec), speed_gains=holding_gains(spec, target),
@@ -118,7 +118,7 @@ def bump(
 
     Without them it is as high as a sixth of a tire's radius and as long as three of them.
     """
-    usual = spec.usual.speed_over_bump or held_speed(spec, BUMP_SPEED)
+    usual = spec.maneuver_defaults.speed_over_bump or held_speed(spec, BUMP_SPEED)
     target = usual if speed is None else speed
     tire = spec.axles[0].tire.radius
     across = Bump(

@@ -28,7 +28,7 @@ WHEELBASES: Final = 15.0
 
 def usual_speed(spec: VehicleSpec) -> float:
     """Of manoeuvres with steering [m/s]."""
-    return spec.usual.speed_of_steering_run or held_speed(spec, STEERING_RUN)
+    return spec.maneuver_defaults.speed_of_steering_run or held_speed(spec, STEERING_RUN)
 
 
 def usual_radius(spec: VehicleSpec, given: float | None, usual: float) -> float:

@@ -40,7 +40,7 @@ FISHHOOK_BACK: Final = 2.0
 
 def handling_speed(spec: VehicleSpec) -> float:
     """Of handling tests: 80 km/h, or what suits the vehicle [m/s]."""
-    return spec.usual.speed_of_handling or held_speed(spec, HANDLING_SPEED)
+    return spec.maneuver_defaults.speed_of_handling or held_speed(spec, HANDLING_SPEED)
 
 
 def steering_unit(spec: VehicleSpec) -> float:
@@ -48,7 +48,7 @@ def steering_unit(spec: VehicleSpec) -> float:
 
     Of `artcar` and `skid-steer`, which do not reach 0.3 g, 6.5 times as much is nearly full steering.
     """
-    return spec.usual.handling_steering or math.nan
+    return spec.maneuver_defaults.handling_steering or math.nan
 
 
 def _amplitude(spec: VehicleSpec, given: float | None, factor: float) -> float:
@@ -62,7 +62,9 @@ def _amplitude(spec: VehicleSpec, given: float | None, factor: float) -> float:
     unit = steering_unit(spec)
     if math.isnan(unit):
         rule = f"must be given for '{spec.name}', which has no known steering at 0.3 g"
-        raise SpecError(f"steering: {rule}; slow-steer finds it, for --steering or the file's usual.handling_steering")
+        raise SpecError(
+            f"steering: {rule}; slow-steer finds it, for --steering or the file's maneuver_defaults.handling_steering"
+        )
     return min(factor * unit, 1.0)
 
 
@@ -79,8 +81,8 @@ def steady_state_circle(
     Gears that shift by themselves are held, in the one that the last speed asks for.
     """
     needs_axles(spec)
-    turn = usual_radius(spec, spec.usual.radius_of_circle, CIRCLE[0])
-    last = spec.usual.speed_on_circle or held_speed(spec, math.sqrt(CIRCLE[1] * turn))
+    turn = usual_radius(spec, spec.maneuver_defaults.radius_of_circle, CIRCLE[0])
+    last = spec.maneuver_defaults.speed_on_circle or held_speed(spec, math.sqrt(CIRCLE[1] * turn))
     if radius is not None:
         turn, last = radius, min(last, math.sqrt(CIRCLE[1] * abs(radius)))
     follow = PathTrackingSpec(

@@ -60,7 +60,7 @@ def cone_driver(spec: VehicleSpec, speed: float) -> LookAhead | Unicycle:
 
 def lane_speed(spec: VehicleSpec, usual: float) -> float:
     """Through a course of lanes: what the description gives, or a usual one that the vehicle holds [m/s]."""
-    return spec.usual.speed_in_lanes or held_speed(spec, usual)
+    return spec.maneuver_defaults.speed_in_lanes or held_speed(spec, usual)
 
 
 def between_cones(

@@ -76,7 +76,7 @@ def reference_steer(spec: VehicleSpec) -> Maneuver:
 
 def reference_brake(spec: VehicleSpec) -> Maneuver:
     """Speed held from rest until 20 s, then full brakes for 4 s."""
-    target = spec.usual.speed_of_braking_run or held_speed(spec, BRAKING_RUN)
+    target = spec.maneuver_defaults.speed_of_braking_run or held_speed(spec, BRAKING_RUN)
     script = scripted(
         spec,
         braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
@@ -153,7 +153,7 @@ def constant_radius(
 ) -> Maneuver:
     """A path tracker on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
     needs_axles(spec)
-    turn = usual_radius(spec, spec.usual.radius, RADIUS) if radius is None else radius
+    turn = usual_radius(spec, spec.maneuver_defaults.radius, RADIUS) if radius is None else radius
     # 4 m/s² across: well below what a dry road takes
     target = min(usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = PathTrackingSpec(
@@ -219,7 +219,7 @@ def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 
     rest = DRAWBAR_RAMP + DRAWBAR_HOLD
     if duration <= rest:
         raise SpecError(f"duration: must be above {rest:g} s of a drawbar test, got {duration!r}")
-    usual = spec.usual.speed_of_pull or held_speed(spec, PULLING_SPEED)
+    usual = spec.maneuver_defaults.speed_of_pull or held_speed(spec, PULLING_SPEED)
     target = usual if speed is None else speed
     test = DrawbarSpec(speed=target, start=SETTLING, ramp=DRAWBAR_RAMP, sweep=duration - rest)
     return Maneuver(name="drawbar", drawbar=test, duration=duration)

@@ -34,6 +34,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     Transmission,
     check_powertrain,
 )
+from simwarp.vehicle.spec.maneuver_defaults import NONE_GIVEN, ManeuverDefaults
 from simwarp.vehicle.spec.parts import (
     BUMP_STOP,
     ZERO,
@@ -64,7 +65,6 @@ from simwarp.vehicle.spec.suspension_parts import (
     TrailingArm,
 )
 from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
-from simwarp.vehicle.spec.usual_conditions import NONE_GIVEN, UsualConditions
 from simwarp.vehicle.spec.vehicle_parts import Axle, Brake, Chassis, SteeringMount, Tire, Wheel
 
 __all__ = [
@@ -89,6 +89,7 @@ __all__ = [
     "EngineSimple",
     "ForceLine",
     "MacPhersonStrut",
+    "ManeuverDefaults",
     "ManualShafts",
     "MultiLink",
     "PinnedAxle",
@@ -112,7 +113,6 @@ __all__ = [
     "Tire",
     "TrailingArm",
     "Transmission",
-    "UsualConditions",
     "Vec3",
     "VehicleSpec",
     "Wheel",
@@ -136,7 +136,7 @@ class VehicleSpec(Readable, Spec):
     """Declared distance of the first and the last axle [m]: checked against their frames and their wheels."""
     start_height: float = 0.5
     """Of the frame of reference above the ground at the start [m]."""
-    usual: UsualConditions = NONE_GIVEN
+    maneuver_defaults: ManeuverDefaults = NONE_GIVEN
     """Speeds and radii of tests that suit it, where nothing else is asked for."""
 
     @property

@@ -1,5 +1,7 @@
 """Pages of manoeuvres: panels of their own, cones and verdicts, drawn of made-up runs."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -51,9 +53,10 @@ def test_a_circle_fills_its_panel(name):
     """Its diameter spans most of the axes' width; in a panel of the page's width it was a tenth of it."""
     what = maneuver(name, SEDAN)
     angle = np.linspace(0.0, 2.0 * np.pi, 201)
-    columns = {key: np.zeros(len(angle)) for key in COLUMNS} | {
+    columns: dict[str, Any] = {key: np.zeros(len(angle)) for key in COLUMNS} | {
         "t_s": 0.1 * np.arange(len(angle)), "x_m": 40.0 * np.sin(angle), "y_m": 40.0 * (1.0 - np.cos(angle)),
     }  # fmt: skip
+    assert what.follow is not None
     figure = run_figure(Run(columns), "", (), what.follow.paths[0], what)
     way = next(axes for axes in figure.axes if axes.get_title(loc="left").startswith("way"))
     figure.draw_without_rendering()

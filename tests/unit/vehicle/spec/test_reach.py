@@ -94,7 +94,8 @@ def test_a_bar_far_from_its_axle_is_refused(name, axis):
     foot = middle_of_arm(spec)
     radius = spec.axles[0].tire.radius
     barred(spec, foot, -0.4 * radius)
-    away = tuple(value + (FAR * radius if number == axis else 0.0) for number, value in enumerate(foot))
+    moved = [FAR * radius if number == axis else 0.0 for number in range(3)]
+    away = (foot[0] + moved[0], foot[1] + moved[1], foot[2] + moved[2])
     said = refusal(lambda: barred(spec, away, -0.4 * radius))
     assert said.startswith(
         f"axles[0].antiroll_bar: its drop link must end within {BESIDE_ARM * radius:.4g} m of the arm"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from simwarp.vehicle.driving.maneuvers import MANEUVERS, maneuver
 from simwarp.vehicle.driving.reachable_speeds import HELD_SHARE, held_gear, top_speed
 from simwarp.vehicle.driving.steering_ratio import angle_per_steering
 from simwarp.vehicle.rigs.steering_rig import run_steering_rig
-from simwarp.vehicle.spec.usual_conditions import UsualConditions
+from simwarp.vehicle.spec.maneuver_defaults import ManeuverDefaults
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, reduced_vehicle_names, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
@@ -39,7 +40,7 @@ def test_a_copy_of_another_name_is_tested_as_the_vehicle(vehicle, tmp_path):
 
 @pytest.mark.parametrize("vehicle", vehicle_names())
 def test_a_vehicle_without_conditions_holds_what_it_is_asked_for(vehicle):
-    spec = dataclasses.replace(load_vehicle(vehicle), usual=UsualConditions())
+    spec = dataclasses.replace(load_vehicle(vehicle), maneuver_defaults=ManeuverDefaults())
     for name in ("step-steer", "iso-3888-1", "slow-steer", "braking", "bump", "constant-radius", "steady-state-circle"):
         what = maneuver(name, spec)
         asked = max(value for _, value in what.script.speed) if what.follow is None else what.follow.speed
@@ -50,7 +51,8 @@ def test_a_vehicle_without_conditions_holds_what_it_is_asked_for(vehicle):
 
 def test_top_speeds_are_those_of_engine_and_gears():
     """The Gator by its engine's limit; the HMMWV where torque less losses is zero; the robot by its motors' limit."""
-    gator, hmmwv, robot = (load_vehicle(name) for name in ("gator", "hmmwv", "skid-steer"))
+    found: list[Any] = [load_vehicle(name) for name in ("gator", "hmmwv", "skid-steer")]
+    gator, hmmwv, robot = found
     gear = gator.transmission.forward_ratios[0]
     rear = gator.axles[1].tire.radius * gator.driveline.rear_gear_ratio
     assert top_speed(gator) == pytest.approx(gator.engine.max_speed * gear * rear)
@@ -82,7 +84,7 @@ def test_the_steering_ratio_is_that_of_the_rig(vehicle):
 def test_conditions_are_checked(tmp_path):
     save_vehicle(load_vehicle("hmmwv"), tmp_path / "a.json")
     content = json.loads((tmp_path / "a.json").read_text())
-    content["usual"]["speed_of_handling"] = -1.0
+    content["maneuver_defaults"]["speed_of_handling"] = -1.0
     (tmp_path / "a.json").write_text(json.dumps(content))
     with pytest.raises(SpecError, match="speed_of_handling"):
         load_vehicle(tmp_path / "a.json")

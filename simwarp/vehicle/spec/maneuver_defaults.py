@@ -10,7 +10,7 @@ from simwarp.vehicle.spec.parts import Spec
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class UsualConditions(Spec):
+class ManeuverDefaults(Spec):
     """Defaults of manoeuvres for one vehicle, which a changed copy inherits; what is left out follows from the
     vehicle's top speed and wheelbase (`simwarp.vehicle.driving.driver_choices`).
     """
@@ -39,5 +39,5 @@ class UsualConditions(Spec):
     """Of drawbar [m/s]."""
 
 
-NONE_GIVEN: Final = UsualConditions()
+NONE_GIVEN: Final = ManeuverDefaults()
 """Of a vehicle whose description has none."""
