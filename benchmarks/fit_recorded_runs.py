@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from simwarp.core.warp_start import start_warp
 from simwarp.identify import Fit, FitConfig, FitResult, fit_config
@@ -116,9 +117,9 @@ def configuration(proof: Proof, folder: Path, iterations: int) -> FitConfig:
     )  # fmt: skip
 
 
-def vehicle_at(fit: Fit, values: Sequence[float]) -> VehicleSpec:
+def vehicle_at(fit: Fit, values: npt.NDArray[np.float64]) -> VehicleSpec:
     """The vehicle with some values of the parameters."""
-    document = fit.target.saved(fit.parameters.changed(np.asarray(values, float)))
+    document = fit.target.saved(fit.parameters.changed(values))
     made: VehicleSpec = SPECS.load(VehicleSpec, document)
     return made
 
