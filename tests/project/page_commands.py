@@ -178,7 +178,11 @@ def parse_simwarp(words: list[str]) -> None:
 
         stop = mock.patch.object(training_sweep, "read_plan", _stopping(training_sweep.read_plan))
     elif words[0] == "drive":
-        stop = mock.patch.multiple("simwarp.cli.drive.drive_command", _drive=_stop, run_batch=_stop)
+        stop = contextlib.ExitStack()
+        stop.enter_context(mock.patch.multiple("simwarp.cli.drive.drive_command", _drive=_stop, run_batch=_stop))
+        if {"--vary", "--search"} & set(words):
+            stop.enter_context(mock.patch("simwarp.cli.drive.drive_search.DesignSearch", _stop))
+            stop.enter_context(mock.patch("simwarp.study.monte_carlo.MonteCarlo.drive_nominal", _stop))
     elif words[0] == "bench":
         stop = mock.patch.multiple("simwarp.cli.benching", _rows=_stop, _count_on_emulated_device=_stop)
     else:
