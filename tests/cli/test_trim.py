@@ -130,9 +130,9 @@ def test_tables_are_printed_whole(trimming, terminal, monkeypatch):
         for stop in ("rebound", "hydraulic rebound")
     )
     axle = AxleStance(
-        ride_height=0.5, travel=0.01, toe=0.0, camber=0.0, load=5e3, side_force=0.0, tierod=None, lines=lines
+        ride_height=0.5, travel=0.01, toe=0.0, camber=0.0, track=1.0, load=5e3, side_force=0.0, tierod=None, lines=lines
     )
-    state = Stance(height=0.5, pitch=0.0, axles=(axle, axle))
+    state = Stance(height=0.5, pitch=0.0, wheelbase=2.0, com_height=0.6, axles=(axle, axle))
     spec = load_vehicle("artcar")
     monkeypatch.setattr(trim_command, "_states", lambda *_: (state, state))
     monkeypatch.setattr(trim_command, "trim", lambda *_, **__: spec)

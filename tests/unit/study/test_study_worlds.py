@@ -3,6 +3,8 @@
 import dataclasses
 import itertools
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from simwarp.study.monte_carlo import MonteCarlo
 from simwarp.study.study_error import StudyError
 from simwarp.study.varied_vehicle import friction_of, maneuver_of, spec_of, varied_vehicle
 from simwarp.study.world_runs import WorldRuns
+from simwarp.vehicle.assessment.maneuver_variants import Outcome
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
@@ -46,6 +49,13 @@ def sedan(*texts, options=SHORT):
     return varied_vehicle(load_vehicle("sedan"), "iso-3888-2", texts, options=options, friction=0.9)
 
 
+def driven(runs: WorldRuns, documents: Sequence[Any]) -> list[Outcome]:
+    """What worlds came to, none of which is without a vehicle."""
+    found = runs.run(documents)
+    assert all(isinstance(each, Outcome) for each in found)
+    return [each for each in found if isinstance(each, Outcome)]
+
+
 def columns(run):
     return np.stack(list(run.columns.values()))
 
@@ -65,7 +75,7 @@ def check_worlds(text, in_one):
     built = {index: runs._built(document) for index, document in enumerate(documents)}
     parts = list(runs._parts(built))
     assert (len(parts) == 1) == in_one
-    found = runs.run(documents)
+    found = driven(runs, documents)
     assert not np.array_equal(columns(found[0].run), columns(found[1].run)), key.name
     for document, outcome in zip(documents, found, strict=True):
         alone = run_alone(document)
@@ -90,7 +100,7 @@ def test_a_mass_and_a_friction_are_a_world_of_one_simulation():
     """The quick one of the above: two keys at once."""
     vehicle = sedan(BESIDE[0], "ground.friction=0.5..1", options={"speed": 14.0, "duration": 0.1})
     documents = [vehicle.changed(vehicle.drawn(shares)) for shares in ([0.1, 0.7], [0.9, 0.2])]
-    found = WorldRuns(vehicle=vehicle, dt=DT, device="cpu").run(documents)
+    found = driven(WorldRuns(vehicle=vehicle, dt=DT, device="cpu"), documents)
     for document, outcome in zip(documents, found, strict=True):
         length = len(outcome.run["t_s"])
         assert np.array_equal(columns(outcome.run), columns(run_alone(document))[:, :length])
@@ -129,7 +139,7 @@ def test_quantiles_of_a_monotone_figure_are_single_runs():
     assert summary.correlations == pytest.approx((-1.0,))
     drawn = np.sort([row.values[0] for row in result.rows])
     for part, index in ((5, 1), (50, 10), (95, 19)):
-        (alone,) = study.runs.run([vehicle.changed([drawn[::-1][index]])])
+        (alone,) = driven(study.runs, [vehicle.changed([drawn[::-1][index]])])
         value = next(item.value for item in alone.results if item.key == "final_speed")
         # interpolated at a place that is a whole number but for rounding
         assert summary.quantiles[part] == pytest.approx(value, rel=1e-12)
@@ -145,17 +155,18 @@ def test_a_world_that_diverges_or_cannot_be_built_is_marked_and_counted(monkeypa
         return [dataclasses.replace(each, broken=next(count) == 1) for each in real(drive, variants)]
 
     monkeypatch.setattr(world_runs, "outcomes", second_diverges)
-    changed = type(vehicle).changed
+    changed, third = type(vehicle).changed, rows_drawn(study)[2]
     monkeypatch.setattr(
         type(vehicle), "changed",
         lambda self, values: changed(self, [-1.0]) if values == third else changed(self, values),
     )  # fmt: skip
-    third = rows_drawn(study)[2]
     *_, result = study.steps()
     assert [row.sound for row in result.rows] == [True, False, False]
     assert result.rows[1].trouble.startswith("diverged at ")
     assert "mass" in result.rows[2].trouble
-    good, of, _ = result.passes()
+    passes = result.passes()
+    assert passes is not None
+    good, of, _ = passes
     assert of == 3
     assert good <= 1
     assert all(each.count <= 1 for each in result.summaries())
