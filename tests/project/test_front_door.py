@@ -16,7 +16,7 @@ from simwarp.sensors.instances import AppearanceOptions
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.motions", "simwarp.vehicle", "simwarp.sensors",
-    "simwarp.planning", "simwarp.scenery", "simwarp.vehicle.rigs",
+    "simwarp.planning", "simwarp.identify", "simwarp.study", "simwarp.scenery", "simwarp.vehicle.rigs",
     "simwarp.importers", "simwarp.exporters", "simwarp.soil", "simwarp.flex",
     "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",

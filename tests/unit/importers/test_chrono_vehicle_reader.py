@@ -116,7 +116,9 @@ def test_the_hmmwv_is_ours_within_the_printed_rounding(chrono):
         axles.append(dataclasses.replace(other, suspension=suspension, tire=mine.tire))
     sizes = {"size": ours.chassis.size, "size_center": ours.chassis.size_center}
     chassis = dataclasses.replace(theirs.chassis, **sizes)
-    theirs = dataclasses.replace(theirs, name="hmmwv", axles=tuple(axles), chassis=chassis)
+    theirs = dataclasses.replace(
+        theirs, name="hmmwv", axles=tuple(axles), chassis=chassis, maneuver_defaults=ours.maneuver_defaults
+    )
     assert differences(ours, theirs, PRINTED) == []
 
 
@@ -137,6 +139,7 @@ def test_the_sedan_is_ours_but_for_its_trim_and_the_balance_of_its_shafts(chrono
         assert mine.tire.parameters == {**other.tire.parameters, "damping_ratio": 0.5}
     theirs = dataclasses.replace(
         theirs, name="sedan", axles=tuple(axles), start_height=ours.start_height,
+        maneuver_defaults=ours.maneuver_defaults,
         driveline=dataclasses.replace(theirs.driveline, axle=-1, reaction=0.0),
         chassis=dataclasses.replace(theirs.chassis, size=ours.chassis.size, size_center=ours.chassis.size_center),
     )  # fmt: skip

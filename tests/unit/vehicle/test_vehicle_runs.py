@@ -327,7 +327,7 @@ def test_legends_are_beside_the_panels(tmp_path, monkeypatch):
 def test_a_part_of_a_circle_has_no_chord(tmp_path, monkeypatch):
     angle = np.linspace(0.0, 3.0, 400)
     run = made_up(np.linspace(-1.0, 3.0, 400), x_m=3.0 * np.sin(angle), y_m=3.0 - 3.0 * np.cos(angle))
-    drawn = panels(run, monkeypatch, tmp_path, circle(3.0))["way from above"].lines[0].get_xydata()
+    drawn = panels(run, monkeypatch, tmp_path, circle(3.0))["way"].lines[0].get_xydata()
     assert np.isnan(drawn).any()
     steps = np.linalg.norm(np.diff(drawn, axis=0), axis=1)
     assert np.nanmax(steps) < 0.06
