@@ -21,6 +21,11 @@ for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.S
 os.environ["SIMWARP_CACHE"] = tempfile.mkdtemp(prefix="simwarp-tests-")
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# How long an example takes says how busy the machine is
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 # What is imported and collected stays: looking for garbage in it costs a fifth of the collection, and again in tests
 gc.disable()
