@@ -14,7 +14,7 @@ import sys
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import tyro
 from rich.console import Console
@@ -35,6 +35,8 @@ VARIANT = "--task.variant"
 RUN_CONFIG = "config.json"
 """File by which the folder of a run is known."""
 
+WHOLE: Final = 1000
+"""Columns of what is no terminal: tables in pipes and files are not cut."""
 FLAT_PREFIX = "flat-"
 """Beginning of the names of such fields, as tyro calls them."""
 FLAT = tyro.conf.arg(name="")
@@ -53,6 +55,13 @@ class CommonOptions:
     def console(self) -> Console:
         """Return the console for people; names in brackets or between colons are printed as they are."""
         return Console(stderr=self.json == "-", markup=False, emoji=False)
+
+    def table_console(self) -> Console:
+        """Return the console for people, of which only a terminal bounds the width of tables."""
+        console = self.console()
+        if not console.is_terminal:
+            console.width = WHOLE
+        return console
 
     def check(self, *inputs: str | Path | None, **outputs: str | Path | None) -> None:
         """Refuse files that cannot be written, before any work is done.

@@ -32,8 +32,6 @@ AS_IT_IS: Final = "(default: as it is)"
 NO_FILE: Final = "(default: none is written)"
 NEGATIVE: Final = re.compile(r"-[\d.]")
 ANGLES: Final = ("toe", "camber")
-WHOLE: Final = 1000
-"""Columns of what is no terminal: tables in pipes and files are not cut."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,9 +75,7 @@ def run(arguments: list[str]) -> int:
     _check(name, options)
     device = str(resolve_device(None if options.device == "auto" else options.device))
     spec = _vehicle(name)
-    console = options.console()
-    if not console.is_terminal:
-        console.width = WHOLE
+    console = options.table_console()
     trimmed = trim(spec, **wishes, move_stops=options.move_stops, device=device) if wishes else spec
     before = _states(spec, device)
     if not wishes:

@@ -58,7 +58,10 @@ def run_search(spec: VehicleSpec, drive: DriveChoices, study: StudyOptions) -> i
     folder = study_folder(spec, drive, study)
     search = DesignSearch(plan, before.runs, folder)
     _check_figures(before, plan)
-    console, title = drive.console(), f"{spec.name}, {name}: {'highest' if goal.maximise else 'lowest'} {goal.key}"
+    console, title = (
+        drive.table_console(),
+        f"{spec.name}, {name}: {'highest' if goal.maximise else 'lowest'} {goal.key}",
+    )
     begin, work = time.perf_counter(), time.process_time()
     with stop_on_signals() as stop:
         _drive(search, console, title, stop)

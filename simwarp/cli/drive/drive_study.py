@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +20,7 @@ from simwarp.model.model import resolve_device
 from simwarp.study.monte_carlo import MonteCarlo, StudyResult, StudyRow, Worst, rows_of
 from simwarp.study.study_plot import draw_study
 from simwarp.study.study_summary import QUANTILES, FigureSummary
-from simwarp.study.varied_vehicle import spec_of, varied_vehicle
+from simwarp.study.varied_vehicle import MANEUVER, friction_of, spec_of, varied_vehicle
 from simwarp.vehicle.results.runs import Drive
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec
 from simwarp.vehicle.spec.vehicle_files import save_vehicle
@@ -52,7 +53,7 @@ def run_study(any_spec: AnyVehicleSpec, drive: DriveChoices, study: StudyOptions
         device=str(resolve_device(None if drive.device == "auto" else drive.device)),
     )  # fmt: skip
     title = f"{spec.name}, {name}, {plural(drive.worlds, 'world')}"
-    console = drive.console()
+    console = drive.table_console()
     begin, work = time.perf_counter(), time.process_time()
     made.drive_nominal()
     by = made.worst_by(study.worst_by) if study.worst or made.judged else None
@@ -106,9 +107,10 @@ def _print(
     console.print(figure_table(found))
     if found and len(result.sound) > 1:
         console.print(correlation_table(found, len(result.keys)))
-        console.print(
-            f"rank correlations below {found[0].chance:.2f} may be chance (95 %)", highlight=False, soft_wrap=True
-        )
+        chance = found[0].chance
+        text = f"rank correlations below {chance:.2f} may be chance (95 %)"
+        few = "too few worlds: any rank correlation may be chance"
+        console.print(text if chance < 1.0 else few, highlight=False, soft_wrap=True)
     passes = result.passes()
     if passes is not None:
         good, of, (low, high) = passes
@@ -176,9 +178,11 @@ def _write_worst(
         if stop.requested:
             break
         folder.mkdir(parents=True, exist_ok=True)
-        files = _write_world(made, row, study.worst_film, folder / f"worst_{number}")
+        files = _write_world(made, row, study.worst_film, folder / f"worst_{number}", console, stop)
         for path in files.values():
             console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
+        if files:
+            console.print(f"the same again: {_again(made, row, files)}", highlight=False, markup=False, soft_wrap=True)
         written.append({
             "world": row.world, "values": dict(zip(made.result().keys, row.values, strict=True)),
             "figures": dict(row.figures), "passed": row.passed, "trouble": row.trouble,
@@ -187,31 +191,51 @@ def _write_worst(
     return written
 
 
-def _write_world(made: MonteCarlo, row: StudyRow, film: WorstFilm, stem: Path) -> dict[str, Path]:
-    """Files of one world; none of one that cannot be built."""
+def _again(made: MonteCarlo, row: StudyRow, files: dict[str, Path]) -> str:
+    """The command that drives a world by itself: its file has neither road nor manoeuvre."""
+    document = made.vehicle.changed(row.values)
+    given = {key: value for key, value in document[MANEUVER].items() if not math.isnan(value)}
+    given |= {"friction": friction_of(document), "dt": made.runs.dt}
+    options = [f"--{key.replace('_', '-')} {value!r}" for key, value in given.items()]
+    return " ".join(["simwarp drive", str(files["vehicle"]), "--maneuver", made.vehicle.maneuver, *options])
+
+
+def _write_world(
+    made: MonteCarlo, row: StudyRow, film: WorstFilm, stem: Path, console: Console, stop: StopRequest
+) -> dict[str, Path]:
+    """Files of one world; none of one that cannot be built. A request to stop leaves the vehicle's."""
     document = made.vehicle.changed(row.values)
     try:
         setup = made.runs.alone(document)
     except ValueError:
         return {}
-    drive = Drive(setup)
-    files = {"vehicle": stem.with_suffix(".json"), "csv": stem.with_suffix(".csv")}
-    if film is WorstFilm.NONE:
-        run = drive.run()
-    else:
-        from simwarp.cli.view.drive_film import DriveFilm
-
-        files["video"] = stem.with_suffix(f".{film.value}")
-        camera = DriveFilm(setup, files["video"], FILM_SIZE)
-        run = drive.run(camera.beside(_nothing))
-        camera.write()
+    drive, seconds = Drive(setup), max(setup.maneuver.duration, 1e-9)
+    files = {"vehicle": stem.with_suffix(".json")}
     save_vehicle(spec_of(document), files["vehicle"])
+    with StudyBar(console, stem.name, 100, "%") as bar:
+
+        def shown(t: float) -> None:
+            bar.advance(100.0 * min(1.0, (t + setup.maneuver.start) / seconds))
+            if stop.requested:
+                raise _StoppedError
+
+        try:
+            if film is WorstFilm.NONE:
+                run = drive.run(shown)
+            else:
+                from simwarp.cli.view.drive_film import DriveFilm
+
+                video = stem.with_suffix(f".{film.value}")
+                camera = DriveFilm(setup, video, FILM_SIZE)
+                run = drive.run(camera.beside(shown))
+        except _StoppedError:
+            return files
+    files["csv"] = stem.with_suffix(".csv")
     run.write(files["csv"])
+    if film is not WorstFilm.NONE:
+        files["video"] = video
+        camera.write()
     return files
-
-
-def _nothing(t: float) -> None:
-    """No progress is shown."""
 
 
 def _content(

@@ -115,8 +115,8 @@ class DriveChoices(Protocol):
     def plot(self) -> Path | None:
         """File of a picture."""
 
-    def console(self) -> Console:
-        """For people."""
+    def table_console(self) -> Console:
+        """For people, with whole tables."""
 
     def emit(self, content: Mapping[str, Any]) -> None:
         """For scripts."""
