@@ -64,7 +64,7 @@ def standing_sheet(spec: VehicleSpec, found: Stance) -> list[StandingFact]:
         _row("pitch, nose down", math.degrees(pitch), math.degrees(found.pitch), "°"),
     ]
     for index, stands in enumerate(found.axles):
-        name, pair = f"axle {index + 1}", axes[2 * index : 2 * index + 2]
+        name, pair = f"axle {index}", axes[2 * index : 2 * index + 2]
         toe, camber = toe_angles(pair, (1.0, -1.0)).mean(), camber_angles(pair, (1.0, -1.0)).mean()
         rows += [
             _row(f"{name}: frame above the ground", design[index], stands.ride_height, "m"),
@@ -84,12 +84,12 @@ def standing_notes(spec: VehicleSpec, found: Stance) -> list[str]:
         if abs(stands.travel) > min(TOLD, TOLD_SHARE * axle.tire.radius):
             side = "lower" if stands.travel > 0.0 else "higher"
             notes.append(
-                f"At rest the vehicle stands {1e3 * abs(stands.travel):.0f} mm {side} over axle {index + 1} than its "
+                f"At rest the vehicle stands {1e3 * abs(stands.travel):.0f} mm {side} over axle {index} than its "
                 "description builds it; `simwarp trim --ride-height design` finds springs for that height."
             )
         springs: tuple[ForceLine, ...] = getattr(axle.suspension, "springs", ())
         notes += [
-            f"At rest {line_name(line, number + 1)} of axle {index + 1} is {1e3 * at_rest.into_stop:.1f} mm in its "
+            f"At rest {line_name(line, number)} of axle {index} is {1e3 * at_rest.into_stop:.1f} mm in its "
             f"{at_rest.stop} stop."
             for number, (line, at_rest) in enumerate(zip(springs, stands.lines, strict=True))
             if at_rest.stop

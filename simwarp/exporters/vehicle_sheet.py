@@ -101,7 +101,7 @@ def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
     for index, axle in enumerate(spec.axles):
         left, right = places[2 * index], places[2 * index + 1]
         lines = None if stands is None else stands.axles[index].lines
-        found.append(Section(f"Axle {index + 1}", tuple(_axle(axle, float(left[1] - right[1]), lines))))
+        found.append(Section(f"Axle {index}", tuple(_axle(axle, float(left[1] - right[1]), lines))))
     for mount in spec.steerings:
         found.append(Section("Steering", (Fact("kind", mount.steering.template), *_numbers(mount.steering))))
     return found
@@ -114,7 +114,7 @@ def _axle(axle: Axle, track: float, stands: Sequence[LineStance] | None) -> Iter
     yield Fact("suspension", suspension.template)
     yield from _numbers(suspension)
     for index, line in enumerate(getattr(suspension, "springs", ())):
-        yield from _line(line, index + 1, None if stands is None else stands[index])
+        yield from _line(line, index, None if stands is None else stands[index])
     if axle.antiroll_bar is not None:
         yield from (
             dataclasses.replace(fact, label=f"anti-roll bar: {fact.label}") for fact in _numbers(axle.antiroll_bar)
@@ -161,7 +161,7 @@ def _line(line: ForceLine, number: int, stands: LineStance | None) -> Iterator[F
 
 
 def line_name(line: ForceLine, number: int) -> str:
-    """What a line is, with its number on its axle, from 1."""
+    """What a line is, with its index among the `springs` of its axle."""
     springs = line.stiffness or line.spring_curve is not None or line.preload
     damps = line.damping or line.damper_curve is not None or line.damper_map is not None
     kinds = [name for name, has in (("spring", springs), ("damper", damps)) if has]

@@ -156,7 +156,7 @@ def _gradients(curve: UndersteerCurve, used: Flags) -> list[Result]:
         degrees.append(
             Result(f"{prefix}_gradient_deg_g", label, math.degrees(line.gradient) * GRAVITY, "deg/g", missing)
         )
-        plain.append(Result(f"{prefix}_gradient", label, line.gradient, "rad/(m/s²)", missing))
+        plain.append(Result(f"{prefix}_gradient", f"{label}, SI", line.gradient, "rad/(m/s²)", missing))
         straight.append(Result(f"{prefix}_straightness", f"{label}: R²", line.straightness, "", NOT_STEERED))
     return [*degrees, *plain, *straight]
 

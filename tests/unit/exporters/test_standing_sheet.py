@@ -45,8 +45,8 @@ def table(travel: float) -> dict[str, tuple[str, str, str]]:
 
 
 def test_the_design_height_is_that_of_wheels_in_their_places():
-    assert table(-0.1)["axle 1: frame above the ground"] == ("0.3800", "0.4800", "m")
-    assert table(-0.1)["axle 1: wheels above their place in the frame"] == ("0.0", "-100.0", "mm")
+    assert table(-0.1)["axle 0: frame above the ground"] == ("0.3800", "0.4800", "m")
+    assert table(-0.1)["axle 0: wheels above their place in the frame"] == ("0.0", "-100.0", "mm")
     # the frame of the design is lower by the travel everywhere, and so is the centre of mass in it
     heights = [float(table(travel)["centre of mass above the ground"][0]) for travel in (0.0, -0.1)]
     assert heights[0] - heights[1] == pytest.approx(0.1, abs=1.1e-4)  # two numbers of four digits
@@ -54,9 +54,9 @@ def test_the_design_height_is_that_of_wheels_in_their_places():
 
 def test_angles_and_distances_stand_beside_each_other_with_units():
     found = table(0.0)
-    assert found["axle 2: toe, positive inwards"] == ("0.00", f"{math.degrees(0.01):.2f}", "°")
-    assert found["axle 2: camber, positive outwards"][1:] == (f"{math.degrees(-0.02):.2f}", "°")
-    assert found["axle 2: track"] == ("1.8194", "1.7000", "m")
+    assert found["axle 1: toe, positive inwards"] == ("0.00", f"{math.degrees(0.01):.2f}", "°")
+    assert found["axle 1: camber, positive outwards"][1:] == (f"{math.degrees(-0.02):.2f}", "°")
+    assert found["axle 1: track"] == ("1.8194", "1.7000", "m")
     assert found["wheelbase"] == ("3.3020", "3.3000", "m")
     assert all(unit for _, _, unit in found.values())
 
@@ -75,7 +75,7 @@ def test_a_vehicle_that_was_trimmed_stands_as_it_is_built():
 def test_a_vehicle_far_from_its_design_says_so(travel, word):
     notes = standing_notes(load_vehicle("hmmwv"), hmmwv_stance(travel))
     assert sum(word in note for note in notes) == 2
-    assert any("spring 1 of axle 2 is 6.4 mm in its rebound stop" in note for note in notes)
+    assert any("spring 0 of axle 1 is 6.4 mm in its rebound stop" in note for note in notes)
 
 
 def test_one_at_its_design_says_nothing_of_it():
@@ -89,15 +89,15 @@ def test_a_curve_has_a_rate_where_the_spring_stands():
         if section.title.startswith("Axle")
     )
     # between two points of the curve: 8991.945 N at -40 mm, 17818.165 N at -60 mm
-    value, unit = front["spring 1: rate at rest, 290.0 mm long"]
+    value, unit = front["spring 0: rate at rest, 290.0 mm long"]
     assert (float(value), unit) == (pytest.approx((17818.165 - 8991.945) / 20.0, rel=1e-4), "N/mm")
     # 6.4 mm in a stop of 100 N/mm
-    bare, stopped = (float(rear[f"spring 1: {text}"][0]) for text in (
+    bare, stopped = (float(rear[f"spring 0: {text}"][0]) for text in (
         "rate at rest, 356.4 mm long", "the same with its rebound stop, 6.4 mm in"))  # fmt: skip
     assert stopped - bare == pytest.approx(100.0, abs=0.05)
-    assert rear["spring 1: rates between its stops"][1] == "N/mm"
+    assert rear["spring 0: rates between its stops"][1] == "N/mm"
     built = {fact.label for section in vehicle_sheet(load_vehicle("hmmwv")) for fact in section.facts}
-    assert any(label.startswith("spring 1: rate as built") for label in built)
+    assert any(label.startswith("spring 0: rate as built") for label in built)
 
 
 def test_rates_are_slopes_between_the_stops():

@@ -48,6 +48,6 @@ def test_a_load_ahead_weighs_on_the_first_axle():
 
 
 def test_springs_tires_and_ratios_are_told():
-    axle, gears = facts(load_vehicle("sedan"), "Axle 1"), facts(load_vehicle("sedan"), "Transmission")
-    assert (axle["spring 1: stiffness"], axle["damper 2: damping"], axle["tire"]) == ("5e+05", "10000", "tmeasy")
+    axle, gears = facts(load_vehicle("sedan"), "Axle 0"), facts(load_vehicle("sedan"), "Transmission")
+    assert (axle["spring 0: stiffness"], axle["damper 1: damping"], axle["tire"]) == ("5e+05", "10000", "tmeasy")
     assert gears["forward ratios"].startswith("0.265, 0.489")
