@@ -20,11 +20,16 @@ MOST_SHOWN: Final = 6
 """Figures on a page."""
 ROW_HEIGHT: Final = 2.1
 MOST_BINS: Final = 40
+MARKS: Final = (
+    "red line: as built; dotted: 5, 50 and 95 % of the worlds; grey: correlations that may be chance; "
+    "orange points: worlds that failed"
+)
 
 
 def draw_study(result: StudyResult, target: Path, title: str) -> None:
     """Writes a page in the format of the file's suffix: for each figure its histogram with quantiles and the value as
-    built, beside it the rank correlations with all keys, and the figure over the key that bears most on it.
+    built, beside it the rank correlations with all keys, and the figure over the key that bears most on it. A line at
+    the foot says what the marks are.
 
     Args:
         result: with sound rows.
@@ -40,6 +45,7 @@ def draw_study(result: StudyResult, target: Path, title: str) -> None:
     page.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(page)
     page.suptitle(title, x=0.012, ha="left", fontsize=15, fontweight="bold", color=INK)
+    page.supxlabel(MARKS, x=0.012, ha="left", fontsize=9, color=INK)
     if shown:
         grid = page.add_gridspec(len(shown), 3, width_ratios=[1.5, 1.2, 1.3])
         for row, each in enumerate(shown):
@@ -88,12 +94,11 @@ def _draw_strongest(axes: Any, each: FigureSummary, result: StudyResult) -> None
     key = [row.values[index] for row in rows]
     passed = np.array([row.passed is not False for row in rows])
     values = result.column(each.figure.key)
-    failed = "; orange: failed" if not passed.all() else ""
-    title_of(axes, f"over {_short(result.keys[index], 26)}{failed}")
+    title_of(axes, f"over {_short(result.keys[index])}")
     for mask, colour in ((passed, BLUE), (~passed, ORANGE)):
         axes.plot(np.asarray(key)[mask], values[mask], ".", color=colour, markersize=4)
 
 
 def _short(key: str, most: int = 34) -> str:
     """The end of a long key."""
-    return key if len(key) <= most else f"...{key[3 - most :]}"
+    return key if len(key) <= most else f"...{key[3 - most :].lstrip('.')}"
