@@ -17,6 +17,7 @@ import numpy as np
 
 from simwarp.core.types import formatted
 from simwarp.vehicle.spec.parts import Array, ForceLine, SpecError
+from simwarp.vehicle.spec.reach import AROUND_WHEEL
 from simwarp.vehicle.spec.vehicle_spec import Axle, DoubleWishbone, VehicleSpec
 from simwarp.vehicle.stances import AxleStance, Stance, sprung, stance, stop_at
 from simwarp.vehicle.suspensions.alignment import (
@@ -146,6 +147,9 @@ def trim(
     found = stance(spec, device=device)
     heights = [wish for wish in wishes if wish.reading is Reading.RIDE_HEIGHT]
     if move_stops:
+        for wish in heights:
+            if abs(_asked_travel(wish, found)) > SEARCHED * spec.axles[wish.axle].tire.radius:
+                _travel(spec, wish, found, device)  # no stop is what is in the way: it refuses the height at once
         freed = _with_stops_moved(spec, heights, found, device)
         spec, found = (spec, found) if freed == spec else (freed, stance(freed, device=device))
     if _arrived(wishes, found):
@@ -261,12 +265,15 @@ def _travel(spec: VehicleSpec, wish: _Wish, found: Stance, device: str) -> _Trav
 def _why_not(spec: VehicleSpec, index: int, travel: float, device: str) -> str:
     """What keeps an axle from a travel, and the remedy."""
     axle = spec.axles[index]
+    away = f"that is {abs(travel):.3g} m from where its wheels are built; ask for less, or build them elsewhere"
+    if abs(travel) > 2.0 * AROUND_WHEEL * axle.tire.radius:
+        return away  # further than any linkage is long: a bench would try for minutes
     lengths = _lengths_at(spec, index, [travel], device)[0]
     if not np.isfinite(lengths).all():
         return "there its linkage does not close; ask for less, or change its hardpoints"
     stops = _blocking(axle, lengths)
     if not stops:
-        return f"that is {abs(travel):.3g} m from where its wheels are built; ask for less, or build them elsewhere"
+        return away
     number, stop, key, clear = stops[0]
     line: Any = getattr(axle.suspension, "springs", ())[number]
     return (

@@ -170,3 +170,9 @@ def test_an_axle_of_dampers_alone_has_no_height_to_set() -> None:
     )
     with pytest.raises(SpecError, match="ride_height: must be left out of axle 0 of 'artcar', which has no springs"):
         trim(spec, ride_height=(0.12, None))
+
+
+def test_a_height_out_of_all_reach_is_refused_before_stops_are_moved() -> None:
+    """Millimetres in place of metres: the search for a state moved its stops, and then did not end for minutes."""
+    with pytest.raises(SpecError, match=r"^ride_height: must be from .* m at axle 0 of 'gator', .* got 412; "):
+        trim(load_vehicle("gator"), ride_height=(412.0, None), move_stops=True)
