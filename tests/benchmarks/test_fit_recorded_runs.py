@@ -99,10 +99,11 @@ def test_a_vehicle_fitted_to_some_records_predicts_the_others():
     found = proof_of(PROOFS["hmmwv"], 25, 1)
     held = [row for row in found["checks"] if row["held_out"]]
     assert {row["run"] for row in held} == {BRAKE, FIALA, PACEJKA}
-    # loads under full brakes miss their bound with the vehicle's own numbers too, by what `known.py` lists
+    # Two loads under full brakes miss their 4 %: FL, which the vehicle with its own numbers misses too, by what
+    # `known.py` lists (4.09 % measured), and RR (4.01 %)
     listed, _ = KNOWN["vehicles: hmmwv tmeasy brake", "load FL, RMS"]
     for row in held:
-        beyond = row["run"] == BRAKE and row["quantity"].startswith("load")
+        beyond = row["run"] == BRAKE and row["quantity"].startswith(("load FL", "load RR"))
         assert row["after"] <= (listed if beyond else row["bound"]), row
     # the vehicle that the fit began with was beyond many bounds
     assert sum(row["before"] is not None and row["before"] > row["bound"] for row in held) >= 10
