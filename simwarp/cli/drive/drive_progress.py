@@ -27,7 +27,7 @@ class ManeuverBar:
         )  # fmt: skip
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
-        self._compiling = report_compiling(self._tell, every=1.0 if console.is_terminal else LINES_APART)
+        self._compiling = report_compiling(self._report, every=1.0 if console.is_terminal else LINES_APART)
 
     def __enter__(self) -> ManeuverBar:
         self._progress.start()
@@ -39,7 +39,7 @@ class ManeuverBar:
         self._compiling.__exit__(None, None, None)
         self._progress.stop()
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         """Of kernels that are compiled."""
         if self.console.is_terminal:
             self._progress.update(self._task, description=f"{self.title}: {text}")

@@ -137,15 +137,15 @@ def _drive(search: DesignSearch, console: Console, title: str, stop: StopRequest
     """All designs, or those that were done when a request to stop came."""
     with StudyBar(console, title, search.plan.trials, "designs") as bar:
 
-        def shown(done: float) -> None:
+        def advance(done: float) -> None:
             best = search.best
             bar.advance(done, "" if best is None else f", best {best.goal:.4g}")
             if stop.requested:
                 raise _StoppedError
 
         try:
-            for _ in search.steps(shown):
-                shown(len(search.designs))
+            for _ in search.steps(advance):
+                advance(len(search.designs))
         except _StoppedError:
             pass
 

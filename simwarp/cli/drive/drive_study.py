@@ -80,13 +80,13 @@ def _drive(made: MonteCarlo, drive: DriveChoices, console: Console, title: str, 
     """All worlds, or those of the batches that were done when a request to stop came."""
     with StudyBar(console, title, drive.worlds, "worlds") as bar:
 
-        def shown(done: float) -> None:
+        def advance(done: float) -> None:
             bar.advance(done)
             if stop.requested:
                 raise _StoppedError
 
         try:
-            for result in made.steps(shown):
+            for result in made.steps(advance):
                 if drive.csv is not None:
                     result.write_rows(drive.csv)
                 if stop.requested:
@@ -122,8 +122,8 @@ def _print(
         text = f"{plural(len(troubled), 'world')} without figures, the first {first.world}: {first.trouble}"
         console.print(text, style="red", highlight=False, soft_wrap=True)
     if by is not None and result.rows:
-        shown = result.worst(by, SHOWN_WORST)
-        texts = [f"{row.world} ({row.trouble or _text(row.figures.get(by.key))})" for row in shown]
+        worst = result.worst(by, SHOWN_WORST)
+        texts = [f"{row.world} ({row.trouble or _text(row.figures.get(by.key))})" for row in worst]
         console.print(f"worst by {by.key}: {', '.join(texts)}", highlight=False, soft_wrap=True)
     if interrupted:
         done = f"{len(result.rows)} of {made.worlds} worlds are done and kept"
@@ -214,20 +214,20 @@ def _write_world(
     save_vehicle(spec_of(document), files["vehicle"])
     with StudyBar(console, stem.name, 100, "%") as bar:
 
-        def shown(t: float) -> None:
+        def advance(t: float) -> None:
             bar.advance(100.0 * min(1.0, (t + setup.maneuver.start) / seconds))
             if stop.requested:
                 raise _StoppedError
 
         try:
             if film is WorstFilm.NONE:
-                run = drive.run(shown)
+                run = drive.run(advance)
             else:
                 from simwarp.cli.view.drive_film import DriveFilm
 
                 video = stem.with_suffix(f".{film.value}")
                 camera = DriveFilm(setup, video, FILM_SIZE)
-                run = drive.run(camera.beside(shown))
+                run = drive.run(camera.beside(advance))
         except _StoppedError:
             return files
     files["csv"] = stem.with_suffix(".csv")

@@ -40,7 +40,7 @@ class TaskRecord:
         group = task.model_groups[0]
         if group.task.simulation is None:
             raise UsageError(f"--record: task '{task.name}' has no bodies to record; make a --video of it")
-        return _RecordedPolicy(policy, task, self._take)
+        return _RecordedPolicy(policy, task, self._record)
 
     def recorded(self, make: Callable[[Task[Any]], Policy]) -> Callable[[Task[Any]], Policy]:
         """What makes a policy, which is recorded."""
@@ -61,7 +61,7 @@ class TaskRecord:
         if self._writer is not None:
             self._writer.close()
 
-    def _take(self, task: Task[Any], actions: torch.Tensor) -> None:
+    def _record(self, task: Task[Any], actions: torch.Tensor) -> None:
         """Records the present state, and what is done in it."""
         if self._closed:
             return
@@ -77,12 +77,12 @@ class TaskRecord:
 class _RecordedPolicy:
     """A policy, its memory included, that tells what it does."""
 
-    def __init__(self, policy: Policy, task: Task[Any], take: Callable[[Task[Any], torch.Tensor], None]) -> None:
-        self._policy, self._task, self._take = policy, task, take
+    def __init__(self, policy: Policy, task: Task[Any], record: Callable[[Task[Any], torch.Tensor], None]) -> None:
+        self._policy, self._task, self._record = policy, task, record
 
     def __call__(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         actions = self._policy(observations)
-        self._take(self._task, actions)
+        self._record(self._task, actions)
         return actions
 
     def __getattr__(self, name: str) -> Any:
