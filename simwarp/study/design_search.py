@@ -175,7 +175,7 @@ class DesignSearch:
             shown = None if progress is None else _counted(progress, made, len(begun))
             found = self._drive([self._values(trial.params) for trial in begun], shown)
             for trial, record in zip(begun, found, strict=True):
-                self._tell(trial, record)
+                self._record_result(trial, record)
                 self.designs.append(_design(trial.number, self._values(trial.params), record))
             yield self.designs[made:]
 
@@ -250,7 +250,7 @@ class DesignSearch:
             "bounds": [-LEFT_OUT if math.isnan(value) else value for value in bounds],
         }  # fmt: skip
 
-    def _tell(self, trial: Any, record: Mapping[str, Any]) -> None:
+    def _record_result(self, trial: Any, record: Mapping[str, Any]) -> None:
         """Write down what became of a trial."""
         trial.set_user_attr(FOUND, dict(record))
         with warnings.catch_warnings():
