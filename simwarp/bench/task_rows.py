@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 from unittest import mock
 
@@ -16,7 +14,7 @@ from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, bytes_of, check_memory, judge
 from simwarp.bench.timing import counted_launches, measure_speed
 from simwarp.core.memory import check_fits
-from simwarp.simulation.step_program import StepProgram
+from simwarp.simulation.step_program import timed_phases
 from simwarp.tasks import TaskError, check_step, make, replace_fields, resolve_device, task_class
 from simwarp.tasks.framework.task import NON_FINITE
 
@@ -77,45 +75,29 @@ class TaskRun:
         """Shares of the time of a step in which a policy acts: physics, sensors, the policy's network (that which
         `simwarp train` would make), and the task around them: actions, rewards, observations, resets.
         """
-        spent = {"physics": 0.0, "sensors": 0.0, "policy": 0.0}
-        sim, policy = self.task.simulation, self._policy()
-
-        def timed(part: str, work: Callable[[], None]) -> None:
-            self.wait()
-            start = time.perf_counter()
-            work()
-            self.wait()
-            spent[part] += time.perf_counter() - start
-
-        parts = {} if sim is None else dict.fromkeys(sim.physics_commands, "physics")
-        parts |= {} if sim is None else dict.fromkeys(itertools.chain.from_iterable(sim.sensor_commands), "sensors")
-
-        def run(program: StepProgram, steps: int) -> None:
-            for part, commands in itertools.groupby(program.launches(steps), parts.get):
-                launch = functools.partial(_launch, tuple(commands))
-                if part is None:
-                    launch()
-                else:
-                    timed(part, launch)
+        policy, acting_s = self._policy(), 0.0
 
         def act() -> None:
-            timed("policy", lambda: policy(self.task.observe()))
+            nonlocal acting_s
+            self.wait()
+            start = time.perf_counter()
+            policy(self.task.observe())
+            self.wait()
+            acting_s += time.perf_counter() - start
 
         captured = not self.task.not_captured
         # a step that is replayed from a graph calls no program: its parts are timed in steps without
-        with mock.patch.object(StepProgram, "run", run), mock.patch.object(self.task, "capture", False):
+        with timed_phases(self.wait) as times, mock.patch.object(self.task, "capture", False):
             steps, total = self._acting_steps(act)
-        shares = {part: seconds / steps for part, seconds in spent.items()}
+        shares = {phase.value: seconds / steps for phase, seconds in times.seconds.items()}
+        shares["policy"] = acting_s / steps
         whole = total / steps
         if captured:
             steps, total = self._acting_steps(act)
             whole = total / steps
-        around = max(0.0, whole - sum(shares.values()))
-        whole = around + sum(shares.values())
-        return {
-            "physics": shares["physics"] / whole, "sensors": shares["sensors"] / whole, "task": around / whole,
-            "policy": shares["policy"] / whole,
-        }  # fmt: skip
+        shares["task"] = max(0.0, whole - sum(shares.values()))
+        whole = sum(shares.values())
+        return {part: shares[part] / whole for part in ("physics", "sensors", "task", "policy")}
 
     def _acting_steps(self, act: Callable[[], None]) -> tuple[int, float]:
         """Steps in which a policy acts: how many, and how long they took [s]."""
@@ -145,11 +127,6 @@ class TaskRun:
                 actor(TensorDict(dict(observations), batch_size=[task.num_worlds]))
 
         return act
-
-
-def _launch(commands: Sequence[Any]) -> None:
-    for command in commands:
-        command.launch()
 
 
 def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds: float, obs: str | None = None) -> Row:

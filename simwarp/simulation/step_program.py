@@ -2,12 +2,67 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import enum
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextvars import ContextVar
 from typing import Any
 
 from simwarp.simulation.read_interval import ReadInterval
 from simwarp.simulation.world_launches import Block, WorldLaunch, WorldProgram, WorldShares
+
+
+class Phase(enum.Enum):
+    """Part of a step that launches belong to."""
+
+    PHYSICS = "physics"
+    SENSORS = "sensors"
+
+
+@dataclasses.dataclass
+class PhaseTimes:
+    """Time by phase of the steps in a context [s]; see :func:`timed_phases`.
+
+    Attributes:
+        wait: returns when the device is done.
+        seconds: so far.
+    """
+
+    wait: Callable[[], None]
+    seconds: dict[Phase, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(Phase, 0.0))
+
+    def launch(self, phase: Phase | None, commands: Iterable[Any]) -> None:
+        """Launch commands, and add their time to that of the phase; None: they belong to none."""
+        self.wait()
+        start = time.perf_counter()
+        for command in commands:
+            command.launch()
+        if phase is not None:
+            self.wait()
+            self.seconds[phase] += time.perf_counter() - start
+
+
+_TIMES: ContextVar[PhaseTimes | None] = ContextVar("_TIMES", default=None)
+
+
+@contextlib.contextmanager
+def timed_phases(wait: Callable[[], None]) -> Iterator[PhaseTimes]:
+    """Context in which steps launch one command after the other and are timed by phase; their results stay the same.
+
+    Steps that are replayed from a graph run no program, and are not timed.
+
+    Args:
+        wait: returns when the device is done.
+    """
+    times = PhaseTimes(wait)
+    token = _TIMES.set(times)
+    try:
+        yield times
+    finally:
+        _TIMES.reset(token)
 
 
 class StepProgram:
@@ -32,6 +87,9 @@ class StepProgram:
         shown: Sequence[Any], sensors: Sequence[Sequence[Any]], substeps: int,
     ) -> None:  # fmt: skip
         self._interval, self._substeps = interval, substeps
+        self._phases: dict[Any, Phase] = dict.fromkeys(physics, Phase.PHYSICS)
+        due_sometimes = (launches for each in interval.sensors if each is not None for launches in each.launches)
+        self._phases |= dict.fromkeys(itertools.chain(*sensors, *due_sometimes), Phase.SENSORS)
 
         def substep(measuring: Iterable[Sequence[Any]]) -> list[Any]:
             due = list(itertools.chain.from_iterable(measuring))
@@ -54,11 +112,16 @@ class StepProgram:
 
     def run(self, steps: int) -> None:
         """Runs `steps` steps."""
+        timed = _TIMES.get()
+        if timed is not None:
+            for phase, commands in itertools.groupby(self._launches(steps), self._phases.get):
+                timed.launch(phase, commands)
+            return
         for program, times in self._programs(steps):
             program.run(times)
 
-    def launches(self, steps: int) -> Iterator[Any]:
-        """What `run` launches, in turn, for whoever launches and times each."""
+    def _launches(self, steps: int) -> Iterator[Any]:
+        """What `run` launches, in turn."""
         for program, times in self._programs(steps):
             yield from program.commands * times
 

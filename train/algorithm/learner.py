@@ -29,10 +29,11 @@ from simwarp.tasks.framework.saved_task import NEW_STATE
 
 from ..config import TrainConfig, train_config_from_plain
 from ..runs.checkpoint import check_members
-from ..runs.progress_table import BY_MODEL, LOGGED, SUCCESS
+from ..runs.progress_table import BY_MODEL, LOGGED, PHASE, SUCCESS
 from ..runs.saved_state import check_memories, check_optimizer
 from .distributed import Processes
 from .learner_thread_pool import LearnerThreads
+from .phase_sample import LEARN, UNTIMED, TimedStep
 from .vec_env import TaskVecEnv
 
 _WINDOW_EPISODES = 100
@@ -129,6 +130,7 @@ class Learner(ABC):
         if not self.group.several:  # several must take as many steps of the optimiser
             self.algorithm.optimizer.register_step_post_hook(self._between_batches)
         self._window: deque[tuple[int, float, float]] = deque()
+        self._timed_step = TimedStep(task)
         if config.spread_start:
             chance = torch.rand(task.num_worlds, device=self.device)
             self.env.episode_length_buf = (chance * task.contract.step_limit()).long().repeat_interleave(task.agents)
@@ -213,6 +215,7 @@ class Learner(ABC):
         worlds = self.group.sums({"broken": float(self.env.broken.sum())}, self.device)["broken"]
         everywhere = worlds == self.env.num_envs * self.group.count
         values |= {name: value / self.group.count for name, value in means.items()}
+        values |= self._phase_seconds(collected - started, finished - collected)
         return IterationReport(
             iteration=self.iteration,
             env_steps=self.env_steps,
@@ -235,11 +238,17 @@ class Learner(ABC):
         left = False
         with torch.inference_mode():
             observations = self.env.get_observations()
+            self._timed_step = TimedStep(self.task)
+            timed = self.iteration % self.config.steps_per_iteration
             for step in range(self.config.steps_per_iteration):
-                actions = self.algorithm.act(observations)
-                observations, rewards, dones, extras = self.env.step(actions)
+                part = self._timed_step if step == timed else UNTIMED
+                with part.policy():
+                    actions = self.algorithm.act(observations)
+                with part.worlds():
+                    observations, rewards, dones, extras = self.env.step(actions)
                 self._after_step(step)
-                self.algorithm.process_env_step(observations, rewards, dones, extras)
+                with part.policy():
+                    self.algorithm.process_env_step(observations, rewards, dones, extras)
                 left = self.interlude()
                 if left:
                     break
@@ -247,6 +256,11 @@ class Learner(ABC):
             if self.group.sums({"left": float(left)}, self.device)["left"] > 0.0:
                 raise IterationLeftError
             self.algorithm.compute_returns(observations)
+
+    def _phase_seconds(self, collect_s: float, learn_s: float) -> dict[str, float]:
+        """Return the time of an iteration by phase [s]: that of the rollout divided like its timed step."""
+        seconds = {name: share * collect_s for name, share in self._timed_step.shares().items()}
+        return {f"{PHASE}{name}": value for name, value in {**seconds, LEARN: learn_s}.items()}
 
     def _between_batches(self, *_: object) -> None:
         """Called by the optimiser after each of its steps."""

@@ -19,12 +19,15 @@ SUCCESS: Final = "success"
 """Share of the episodes of an iteration that ended as a success."""
 BY_MODEL: Final = "model/"
 """Beginning of the names of what is recorded of each model of a mixed batch: model/NAME/success and so on."""
+PHASE: Final = "time/"
+"""Beginning of the names of the time of an iteration by phase: time/simulate, time/sense, time/task, time/policy,
+time/learn [s]; all but the last from a control step that is timed in parts."""
 WALL: Final = "wall_s"
 """Time of training by the clock, that before a resume included [s]."""
 FIRST_COLUMNS: Final = ("iteration", "env_steps", WALL, "mean_reward", "mean_episode_length", "env_steps_per_s")
 COLUMNS: Final = (*FIRST_COLUMNS, "episodes", SUCCESS, "learning_rate", "action_std")
 """Columns of all tasks."""
-FAMILIES: Final = ("reward/", "end/", "loss/", LOGGED, BY_MODEL)
+FAMILIES: Final = ("reward/", "end/", "loss/", LOGGED, BY_MODEL, PHASE)
 """Beginnings of the names of columns that a task or an algorithm has for itself."""
 _ITERATION = "iteration"
 
