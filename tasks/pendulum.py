@@ -17,8 +17,10 @@ import simwarp as sw
 from simwarp.tasks import (
     Drawing,
     Line,
+    Mirror,
     NotNegative,
     Positive,
+    Reflection,
     RewardWeights,
     Task,
     TaskConfig,
@@ -94,6 +96,12 @@ class PendulumTask(Task[CartPoleConfig]):
         "ppo.lam": 0.97,
         "ppo.desired_kl": 0.005,
     }
+
+    def mirror(self) -> Mirror | None:
+        """Return the mirror image: everything is to the other side; unsigned observations have none."""
+        if self.config.legacy_compat:
+            return None
+        return Mirror({"policy": Reflection((0, 1, 2, 3), (-1.0,) * 4)}, Reflection((0,), (-1.0,)))
 
     # ---- the six methods of a task -----------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 import os
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
@@ -40,10 +41,12 @@ class Activation(enum.Enum):
 
 
 class Schedule(enum.Enum):
-    """How the learning rate moves: by the KL divergence of each update, or not at all."""
+    """How the learning rate moves: by the KL divergence of each update, not at all, or down to 0 at the last iteration."""
 
     ADAPTIVE = "adaptive"
     FIXED = "fixed"
+    LINEAR = "linear"
+    COSINE = "cosine"
 
 
 class Objective(enum.Enum):
@@ -191,7 +194,8 @@ class PPOConfig(Settings):
     learning_rate: Positive = 1e-3
     """Step size of Adam at the start."""
     schedule: Schedule = Schedule.ADAPTIVE
-    """How the learning rate moves; the KL penalty has a rule of its own."""
+    """How the learning rate moves; the KL penalty has a rule of its own. linear and cosine end at 0 in the last iteration:
+    a run that is resumed with more of them begins higher again."""
     desired_kl: Positive = 0.01
     """KL divergence per update that the adaptive schedule, or the KL penalty, aims at."""
     kl_beta: Positive = 1.0
@@ -224,6 +228,19 @@ class PPOConfig(Settings):
     what is mirrored. For tasks that have a `mirror()`."""
     mirror_loss: NotNegative = 1.0
     """Weight of the loss of `symmetry loss`."""
+
+
+    def scheduled_rate(self, done: float) -> float | None:
+        """Return the learning rate where it follows the progress of the run; None where it does not.
+
+        Args:
+            done: share of the iterations that are over.
+        """
+        if self.schedule is Schedule.LINEAR:
+            return self.learning_rate * (1.0 - done)
+        if self.schedule is Schedule.COSINE:
+            return self.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
+        return None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -282,6 +299,9 @@ class TrainConfig(Settings):
             least = 2 * self.ppo.mini_batches
             require(self.num_envs >= least, self, "num_envs", f"at least {least}: two worlds per mini-batch")
             require(self.steps_per_iteration >= 2, self, "steps_per_iteration", "at least 2 for a recurrent network")
+        if self.ppo.objective is Objective.KL_PENALTY:
+            fixed = self.ppo.schedule in (Schedule.ADAPTIVE, Schedule.FIXED)
+            require(fixed, self.ppo, "schedule", "left out under the KL penalty, which has a rule of its own")
         if self.ppo.symmetry is not Symmetry.NONE:
             clipped, feed_forward = self.ppo.objective is Objective.CLIP, not self.network.recurrent
             require(clipped, self.ppo, "symmetry", "none under the KL penalty")
@@ -362,7 +382,7 @@ def _algorithm_config(ppo: PPOConfig) -> dict[str, Any]:
     algorithm = {
         "class_name": "simwarp.train.algorithm.threaded_ppo:ThreadedPPO",
         "learning_rate": ppo.learning_rate,
-        "schedule": ppo.schedule.value,
+        "schedule": (Schedule.ADAPTIVE if ppo.schedule is Schedule.ADAPTIVE else Schedule.FIXED).value,
         "desired_kl": ppo.desired_kl,
         "num_learning_epochs": ppo.epochs,
         "num_mini_batches": ppo.mini_batches,

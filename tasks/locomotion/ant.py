@@ -125,6 +125,9 @@ class AntTask(WalkingTask[AntConfig]):
     config_type: ClassVar[type[TaskConfig]] = AntConfig
     action_size: int = 8
     legs: ClassVar[int] = 4
+    sides: ClassVar[tuple[tuple[str, str], ...]] = (("_0", "_3"), ("_1", "_2"))
+    turned: ClassVar[tuple[str, ...]] = ("hip_*",)
+    sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ((0, 3), (1, 2))
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.4, 1.0, 2.0, 5.0)
     training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.6}
     training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {

@@ -15,6 +15,7 @@ import simwarp as sw
 from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
+from ..framework.mirror import Mirror, reflection
 from ..framework.recorded_launches import ComputedRows, WorldLaunch, filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 from .walking_kernels import (
@@ -102,6 +103,12 @@ class WalkingTask(Task[WalkingT]):
     """The first joints are those of the legs at the body, one each; the others may only start bent one way."""
     usual_sizes: ClassVar[tuple[float, float, float, float]]
     """Of height [m], velocity [m/s], angular velocity and joint rate [rad/s], for scaled observations."""
+    sides: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Words in the names of joints that change places in the robot's mirror image."""
+    turned: ClassVar[tuple[str, ...]] = ()
+    """Joints whose angles change their sign there; * stands for letters."""
+    sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ()
+    """Feet that change places there, by their places in `touching`."""
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     state_buffers: ClassVar[Mapping[str, str]] = {"farthest_aside": "_aside", "reached": "_reached"}
     training: ClassVar[Mapping[str, Any]] = {
@@ -138,6 +145,16 @@ class WalkingTask(Task[WalkingT]):
         names += [f"{kind} {axis}" for kind in ("velocity", "angular velocity") for axis in "xyz"]
         names += [f"{kind} {joint}" for kind in ("angle", "rate") for joint in joints]
         return {"policy": [*names, *(f"contact force of foot {foot}" for foot in range(len(self.touching().feet)))]}
+
+    def mirror(self) -> Mirror:
+        """Return what left and right, y of the world, make of observations and actions."""
+        names = self.observation_names["policy"]
+        euler = self.config.orientation is Orientation.EULER
+        joints = [f"{kind} {joint}" for kind in ("angle", "rate") for joint in self.turned]
+        flips = ["orientation [13]" if euler else "orientation [xz]", "velocity y", "angular velocity [xz]", *joints]
+        feet = [(f"foot {one}", f"foot {other}") for one, other in self.sides_of_feet]
+        seen = reflection(names, swap=[*feet, *self.sides], flip=[*flips, "y"] if self.lateral else flips)
+        return Mirror({"policy": seen}, reflection(self.action_joints, swap=self.sides, flip=self.turned))
 
     @property
     def lateral(self) -> bool:

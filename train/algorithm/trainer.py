@@ -60,6 +60,8 @@ class Trainer(Learner):
         settings["algorithm"]["symmetry_cfg"] = symmetry_settings(self.task, self.config)
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         made: ThreadedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
+        for group in made.optimizer.param_groups:
+            group["fused"] = True  # one pass over all weights; the same steps up to rounding
         return made
 
     @property
@@ -72,6 +74,11 @@ class Trainer(Learner):
             self._acting.record(step, self.env.acting)
 
     def _learn(self) -> dict[str, float]:
+        rate = self.config.ppo.scheduled_rate(self.iteration / self.config.iterations)
+        if rate is not None:
+            self.algorithm.learning_rate = rate
+            for group in self.algorithm.optimizer.param_groups:
+                group["lr"] = rate
         warming = self.iteration < self.config.critic_warmup
         with self._of_acting_agents():
             losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()

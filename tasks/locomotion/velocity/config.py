@@ -6,9 +6,10 @@ import dataclasses
 import enum
 from typing import Annotated
 
-from simwarp.tasks import Fraction, Ge, Le, NotNegative, Positive
+from simwarp.tasks import Fraction, Ge, Gt, Le, Lt, NotNegative, Positive
 
 from ...framework.config import RewardWeights, TaskConfig
+from ...framework.config_values import Settings
 from .ground import Ground, RoughConfig, ScanConfig
 
 
@@ -46,10 +47,22 @@ class VelocityRewards(RewardWeights):
     """Squared change of the action."""
     feet_air_time: float = 0.25
     """Feet whose swing or stance has lasted 0.1 to 0.3 s, while the robot is to move."""
+    gait_contacts: float = 0.5
+    """Mean over feet of 1 for one that keeps to the clock of the gait, and -1 for one that does not; with a clock."""
     feet_slide: float = -0.05
     """Squared speed of feet on the ground [m²/s²]."""
     fall: float = -5.0
     """The trunk touches something, or tilts by more than 60 degrees; once."""
+
+
+@dataclasses.dataclass(frozen=True)
+class GaitConfig(Settings):
+    """Clock of a gait: observed as sine and cosine, and rewarded as `rewards.gait-contacts`."""
+
+    rate: Annotated[float, Ge(0.0), Le(20.0)] = 0.0
+    """Cycles per second [Hz]; 0: no clock."""
+    stance: Annotated[float, Gt(0.0), Lt(1.0)] = 0.5
+    """Share of a cycle in which a foot stands."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +82,8 @@ class VelocityConfig(TaskConfig):
     """Control steps that observations with a history tell of."""
     rewards: VelocityRewards = VelocityRewards()
     """Weights of the reward."""
+    gait: GaitConfig = GaitConfig()
+    """Clock that feet keep to."""
     ground: Ground = Ground.FLAT
     """flat: a plane. rough: patches of seven kinds, from easy to hard."""
     rough: RoughConfig = dataclasses.field(default_factory=RoughConfig)

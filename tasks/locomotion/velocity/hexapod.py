@@ -48,6 +48,7 @@ class HexapodVelocity(QuadrupedVelocity):
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)
     stance: ClassVar[Mapping[str, float]] = {f"{k}_{leg}": 0.0 for k in ("hip", "femur", "tibia") for leg in _LEGS}
+    gait: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.0, 0.5, 0.0, 0.5)  # legs go round: a tripod
     height: ClassVar[float] = sw.scenes.HEXAPOD_STANCE
 
     def robot(self) -> sw.ModelBuilder:

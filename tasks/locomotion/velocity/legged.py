@@ -11,6 +11,7 @@ import torch
 
 import simwarp as sw
 
+from ...framework.errors import InputError
 from ...framework.mirror import Mirror
 from ...framework.rotations import heading_of
 from ...framework.task import Task
@@ -29,6 +30,9 @@ class LeggedTask(Task[LeggedT]):
     """Body that carries the legs, x forward; the shape of this name must not touch anything."""
     feet: ClassVar[Sequence[str]]
     """Shapes, or bodies, that stand on the ground."""
+    gait: ClassVar[Sequence[float]] = ()
+    """Offsets of the feet in the cycle of a gait, as shares of it; empty: the robot has no gait to keep to. Left and
+    right differ by 0.5, which is what a mirror makes of the clock."""
     stance: ClassVar[Mapping[str, float]]
     """Joint -> angle that actions are deviations from, in the order of the actions [rad]."""
     height: ClassVar[float]
@@ -83,13 +87,26 @@ class LeggedTask(Task[LeggedT]):
             return None
         return mirror_of(self.observation_names, self.action_joints, sides=self.sides, turned=self.turned)
 
+    def gait_contacts(self, moving: torch.Tensor) -> torch.Tensor:
+        """Return (W,) how well the feet keep to the clock, in [-1, 1]; moving: (W,) 1 where the robot is to move."""
+        config = self.config.gait
+        return mdp.gait_contacts(self.on_feet.touching, self.gait_phase, self._gait, moving, stance=config.stance)
+
     def setup(self) -> None:
         """Allocate buffers, and find the robot's parts.
+
+        Raises:
+            InputError: a clock is asked for, of a robot without a gait.
 
         Afterwards there are ``body``, index of the trunk; ``on_feet`` and ``on_trunk``, contacts by name; ``before``
         and ``rates_before``, (W, J) action and rates [rad/s] of the step before.
         """
         model, device = self.simulation.model, self.device
+        if self.config.gait.rate > 0.0 and len(self.gait) != len(self.feet):
+            raise InputError(
+                f"--task.gait.rate must be 0 for task '{self.name}', got {self.config.gait.rate:g}: the class names no "
+                f"`gait`, offsets of its {len(self.feet)} feet"
+            )
         self.ground.bind(self)
         self.body = model.body(self.trunk)
         self._mass = float(model.body_mass.numpy()[0].sum())
@@ -97,6 +114,7 @@ class LeggedTask(Task[LeggedT]):
         light = 0.01 * self._weight  # no touch by mistake, and none missed
         self.on_feet = self.contacts(*self.feet, threshold=light)
         self.on_trunk = self.contacts(self.trunk, threshold=light)
+        self._gait = torch.tensor(self.gait, device=device)
         self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
         self._stance = torch.tensor(self.default_positions, device=device)
         self._targets = sw.to_torch(self.simulation.control.joint_target_q)
@@ -105,6 +123,11 @@ class LeggedTask(Task[LeggedT]):
         self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer
         self._at_rest = torch.zeros_like(self._start)
         self.before, self.rates_before = torch.zeros_like(self.action), torch.zeros_like(self.action)
+
+    @property
+    def gait_phase(self) -> torch.Tensor:
+        """(W,) of the clock, in cycles since the episode began."""
+        return self.config.gait.rate * self.config.control_dt * self.episode_steps
 
     @property
     def angles(self) -> torch.Tensor:

@@ -34,6 +34,8 @@ __all__ = [
     "feet_slide",
     "feet_stumble",
     "flat_orientation_l2",
+    "gait_clock",
+    "gait_contacts",
     "heading_to_ang_vel",
     "is_moving",
     "joint_acc_l2",
@@ -99,6 +101,16 @@ def component_names(**parts: int | Sequence[str]) -> list[str]:
         each = components if not isinstance(components, int) else "xyz" if components == 3 else range(components)
         names += [f"{part} {component}" for component in each]
     return names
+
+
+def gait_clock(phase: torch.Tensor) -> torch.Tensor:
+    """Return (W, 2) sin 2 pi p, cos 2 pi p: where in the cycle of its gait a robot is, without a jump at the end.
+
+    Args:
+        phase: (W,) p, in cycles.
+    """
+    angle = 2.0 * math.pi * phase
+    return torch.stack((angle.sin(), angle.cos()), dim=1)
 
 
 # ---- commands -------------------------------------------------------------------------------------------------------
@@ -212,6 +224,26 @@ def feet_air_time(
     """
     lasted = torch.maximum(time_in_air, time_in_contact)
     return ((lasted > least) & (lasted < longest)).sum(dim=1) * moving
+
+
+def gait_contacts(
+    touching: torch.Tensor, phase: torch.Tensor, offsets: torch.Tensor, moving: torch.Tensor, *, stance: float
+) -> torch.Tensor:  # fmt: skip
+    """Return (W,) mean over feet of +1 where a foot touches the ground when the clock says so, or is up when it says
+    that, and -1 where it does not. Who is to stand has all feet on the ground.
+
+    Siekmann et al. 2021, "Sim-to-real learning of all common bipedal gaits via periodic reward composition".
+
+    Args:
+        touching: (W, N) bool, of the feet.
+        phase: (W,) of the clock, in cycles.
+        offsets: (N,) of the feet, in cycles: a foot stands while frac(phase + offset) < stance.
+        moving: (W,) 1 where the robot is to move.
+        stance: share of the cycle in which a foot stands.
+    """
+    stands = (phase.unsqueeze(1) + offsets).frac() < stance
+    stands |= moving.unsqueeze(1) == 0.0
+    return torch.where(stands == touching, 1.0, -1.0).mean(dim=1)
 
 
 def stand_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:

@@ -9,7 +9,7 @@ from typing import Final
 from ...framework.errors import InputError
 from ...framework.mirror import Mirror, reflection
 
-SEEN_FLIPS: Final = ("velocity y", "turning [xz]", "down y", "command left", "command turn")
+SEEN_FLIPS: Final = ("velocity y", "turning [xz]", "down y", "command left", "command turn", "clock")
 """Components that point the other way in a mirror, by the names that tasks give them."""
 
 

@@ -20,8 +20,9 @@ from .legged import LeggedTask
 @register("quadruped-velocity")
 class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     """Proprioception (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes; the
-    command; angles from the stance, rates; last action. Observation ``policy``: velocity of the trunk in its axes, and
-    that; with ``scan`` heights of the ground around as well; with ``history`` that of now and of the steps before.
+    command; angles from the stance, rates; last action; with a clock of the gait 2 more, its sine and cosine.
+    Observation ``policy``: velocity of the trunk in its axes, and that; with ``scan`` heights of the ground around as
+    well; with ``history`` that of now and of the steps before.
     """
 
     summary: ClassVar[str] = "quadruped: four legs follow commanded velocities and turns, 12 position drives"
@@ -31,6 +32,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         "iterations": 400, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128), "ppo.gamma": 0.985,
         "network.init_std": 0.5, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003, "ppo.symmetry": "augment",
     }  # fmt: skip
+    gait: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.5, 0.0)  # FL FR RL RR: a trot
     sides: ClassVar[tuple[tuple[str, str], ...]] = (("FL", "FR"), ("RL", "RR"))
     turned: ClassVar[tuple[str, ...]] = ("*_hip_joint",)
     state_buffers: ClassVar[Mapping[str, str]] = {
@@ -56,6 +58,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """What the class says, component by component."""
         joints, steps = self.action_joints, self.config.history
         sent = {"command": ("ahead", "left", "turn"), "angle": joints, "rate": joints, "action": joints}
+        if self.config.gait.rate > 0.0:
+            sent["clock"] = ("sine", "cosine")
         proprioception = mdp.component_names(turning=3, down=3, **sent)
         if self.config.obs is VelocityObs.HISTORY:
             return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in proprioception]}
@@ -82,7 +86,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     def proprioception(self) -> torch.Tensor:
         """Return (W, 9 + 3 J) what the robot measures of itself, and the command."""
         turning, down = mdp.base_ang_vel(self.views, self.body), mdp.projected_gravity(self.views, self.body)
-        return torch.cat([turning, down, self.command, self.angles, self.rates, self.action], dim=1)
+        clock = [mdp.gait_clock(self.gait_phase)] if self.config.gait.rate > 0.0 else []
+        return torch.cat([turning, down, self.command, self.angles, self.rates, self.action, *clock], dim=1)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy``."""
@@ -115,6 +120,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "feet_air_time": mdp.feet_air_time(*self.on_feet.phases, moving, least=0.1, longest=0.3),
             "feet_slide": mdp.feet_slide(self.on_feet.velocity(), self.on_feet.touching),
         }
+        if self.config.gait.rate > 0.0:
+            terms["gait_contacts"] = self.gait_contacts(moving)
         weighted = {name: period * (self.weights[name] * term) for name, term in terms.items()}
         return {**weighted, "fall": self.weights["fall"] * self.terminations()["fell"]}
 

@@ -139,6 +139,22 @@ def test_feet_are_paid_for_swings_and_stances_of_the_right_length():
         assert float(paid) == pytest.approx(min(max(swing, 0.1), 0.4) - 0.1, abs=2e-4)  # two steps of the sum
 
 
+def test_feet_keep_to_the_clock_of_a_gait():
+    phase, offsets = torch.tensor([0.1, 0.6, 12.3, 0.1]), torch.tensor([0.0, 0.5, 0.5, 0.0])
+    moving = torch.tensor([1.0, 1.0, 1.0, 0.0])
+    trot = torch.tensor([[True, False, False, True]])
+    touching = torch.cat([trot, trot, trot, trot])
+    # half a cycle later the other pair stands; whole cycles change nothing; who is to stand has all feet down
+    found = mdp.gait_contacts(touching, phase, offsets, moving, stance=0.5)
+    assert found.tolist() == [1.0, -1.0, 1.0, 0.0]
+    down, late = torch.ones(2, 4, dtype=torch.bool), torch.tensor([0.1, 0.9])
+    longer = mdp.gait_contacts(down, late, offsets, moving[:2], stance=0.75)
+    assert longer.tolist() == [1.0, 0.0]  # at 0.1 and at 0.6 all feet stand; at 0.9 two are up
+    clock = mdp.gait_clock(phase)
+    near(clock[:, 0], np.sin(2.0 * np.pi * phase.double().numpy()))
+    near(clock[:, 1], np.cos(2.0 * np.pi * phase.double().numpy()))
+
+
 def test_rewards_are_those_of_the_mirror_image():
     """Left for right: y changes its sign, and rotations about x and z do."""
     flip, turn = torch.tensor([1.0, -1.0, 1.0]), torch.tensor([-1.0, 1.0, -1.0])

@@ -25,9 +25,12 @@ def mirrored_rows(task, images, rows):
     return found
 
 
-@pytest.mark.parametrize("obs", ["state", "scan", "history"])
+@pytest.mark.parametrize("obs", ["state", "scan", "history", "clock"])
 def test_mirrored_worlds_stay_mirrored(obs):
-    task: Any = make("quadruped-velocity", 4, seed=3, obs=obs, history=3)
+    """With a clock the image is half a cycle later, which is 10 control steps of 0.02 s at 2.5 Hz."""
+    clock = obs == "clock"
+    options: dict[str, Any] = {"gait.rate": 2.5} if clock else {"obs": obs}
+    task: Any = make("quadruped-velocity", 4, seed=3, history=3, push_speed=0.0, **options)
     mirror = check_mirror(task, task.observation_shapes, "test")
     images = MirrorImages(mirror, "cpu")
     generator = torch.Generator().manual_seed(1)
@@ -37,6 +40,7 @@ def test_mirrored_worlds_stay_mirrored(obs):
     q[2:], qd[2:] = mirrored_rows(task, images, q[:2]), mirrored_rows(task, images, qd[:2])
     qd[2:, task._columns] = images.actions(qd[:2, task._columns])
     task.simulation.set_joint_state(None, q, qd)
+    task.episode_steps[2:] += 10 if clock else 0
     task.command[2:] = task.command[:2] * torch.tensor([1.0, -1.0, -1.0])
     task.past.copy_(task.proprioception().unsqueeze(1).expand_as(task.past))
     for _ in range(6):
