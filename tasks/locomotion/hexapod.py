@@ -118,7 +118,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
     config_type: ClassVar[type[TaskConfig]] = HexapodConfig
     action_size: int = 18
     legs: ClassVar[int] = _LEGS
-    # The original's base is not quite its own image: feet are up to 1 mm from it
+    # The original's base is not quite its own image: parts are up to 2 mm from it
     sides: ClassVar[tuple[tuple[str, str], ...]] = (("_1", "_4"), ("_2", "_5"), ("_3", "_6"))
     turned: ClassVar[tuple[str, ...]] = ("hip_*",)
     sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ((0, 3), (1, 4), (2, 5))

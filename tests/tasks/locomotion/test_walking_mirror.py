@@ -66,3 +66,21 @@ def test_the_mirrored_pendulum_stays_mirrored():
 
 def test_unsigned_observations_have_no_mirror():
     assert make("pendulum", 1, legacy_compat=True).mirror() is None
+
+
+def test_the_hexapod_is_nearly_its_own_image():
+    """The original's parts are up to 2 mm from the image of their partners: a learnt symmetry is as good as they."""
+    task: Any = make("hexapod", 1)
+    images = images_of(task)
+    task.simulation.reset()  # as it is built
+    names = list(task.simulation.model.body_names)
+    places = task.simulation.state.body_x.numpy()[0]
+    number = dict(zip(names, places, strict=True))
+    for name, place in number.items():
+        kind, _, leg = name.partition("_")
+        partner = f"{kind}_{(int(leg) + 2) % 6 + 1}" if leg else name
+        assert number[partner] == pytest.approx(place * [1.0, -1.0, 1.0], abs=2.5e-3), name
+    joints = torch.arange(18.0).view(1, 18)
+    hips = images.actions(joints)[0, :6]
+    assert hips.tolist() == [-3.0, -4.0, -5.0, -0.0, -1.0, -2.0]
+    assert images.actions(images.actions(joints)).equal(joints)
