@@ -60,8 +60,6 @@ class Trainer(Learner):
         settings["algorithm"]["symmetry_cfg"] = symmetry_settings(self.task, self.config)
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         made: ThreadedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
-        for group in made.optimizer.param_groups:
-            group["fused"] = True  # one pass over all weights; the same steps up to rounding
         return made
 
     @property

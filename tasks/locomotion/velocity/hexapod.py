@@ -42,8 +42,10 @@ class HexapodVelocity(QuadrupedVelocity):
     config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
     action_size: int = 18
     training: ClassVar[Mapping[str, Any]] = {
-        **QuadrupedVelocity.training, "iterations": 300, "network.init_std": 0.4, "ppo.symmetry": "none",
+        **QuadrupedVelocity.training, "iterations": 300, "network.hidden": (128, 128), "network.init_std": 0.4,
+        "network.symmetric": False,
     }  # fmt: skip
+    trained_in: ClassVar[Mapping[str, Any]] = {}
     sides: ClassVar[tuple[tuple[str, str], ...]] = ()  # turned by half a turn it is itself again, mirrored it is not
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)

@@ -87,10 +87,26 @@ class LeggedTask(Task[LeggedT]):
             return None
         return mirror_of(self.observation_names, self.action_joints, sides=self.sides, turned=self.turned)
 
-    def gait_contacts(self, moving: torch.Tensor) -> torch.Tensor:
-        """Return (W,) how well the feet keep to the clock, in [-1, 1]; moving: (W,) 1 where the robot is to move."""
+    @property
+    def clock_names(self) -> Mapping[str, Sequence[str]]:
+        """Names of what :meth:`clock` returns."""
+        return {"clock": ("sine", "cosine")} if self.config.gait.rate > 0.0 else {}
+
+    def clock(self) -> list[torch.Tensor]:
+        """Return (W, 2) of the gait's clock, if there is one."""
+        return [mdp.gait_clock(self.gait_phase)] if self.config.gait.rate > 0.0 else []
+
+    def gait_terms(self, moving: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Return ``gait_contacts``: how well the feet keep to the clock, if there is one.
+
+        Args:
+            moving: (W,) 1 where the robot is to move.
+        """
         config = self.config.gait
-        return mdp.gait_contacts(self.on_feet.touching, self.gait_phase, self._gait, moving, stance=config.stance)
+        if config.rate == 0.0:
+            return {}
+        kept = mdp.gait_contacts(self.on_feet.touching, self.gait_phase, self._gait, moving, stance=config.stance)
+        return {"gait_contacts": kept}
 
     def setup(self) -> None:
         """Allocate buffers, and find the robot's parts.

@@ -19,31 +19,29 @@ from .legged import LeggedTask
 
 @register("quadruped-velocity")
 class QuadrupedVelocity(LeggedTask[VelocityConfig]):
-    """Proprioception (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes; the
-    command; angles from the stance, rates; last action; with a clock of the gait 2 more, its sine and cosine.
-    Observation ``policy``: velocity of the trunk in its axes, and that; with ``scan`` heights of the ground around as
-    well; with ``history`` that of now and of the steps before.
+    """Proprioception (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes; command;
+    angles from the stance, rates; last action; of a gait's clock, if any, sine and cosine. Observation ``policy``:
+    velocity of the trunk in its axes, and that; ``scan``: heights of the ground around, too; ``history``: that of now
+    and of the steps before.
     """
 
     summary: ClassVar[str] = "quadruped: four legs follow commanded velocities and turns, 12 position drives"
     config_type: ClassVar[type[TaskConfig]] = VelocityConfig
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 400, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128), "ppo.gamma": 0.985,
-        "network.init_std": 0.5, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003, "ppo.symmetry": "augment",
+        "iterations": 120, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (64, 64), "ppo.gamma": 0.985,
+        "network.init_std": 0.5, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003, "network.symmetric": True,
     }  # fmt: skip
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {"scan": {"network.hidden": (128, 128)}}
+    trained_in: ClassVar[Mapping[str, Any]] = {"dt": 0.01, "decimation": 2, "gait.rate": 2.5}
     gait: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.5, 0.0)  # FL FR RL RR: a trot
     sides: ClassVar[tuple[tuple[str, str], ...]] = (("FL", "FR"), ("RL", "RR"))
     turned: ClassVar[tuple[str, ...]] = ("*_hip_joint",)
     state_buffers: ClassVar[Mapping[str, str]] = {
         name: name for name in ("before", "rates_before", "command", "heading", "errors", "error_sums", "past")
     }
-    trunk, feet, stance, height = (
-        "trunk",
-        sw.scenes.QUADRUPED_FEET,
-        sw.scenes.QUADRUPED_STANCE,
-        sw.scenes.QUADRUPED_STANCE_HEIGHT,
-    )
+    trunk, feet = "trunk", sw.scenes.QUADRUPED_FEET
+    stance, height = sw.scenes.QUADRUPED_STANCE, sw.scenes.QUADRUPED_STANCE_HEIGHT
 
     def robot(self) -> sw.ModelBuilder:
         """The quadruped of :mod:`simwarp.scenes`."""
@@ -58,9 +56,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         """What the class says, component by component."""
         joints, steps = self.action_joints, self.config.history
         sent = {"command": ("ahead", "left", "turn"), "angle": joints, "rate": joints, "action": joints}
-        if self.config.gait.rate > 0.0:
-            sent["clock"] = ("sine", "cosine")
-        proprioception = mdp.component_names(turning=3, down=3, **sent)
+        proprioception = mdp.component_names(turning=3, down=3, **sent, **self.clock_names)
         if self.config.obs is VelocityObs.HISTORY:
             return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in proprioception]}
         around = self.config.scan.names() if self.config.obs is VelocityObs.SCAN else []
@@ -86,8 +82,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     def proprioception(self) -> torch.Tensor:
         """Return (W, 9 + 3 J) what the robot measures of itself, and the command."""
         turning, down = mdp.base_ang_vel(self.views, self.body), mdp.projected_gravity(self.views, self.body)
-        clock = [mdp.gait_clock(self.gait_phase)] if self.config.gait.rate > 0.0 else []
-        return torch.cat([turning, down, self.command, self.angles, self.rates, self.action, *clock], dim=1)
+        return torch.cat([turning, down, self.command, self.angles, self.rates, self.action, *self.clock()], dim=1)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy``."""
@@ -120,8 +115,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "feet_air_time": mdp.feet_air_time(*self.on_feet.phases, moving, least=0.1, longest=0.3),
             "feet_slide": mdp.feet_slide(self.on_feet.velocity(), self.on_feet.touching),
         }
-        if self.config.gait.rate > 0.0:
-            terms["gait_contacts"] = self.gait_contacts(moving)
+        terms |= self.gait_terms(moving)
         weighted = {name: period * (self.weights[name] * term) for name, term in terms.items()}
         return {**weighted, "fall": self.weights["fall"] * self.terminations()["fell"]}
 

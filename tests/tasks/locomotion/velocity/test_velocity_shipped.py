@@ -5,6 +5,7 @@ import json
 import pytest
 
 from simwarp.tasks import config_to_plain, make, replace_fields, task_class
+from simwarp.tasks.framework.registry import config_to_train_in
 from simwarp.train.config import task_config_from_plain
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy
@@ -23,7 +24,7 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     assert {"python", "torch", "warp-lang", "rsl-rl-lib"} <= set(record["versions"])
     saved = load_checkpoint(SHIPPED / f"{title}.pt")["task_config"]
     config = config_to_plain(task_config_from_plain(task_class(name), saved))
-    today = replace_fields(task_class(name).config_type(), {"obs": obs, "ground": GROUNDS[obs]})
+    today = replace_fields(config_to_train_in(task_class(name)), {"obs": obs, "ground": GROUNDS[obs]})
     assert config == config_to_plain(today)
     # Who stands never falls: what tells a policy from it is the errors, at least three times as large
     reached, standing = (record["evaluation"][which] for which in ("policy", "zero"))

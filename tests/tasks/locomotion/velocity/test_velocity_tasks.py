@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import simwarp as sw
 from simwarp.core.interop import to_torch
-from simwarp.tasks import check_step, make, replace_fields
+from simwarp.tasks import InputError, check_step, make, replace_fields
+from simwarp.tasks.framework.registry import config_to_train_in
 from simwarp.tasks.locomotion.velocity import quadruped
 from simwarp.tasks.locomotion.velocity.config import VelocityConfig, VelocityObs
 from simwarp.tasks.locomotion.velocity.ground import Ground
@@ -348,6 +349,34 @@ def test_a_step_reads_nothing_on_the_host(name):
     assert check_step(made(name, 4)).problems() == []
 
 
+def test_the_clock_of_a_gait_is_observed_and_rewarded():
+    task = made("quadruped-velocity", 3, seed=1, **{"gait.rate": 2.5}, push_speed=0.0)
+    plain = made("quadruped-velocity", 3, seed=1, push_speed=0.0)
+    names = task.observation_names["policy"]
+    assert names[-2:] == ["clock sine", "clock cosine"]
+    assert len(names) == len(plain.observation_names["policy"]) + 2
+    assert "gait_contacts" in task.reward_terms
+    assert "gait_contacts" not in plain.reward_terms
+    for step in range(1, 25):
+        task.step(idle(task))
+        result = plain.step(idle(plain))
+        # 2.5 cycles of 1 / 2.5 s, in steps of 0.02 s
+        angle = 2.0 * math.pi * 2.5 * 0.02 * step
+        seen = task.observe()["policy"]
+        np.testing.assert_allclose(seen[:, -2:], [[math.sin(angle), math.cos(angle)]] * 3, atol=1e-5)
+        torch.testing.assert_close(seen[:, :-2], result.observations["policy"])  # the clock moves nothing
+    kept = task.gait_terms(torch.ones(3))["gait_contacts"]
+    assert torch.equal(kept, torch.zeros(3))  # it stands on four feet, two of which should be up
+
+
+def test_a_robot_without_a_gait_has_no_clock(monkeypatch):
+    monkeypatch.setattr(QuadrupedVelocity, "gait", ())
+    with pytest.raises(
+        InputError, match=r"--task.gait.rate must be 0 for task 'quadruped-velocity', got 2.5: the class"
+    ):
+        made("quadruped-velocity", 1, **{"gait.rate": 2.5})
+
+
 def test_the_task_file_is_short():
     assert len(Path(quadruped.__file__).read_text(encoding="utf-8").splitlines()) <= 150
 
@@ -368,8 +397,9 @@ def test_shipped_policies_follow_commands(obs):
 @pytest.mark.slow
 def test_it_learns_to_follow_commands_in_minutes(tmp_path):
     config = replace_fields(default_config(QuadrupedVelocity), {"device": "cpu"})
-    run = train("quadruped-velocity", config, VelocityConfig(), root=tmp_path)
-    task = made("quadruped-velocity", 256, seed=11)
+    trained_in = config_to_train_in(QuadrupedVelocity)
+    run = train("quadruped-velocity", config, trained_in, root=tmp_path)
+    task = make("quadruped-velocity", 256, seed=11, config=trained_in)
     source = find_policy("quadruped-velocity", Path(run.checkpoint))
     result = evaluate(task, network_policy(source.content, task), 256, seed=11)
     still = evaluate(task, zero_policy(task), 256, seed=11)
