@@ -41,7 +41,7 @@ class Activation(enum.Enum):
 
 
 class Schedule(enum.Enum):
-    """How the learning rate moves: by the KL divergence of each update, not at all, or down to 0 at the last iteration."""
+    """How the learning rate moves: by the KL divergence of each update, not at all, or down to 0 at the end."""
 
     ADAPTIVE = "adaptive"
     FIXED = "fixed"
@@ -194,8 +194,8 @@ class PPOConfig(Settings):
     learning_rate: Positive = 1e-3
     """Step size of Adam at the start."""
     schedule: Schedule = Schedule.ADAPTIVE
-    """How the learning rate moves; the KL penalty has a rule of its own. linear and cosine end at 0 in the last iteration:
-    a run that is resumed with more of them begins higher again."""
+    """How the learning rate moves; the KL penalty has a rule of its own. linear and cosine end at 0 with the last
+    iteration: a run that is resumed with more of them begins higher again."""
     desired_kl: Positive = 0.01
     """KL divergence per update that the adaptive schedule, or the KL penalty, aims at."""
     kl_beta: Positive = 1.0

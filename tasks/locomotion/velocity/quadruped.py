@@ -19,7 +19,7 @@ from .legged import LeggedTask
 
 @register("quadruped-velocity")
 class QuadrupedVelocity(LeggedTask[VelocityConfig]):
-    """Proprioception (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes; command;
+    """Proprioception (9 + 3 J numbers, J joints): angular velocity of the trunk and down, in its axes; command;
     angles from the stance, rates; last action; of a gait's clock, if any, sine and cosine. Observation ``policy``:
     velocity of the trunk in its axes, and that; ``scan``: heights of the ground around, too; ``history``: that of now
     and of the steps before.
