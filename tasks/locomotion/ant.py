@@ -129,9 +129,22 @@ class AntTask(WalkingTask[AntConfig]):
     turned: ClassVar[tuple[str, ...]] = ("hip_*",)
     sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ((0, 3), (1, 2))
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.4, 1.0, 2.0, 5.0)
-    training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.6}
+    training: ClassVar[Mapping[str, Any]] = {
+        **WalkingTask.training,
+        "iterations": 110,
+        "network.hidden": (64, 64),
+        "network.init_std": 0.6,
+        "network.symmetric": True,
+        "ppo.epochs": 3,
+    }
     training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "thesis": {"network.kind": "thesis-mlp", "network.activation": "tanh"}
+        "thesis": {
+            "iterations": 250,
+            "network.kind": "thesis-mlp",
+            "network.activation": "tanh",
+            "network.symmetric": False,
+            "ppo.epochs": 5,
+        }
     }
 
     def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:

@@ -209,8 +209,7 @@ def test_every_reward_can_be_learnt_from(reward, tmp_path):
 
 @pytest.mark.slow
 def test_it_learns_to_walk_ten_metres_in_minutes(tmp_path):
-    config = dataclasses.replace(default_config(AntTask), iterations=160)
-    run = train("ant", config, AntConfig(), root=tmp_path)
+    run = train("ant", default_config(AntTask), AntConfig(), root=tmp_path)
     task = make("ant", 256, seed=11)
     source = find_policy("ant", Path(run.checkpoint))
     result = evaluate(task, network_policy(source.content, task), 256, seed=11)
