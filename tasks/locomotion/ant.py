@@ -130,13 +130,8 @@ class AntTask(WalkingTask[AntConfig]):
     sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ((0, 3), (1, 2))
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.4, 1.0, 2.0, 5.0)
     training: ClassVar[Mapping[str, Any]] = {
-        **WalkingTask.training,
-        "iterations": 110,
-        "network.hidden": (64, 64),
-        "network.init_std": 0.6,
-        "network.symmetric": True,
-        "ppo.epochs": 3,
-    }
+        **WalkingTask.training, "iterations": 110, "network.init_std": 0.6, "network.symmetric": True,
+    }  # fmt: skip
     training_by_variant: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "thesis": {
             "iterations": 250,

@@ -123,7 +123,9 @@ class HexapodTask(WalkingTask[HexapodConfig]):
     turned: ClassVar[tuple[str, ...]] = ("hip_*",)
     sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ((0, 3), (1, 4), (2, 5))
     usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.15, 0.4, 1.0, 6.0)
-    training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.3}
+    training: ClassVar[Mapping[str, Any]] = {
+        **WalkingTask.training, "iterations": 130, "network.init_std": 0.3, "network.symmetric": True,
+    }  # fmt: skip
 
     def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The hexapod of :mod:`simwarp.scenes`."""

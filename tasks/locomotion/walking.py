@@ -104,7 +104,7 @@ class WalkingTask(Task[WalkingT]):
     usual_sizes: ClassVar[tuple[float, float, float, float]]
     """Of height [m], velocity [m/s], angular velocity and joint rate [rad/s], for scaled observations."""
     sides: ClassVar[tuple[tuple[str, str], ...]] = ()
-    """Words in the names of joints that change places in the robot's mirror image."""
+    """Words in the names of joints that change places in the robot's mirror image; empty: it is not its own."""
     turned: ClassVar[tuple[str, ...]] = ()
     """Joints whose angles change their sign there; * stands for letters."""
     sides_of_feet: ClassVar[tuple[tuple[int, int], ...]] = ()
@@ -112,10 +112,10 @@ class WalkingTask(Task[WalkingT]):
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     state_buffers: ClassVar[Mapping[str, str]] = {"farthest_aside": "_aside", "reached": "_reached"}
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 250,
         "num_envs": 512,
         "steps_per_iteration": 32,
-        "network.hidden": (128, 64),
+        "network.hidden": (64, 64),
+        "ppo.epochs": 3,
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.0,
     }
@@ -146,8 +146,10 @@ class WalkingTask(Task[WalkingT]):
         names += [f"{kind} {joint}" for kind in ("angle", "rate") for joint in joints]
         return {"policy": [*names, *(f"contact force of foot {foot}" for foot in range(len(self.touching().feet)))]}
 
-    def mirror(self) -> Mirror:
-        """Return what left and right, y of the world, make of observations and actions."""
+    def mirror(self) -> Mirror | None:
+        """Return what left and right, y of the world, make of observations and actions; None where no sides are."""
+        if not self.sides:
+            return None
         names = self.observation_names["policy"]
         euler = self.config.orientation is Orientation.EULER
         joints = [f"{kind} {joint}" for kind in ("angle", "rate") for joint in self.turned]
