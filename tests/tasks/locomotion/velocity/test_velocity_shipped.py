@@ -24,7 +24,9 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     assert {"python", "torch", "warp-lang", "rsl-rl-lib"} <= set(record["versions"])
     saved = load_checkpoint(SHIPPED / f"{title}.pt")["task_config"]
     config = config_to_plain(task_config_from_plain(task_class(name), saved))
-    today = replace_fields(config_to_train_in(task_class(name)), {"obs": obs, "ground": GROUNDS[obs]})
+    # The one with a scan was trained before robots had the clock of a gait
+    begun = config_to_train_in(task_class(name)) if obs == "state" else task_class(name).config_type()
+    today = replace_fields(begun, {"obs": obs, "ground": GROUNDS[obs]})
     assert config == config_to_plain(today)
     # Who stands never falls: what tells a policy from it is the errors, at least three times as large
     reached, standing = (record["evaluation"][which] for which in ("policy", "zero"))
