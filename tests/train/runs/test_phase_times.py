@@ -53,7 +53,7 @@ def test_a_timed_step_is_the_step_bit_by_bit(monkeypatch):
 def test_sensors_are_timed_apart_from_physics():
     model = sw.scenes.quadruped().finalize(4)
     sim, same = (sw.Simulation(model, dt=0.005, sensors=[Imu(model, Mount("trunk"))]) for _ in range(2))
-    waits = []
+    waits: list[None] = []
     with timed_phases(lambda: waits.append(None)) as times:
         sim.step(5)
     same.step(5)
