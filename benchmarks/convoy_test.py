@@ -33,9 +33,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from simwarp import to_torch  # noqa: E402
+from simwarp.statistics.proportions import wilson_interval  # noqa: E402
 from simwarp.tasks import make  # noqa: E402
 from simwarp.tasks.framework.agent_rows import Rows  # noqa: E402
-from simwarp.train.evaluation.evaluation import wilson_interval  # noqa: E402
 from simwarp.train.evaluation.figure_style import new_figure, save_figure  # noqa: E402
 from simwarp.train.networks.policies import find_policy, network_policy  # noqa: E402
 

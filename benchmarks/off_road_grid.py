@@ -34,9 +34,9 @@ from benchmarks.robustness_report import PICTURES, SEED, percent
 from simwarp.bench.machine import describe
 from simwarp.core.files import read_json
 from simwarp.core.warp_start import start_warp
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.tasks import resolve_device
 from simwarp.tasks.driving.soil import SoilKind
-from simwarp.train.evaluation.evaluation import wilson_interval
 from simwarp.train.evaluation.figure_style import INK, new_figure, save_figure
 from simwarp.train.evaluation.grid import GridPoint, GridSettings
 from simwarp.train.evaluation.grid_plot import Percent, draw_heat_map

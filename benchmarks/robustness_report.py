@@ -33,8 +33,8 @@ from benchmarks.robustness_points import (
 )
 from simwarp.bench.machine import describe
 from simwarp.core.files import read_json
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.tasks import task_class
-from simwarp.train.evaluation.evaluation import wilson_interval
 from simwarp.train.evaluation.figure_style import INK, PALE, new_figure, save_figure, style_axes
 from simwarp.train.evaluation.grid_plot import Percent, draw_heat_map
 from simwarp.train.runs.run_files import write_json, write_run_file

@@ -28,10 +28,11 @@ from simwarp.bench.machine import describe  # noqa: E402
 from simwarp.core.files import write_file  # noqa: E402
 from simwarp.core.warp_start import start_warp  # noqa: E402
 from simwarp.exporters import mjcf_of  # noqa: E402
+from simwarp.statistics.proportions import wilson_interval  # noqa: E402
 from simwarp.tasks import NON_FINITE, Task, make, task_class  # noqa: E402
 from simwarp.tasks.adapters.in_mujoco import SOFTNESS, STEPS, put_in_mujoco  # noqa: E402
 from simwarp.train.config import task_config_from_plain  # noqa: E402
-from simwarp.train.evaluation.evaluation import Evaluation, evaluate, wilson_interval  # noqa: E402
+from simwarp.train.evaluation.evaluation import Evaluation, evaluate  # noqa: E402
 from simwarp.train.evaluation.filming import Film, FilmOptions  # noqa: E402
 from simwarp.train.evaluation.play import Frame, check_video_path, record, write_video  # noqa: E402
 from simwarp.train.networks.export import Export, ExportFormat, export_policy, load_exported  # noqa: E402

@@ -178,6 +178,7 @@ class Fit:
             start=start, low=np.array([each.low for each in unknowns]), high=np.array([each.high for each in unknowns]),
             scale=np.array([each.scale for each in unknowns]), difference=search.difference, tolerance=search.tolerance,
             iterations=search.iterations, huber=math.inf if search.huber is None else search.huber,
+            signed=np.array([each.signed for each in unknowns], bool),
         )  # fmt: skip
         if search.method is Method.CMA:
             from simwarp.identify.evolution import EvolutionThenLeastSquares

@@ -48,6 +48,7 @@ class Unknown:
     Attributes:
         name: in reports.
         start, low, high: where it begins, and its bounds.
+        signed: whether a bound of zero is there only to keep its sign.
         scale: a change that is large for it.
         prior: mean and standard deviation known beforehand.
         segment: index of the segment that it is of alone; -1: of all.
@@ -58,6 +59,7 @@ class Unknown:
     start: float
     low: float = -math.inf
     high: float = math.inf
+    signed: bool = False
     scale: float
     prior: tuple[float, float] | None = None
     segment: int = -1
@@ -230,4 +232,5 @@ def _unknown(path: str, value: float, wanted: Wanted) -> Unknown:
     if scale is None:
         width = high - low
         scale = USUAL_SCALE * (abs(start) if start != 0.0 else width if math.isfinite(width) else 1.0)
-    return Unknown(name=path, start=start, low=low, high=high, scale=scale, prior=wanted.prior)
+    signed = start != 0.0 and (wanted.low if start > 0.0 else wanted.high) is None
+    return Unknown(name=path, start=start, low=low, high=high, signed=signed, scale=scale, prior=wanted.prior)

@@ -44,6 +44,9 @@ STILL: Final = 1e-5
 """Step of all unknowns, in their scales, below which a search is over."""
 QUIET: Final = 3
 """Iterations without a fall of the cost beyond the tolerance after which it is over: differences have noise."""
+NEARER: Final = 0.1
+"""Least share of an unknown that a step leaves where a bound of zero only keeps its sign: most models have no such
+world at zero itself (a mass, a modulus), so that a step to the bound would find nothing."""
 LEAST_CURVATURE: Final = 1e-12
 """Over the largest: keeps the damping of unknowns without influence above zero."""
 
@@ -60,6 +63,7 @@ class SearchSpace:
         tolerance: relative fall of the cost below which a search is over.
         iterations: most of them.
         huber: residual from which on errors count by their size; infinite: all by their square.
+        signed: (P,) whether a bound of zero only keeps the sign of an unknown; None: of none.
     """
 
     start: Array
@@ -70,10 +74,18 @@ class SearchSpace:
     tolerance: float
     iterations: int
     huber: float = math.inf
+    signed: npt.NDArray[np.bool_] | None = None
 
     def inside(self, points: Array) -> Array:
         """Points moved to the bounds where they are beyond."""
         return np.clip(points, self.low, self.high)
+
+    def moved(self, point: Array, step: Array) -> Array:
+        """(P,) where a step leads: to the bounds at most, and only nearer to those that keep a sign."""
+        found = self.inside(point + step)
+        if self.signed is None:
+            return found
+        return np.where(self.signed & (np.abs(found) < NEARER * np.abs(point)), NEARER * point, found)
 
 
 def huber_weights(residuals: Array, huber: float) -> Array:
@@ -141,7 +153,7 @@ class LevenbergMarquardt:
             return self._batch.copy()
         steps = [self.damping, *(self.damping * factor for factor in OTHER_DAMPINGS)]
         if self._fresh:
-            tried = [space.inside(self.point + self._step(damping)) for damping in steps]
+            tried = [space.moved(self.point, self._step(damping)) for damping in steps]
         else:
             tried = [self.point] * len(steps)
         center, others = tried[0], tried[1:]

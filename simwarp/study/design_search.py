@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from simwarp.search.search_journal import STORAGE, import_optuna, open_study
 from simwarp.study.design_goal import PASS_SPEED, Bound, Goal, PassSpeed, pass_speed
 from simwarp.study.distributions import Distribution, Kind
 from simwarp.study.study_error import StudyError
 from simwarp.study.study_figures import figures_of
 from simwarp.study.varied_vehicle import MANEUVER, VariedVehicle
 from simwarp.study.world_runs import WorldRuns
-from simwarp.train.sweeps.search_journal import STORAGE, import_optuna, open_study
 from simwarp.vehicle.assessment.maneuver_variants import Outcome
 
 STUDY: Final = "design"
@@ -92,7 +92,8 @@ class DesignSearch:
 
     Raises:
         StudyError: the folder holds a search for something else, or a key is drawn from a normal distribution.
-        InputError: optuna is not installed, or the journal is damaged.
+        ModelError: optuna is not installed.
+        FileError: the journal is damaged.
     """
 
     def __init__(self, plan: SearchPlan, runs: WorldRuns, folder: Path) -> None:

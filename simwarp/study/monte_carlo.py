@@ -13,13 +13,13 @@ import numpy as np
 
 from simwarp.core.files import replacing
 from simwarp.core.wording import suggestions
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.study.draws import drawn_worlds
 from simwarp.study.study_error import StudyError
 from simwarp.study.study_figures import MARGIN, Figure, figures_of
 from simwarp.study.study_summary import FigureSummary, summary_of
 from simwarp.study.varied_vehicle import VariedVehicle
 from simwarp.study.world_runs import WorldRuns
-from simwarp.train.evaluation.proportions import wilson_interval
 from simwarp.vehicle.assessment.maneuver_variants import Outcome
 
 USUAL_BATCH: Final = 64

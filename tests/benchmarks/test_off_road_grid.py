@@ -11,8 +11,8 @@ from PIL import Image
 from benchmarks import off_road_grid, robustness
 from benchmarks.off_road_grid import GROUNDS, HILLS, OBSTACLES, cells_of, main, marginal, name_of, places, point_at
 from benchmarks.robustness_points import COLUMNS, nominal_config
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.tasks.driving.soil import SoilKind
-from simwarp.train.evaluation.evaluation import wilson_interval
 from simwarp.train.networks.policies import find_policy
 
 

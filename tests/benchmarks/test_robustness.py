@@ -29,9 +29,9 @@ from benchmarks.robustness_points import (
     wanted_points,
 )
 from benchmarks.robustness_report import labels_of, numbers_of, summary, tables
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.tasks import replace_fields, task_class
 from simwarp.tasks.driving.conditions import RANDOM_RANGES, Conditions
-from simwarp.train.evaluation.evaluation import wilson_interval
 from simwarp.train.evaluation.grid import EvaluationStoppedError
 from simwarp.train.networks.policies import find_policy
 

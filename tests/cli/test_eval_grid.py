@@ -14,8 +14,9 @@ from simwarp.cli import UsageError
 from simwarp.cli.evaluation.eval_report import Report
 from simwarp.cli.evaluation.grids import grid_axes, grid_points
 from simwarp.cli.options import expand_shorthands, parse_options, task_options
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.tasks import task_class
-from simwarp.train.evaluation.evaluation import Evaluation, wilson_interval
+from simwarp.train.evaluation.evaluation import Evaluation
 from simwarp.train.evaluation.grid import GridPoint, GridSettings, PointResult
 from simwarp.train.networks.policies import PolicySource
 

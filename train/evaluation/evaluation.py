@@ -12,13 +12,13 @@ import warp as wp
 
 from simwarp.core.memory import check_fits
 from simwarp.core.object_repr import ReadableFields
+from simwarp.statistics.proportions import wilson_interval
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 from simwarp.tasks.framework.agent_rows import Rows
 from simwarp.tasks.framework.errors import TaskStepError
 from simwarp.tasks.framework.registry import agents_in_world
 
 from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
-from .proportions import wilson_interval as wilson_interval
 
 _MAX_WORLDS = 4096
 CHECK_INTERVAL = 25

@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simwarp.search.search_journal import STORAGE, import_optuna, open_study
 from simwarp.tasks import InputError
 
 from .plan import SweepRun
 from .ranking import median_interval
 from .run_state import RunRecord
-from .search_journal import STORAGE, import_optuna, open_study
 
 _STUDY = "sweep"
 
@@ -47,7 +47,9 @@ class Search:
         score: returns the score of a run that has ended; minus infinity where it failed.
 
     Raises:
-        InputError: optuna is not installed, the folder holds a search of other fields, or its journal is damaged.
+        InputError: the folder holds a search of other fields.
+        ModelError: optuna is not installed.
+        FileError: its journal is damaged.
         FileError: the journal is no regular file.
         OutputError: the disk did not take it.
     """

@@ -40,7 +40,7 @@ def run_search(spec: VehicleSpec, drive: DriveChoices, study: StudyOptions) -> i
     Raises:
         UsageError: an option makes no sense here.
         SpecError: a key cannot be searched so, or a figure is not known.
-        InputError: optuna is not installed.
+        ModelError: optuna is not installed.
     """
     goal, bounds = _goal(study), tuple(map(parse_bound, study.subject_to))
     speeds = _speeds(drive, goal)

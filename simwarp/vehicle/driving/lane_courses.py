@@ -63,11 +63,13 @@ class Cone:
     Attributes:
         name: number of the lane from 1, side (L or R), and number along the lane from 1: "2R3".
         x, y: where its base touches the lane [m].
+        outward: to which side of that point it stands, along y: 1 to the left, -1 to the right.
     """
 
     name: str
     x: float
     y: float
+    outward: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -103,9 +105,9 @@ class LaneCourse:
         found = []
         for number, lane in enumerate(self.lanes, 1):
             count = math.ceil((lane.end - lane.start) / spacing - 1e-9) + 1
-            for side, y in (("L", lane.left), ("R", lane.right)):
+            for side, y, outward in (("L", lane.left, 1.0), ("R", lane.right, -1.0)):
                 places = np.linspace(lane.start, lane.end, count).tolist()
-                found += [Cone(name=f"{number}{side}{k}", x=x, y=y) for k, x in enumerate(places, 1)]
+                found += [Cone(name=f"{number}{side}{k}", x=x, y=y, outward=outward) for k, x in enumerate(places, 1)]
         return tuple(found)
 
 

@@ -19,7 +19,6 @@ from simwarp.train.config import default_config
 from simwarp.train.evaluation.evaluation import (
     evaluate,
     evaluate_policies,
-    wilson_interval,
 )
 from simwarp.train.evaluation.filming import Film
 from simwarp.train.evaluation.play import check_video_path, record, write_picture, write_video
@@ -36,15 +35,6 @@ def trained(tmp_path_factory):
     config = replace_fields(default_config(task_class("fast")), {"device": "cpu", "iterations": 12})
     train("fast", config, task_class("fast").config_type(), root=root, console=Console(quiet=True))
     return root
-
-
-@pytest.mark.parametrize(
-    ("successes", "trials", "low", "high"),
-    # Newcombe (1998), table I: 81/263, 15/148, 0/20, 1/29
-    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
-)
-def test_wilson_interval_against_published_values(successes, trials, low, high):
-    assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=6e-5)
 
 
 class Uneven(Counter):

@@ -3,19 +3,18 @@
 import dataclasses
 import json
 import math
-import os
 
 import pytest
 
 pytest.importorskip("optuna")
 
-from simwarp.core.files import FileError
+from simwarp.search.search_journal import STORAGE
 from simwarp.tasks import InputError, replace_fields, task_class
 from simwarp.train.config import default_config
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.sweeps.plan import SweepRun, run_name
 from simwarp.train.sweeps.run_state import RunRecord
-from simwarp.train.sweeps.searching import STORAGE, Dimension, Search
+from simwarp.train.sweeps.searching import Dimension, Search
 
 FAST = task_class("fast")
 SPACE = {"ppo.gamma": Dimension(low=0.9, high=1.0)}
@@ -99,32 +98,6 @@ def test_a_journal_that_was_cut_off_in_a_line_goes_on(tmp_path, share):
     # and its file is whole again
     assert [json.loads(line) for line in path.read_bytes().splitlines()]
     assert len(finish(search(tmp_path, [1.0, 2.0, 3.0]))) == 2 * 3
-
-
-DAMAGED = {
-    "no text": b"\xff\xfe\n" * 9,
-    "zeros": b"\0" * 99 + b"\n",
-    "a list": b"[1, 2]\n",
-    "another object": b'{"a": null}\n',
-    "nested": b"[" * 100_000 + b"\n",
-    "empty objects": b"{}\n{}\n",
-}
-
-
-@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
-def test_a_damaged_journal_is_named(tmp_path, content):
-    path = tmp_path / STORAGE
-    path.write_bytes(content)
-    words = r"search\.log is damaged \((line 1|\w+)\); put a whole copy in its place, or give another --out"
-    with pytest.raises(InputError, match=words):
-        search(tmp_path, [1.0, 2.0, 3.0])
-    assert path.read_bytes().startswith(content)
-
-
-def test_a_journal_that_is_no_file_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / STORAGE)
-    with pytest.raises(FileError, match=r"journal of the search '.*search\.log' is no regular file"):
-        search(tmp_path, [1.0, 2.0, 3.0])
 
 
 def test_a_search_over_other_fields_is_refused(tmp_path):

@@ -71,6 +71,23 @@ def test_points_stay_within_their_bounds():
     assert search.point[0] == pytest.approx(1.5)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_bound_that_keeps_a_sign_is_approached_and_not_reached(sign):
+    """From 1 to 0.01 in a logarithm, which has no value at zero: the first step is 4.6 long."""
+    low, high = sorted([0.0, sign * math.inf])
+    wide = space(
+        [sign], low=np.array([low]), high=np.array([high]), signed=np.array([True])
+    )  # fmt: skip
+    search = LevenbergMarquardt(wide)
+    while not search.done:
+        points = search.ask()
+        # differences at 0.01 are 2e-4 wide at least: no neighbour is at zero either
+        assert (sign * points > 0.0).all()
+        search.tell(np.log(sign * points / 0.01))
+    assert search.diverged == 0
+    assert search.point[0] == pytest.approx(0.01 * sign, rel=1e-6)
+
+
 def test_where_the_model_diverges_no_point_ends_and_it_is_counted():
     def broken(point):
         return wave(point) - wave(TRUTH) if point[2] < 4.2 else np.full(len(TIMES), np.nan)

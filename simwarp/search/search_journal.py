@@ -8,8 +8,8 @@ import os
 from pathlib import Path
 from typing import Any, Final
 
-from simwarp.core.files import check_input, output_error
-from simwarp.tasks import InputError
+from simwarp.core.files import FileError, check_input, output_error
+from simwarp.core.types import ModelError
 
 STORAGE: Final = "search.log"
 """Journal of the trials, in the folder of the search."""
@@ -19,17 +19,17 @@ def import_optuna() -> Any:
     """Return the module optuna.
 
     Raises:
-        InputError: it is not installed.
+        ModelError: it is not installed.
     """
     try:
         return importlib.import_module("optuna")
     except ImportError as error:
-        raise InputError("--search needs the package optuna: pip install 'simwarp[sweep]'") from error
+        raise ModelError("--search needs the package optuna: pip install 'simwarp[sweep]'") from error
 
 
-def _damaged(path: Path, why: str) -> InputError:
+def _damaged(path: Path, why: str) -> FileError:
     remedy = "put a whole copy in its place, or give another --out"
-    return InputError(f"journal of the search {path} is damaged ({why}); {remedy}")
+    return FileError(f"journal of the search {path} is damaged ({why}); {remedy}")
 
 
 def _check_journal(path: Path) -> None:
@@ -38,8 +38,7 @@ def _check_journal(path: Path) -> None:
     What is added to it would stand in the same line.
 
     Raises:
-        InputError: a line is no object of JSON.
-        FileError: it is no regular file.
+        FileError: it is no regular file, or a line is no object of JSON.
         OutputError: it cannot be shortened.
     """
     if not os.path.lexists(path):
@@ -69,8 +68,8 @@ def open_study(path: Path, name: str, *, maximise: bool = True) -> Any:
         maximise: whether large values are good.
 
     Raises:
-        InputError: optuna is not installed, or the journal is damaged.
-        FileError: it is no regular file.
+        ModelError: optuna is not installed.
+        FileError: the journal is damaged, or no regular file.
         OutputError: the disk did not take it.
     """
     optuna = import_optuna()

@@ -1,0 +1,1 @@
+"""What searches by Optuna share: the package, and the journal from which one goes on."""

@@ -1,0 +1,1 @@
+"""Statistics that training, studies and benchmarks share."""
