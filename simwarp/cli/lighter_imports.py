@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import importlib.machinery
 import os
 import subprocess
@@ -151,3 +152,16 @@ def leave_unused_out() -> None:
     """From now on, tensordict is imported without torch's compiler, and rsl_rl without writers for services."""
     finders: tuple[Any, ...] = (_UncompiledFinder(), _Finder(SERVICES.__contains__))
     sys.meta_path[:0] = finders
+
+
+@contextlib.contextmanager
+def few_collections() -> Iterator[None]:
+    """Inside, garbage is looked for rarely: importing makes hundreds of thousands of objects that all stay, and looking
+    through them over and over takes a tenth of the time.
+    """
+    usual = gc.get_threshold()
+    gc.set_threshold(100 * usual[0], *usual[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
