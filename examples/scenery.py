@@ -118,7 +118,7 @@ def hallway(seed: int) -> World:
     """A corridor, and a lane between red and green cones in it."""
     world = World()
     track = scenery.indoor_track(seed)
-    ways = scenery.corridors(track, seed=seed)
+    ways = scenery.corridor(track, seed=seed)
     tiles = world.visuals.texture(
         ImageTexture(image=scenery.ground_texture("tiles"), metres=scenery.TEXTURES["tiles"])
     )  # fmt: skip

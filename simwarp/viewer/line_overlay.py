@@ -52,7 +52,7 @@ def draw_lines(
     """
     result = picture.copy()
     covers = [_coverage(_projected(line.points, camera, fov, depth.shape), depth, line.width) for line in lines]
-    touched = np.nonzero(np.any(covers, axis=0))
+    touched = np.nonzero(np.any([np.zeros(depth.shape), *covers], axis=0))
     mixed = picture[touched].astype(np.float64)
     for line, cover in zip(lines, covers, strict=True):
         mixed += cover[touched][:, None] * (255.0 * np.array(line.color) - mixed)

@@ -139,7 +139,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
 
     def course_mesh(self, track: sw.scenery.Track, number: int) -> sw.scenery.VisualMesh:
         """Return walls, floor, ceiling and cones."""
-        walls = sw.scenery.corridors(track, width=CORRIDOR, seed=self.config.first_track + number)
+        walls = sw.scenery.corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (
             sw.scenery.arranged(sw.scenery.cone(color, height=0.25), track.marks(_CONE_APART, side)).mesh
             for side, color in zip(
