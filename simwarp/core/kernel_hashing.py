@@ -27,10 +27,12 @@ def hash_functions_once() -> None:
 
     Where Warp has no such methods, nothing changes.
     """
+    hasher: Any = context.ModuleHasher
+    module: Any = context.Module
     with contextlib.suppress(AttributeError):
-        if not getattr(context.ModuleHasher.hash_function, "keeps_hashes", False):
-            context.ModuleHasher.hash_function = _keeping(context.ModuleHasher.hash_function)
-            context.Module._find_references = _of_others(context.Module._find_references)
+        if not getattr(hasher.hash_function, "keeps_hashes", False):
+            hasher.hash_function = _keeping(hasher.hash_function)
+            module._find_references = _of_others(module._find_references)
 
 
 def _keeping(hash_anew: Any) -> Any:

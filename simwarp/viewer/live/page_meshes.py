@@ -115,7 +115,8 @@ def of_mesh(visuals: Visuals, asset: int) -> Triangles:
     mesh, look = visuals.meshes[asset], visuals.mesh_visuals[asset]
     if look is None or (look.color is None and look.texture is None):
         return simplified(_made(mesh.vertices, mesh.triangles))
-    if look.color is None and look.uv is not None and len(look.images) == 1 and (look.texture == 0).all():
+    one_picture = look.uv is not None and len(look.images) == 1 and bool(np.all(look.texture == 0))
+    if look.color is None and one_picture and len(mesh.triangles) <= MOST_PAINTED:
         return with_coordinates(mesh, look.uv, look.images[0])
     color = np.ones((len(mesh.triangles), 3, 3), np.float32) if look.color is None else look.color.copy()
     if look.texture is not None:
