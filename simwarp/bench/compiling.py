@@ -51,7 +51,8 @@ def _probe(name: str, device: str, cache: str) -> Start:
     return Start(*json.loads(done.stdout.splitlines()[-1]))
 
 
-def _first_step(name: str, device: str) -> Start:
+def first_step(name: str, device: str) -> Start:
+    """From the model of a scene, a vehicle or a task to the end of its first step in one world, in this process."""
     scene = bench_scenes().get(name)
     if name in vehicle_row_names():
         from simwarp.bench.vehicle_rows import VehicleRun
@@ -83,4 +84,4 @@ if __name__ == "__main__":
     from simwarp.core.warp_start import start_warp
 
     start_warp()
-    print(json.dumps(_first_step(sys.argv[1], sys.argv[2])))
+    print(json.dumps(first_step(sys.argv[1], sys.argv[2])))

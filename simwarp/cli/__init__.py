@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
-from simwarp.cli.lighter_imports import FULL, leave_compiler_out, run_in_full, stand_ins
+from simwarp.cli.lighter_imports import FULL, few_collections, leave_unused_out, run_in_full, stand_ins
 from simwarp.cli.process import leave, leave_at_once, prepare_streams, silence_output
 from simwarp.core.stopping import exit_at_signals, interrupted_by_signals
 from simwarp.core.wording import suggestions
@@ -311,14 +311,16 @@ def _run(arguments: list[str], *, alone: bool) -> int:
     if command.reads_only:
         return _read(lambda: command.load()(arguments[1:]), arguments, alone=alone)
     if alone:
-        leave_compiler_out()
-    run = command.load()
-    from simwarp.core.warp_start import cache_trouble, start_warp  # Warp takes a while to import: help texts do without
+        leave_unused_out()
+    with few_collections():
+        run = command.load()
+        # Warp takes a while to import: help texts do without
+        from simwarp.core.warp_start import cache_trouble, start_warp
 
-    try:
-        start_warp()
-    except OSError as error:
-        raise ShortfallError(cache_trouble(error)) from error
+        try:
+            start_warp()
+        except OSError as error:
+            raise ShortfallError(cache_trouble(error)) from error
     return run(arguments[1:])
 
 

@@ -28,6 +28,9 @@ class DoctorOptions(CommonOptions):
 
     gpu: tyro.conf.FlagCreatePairsOff[bool] = False
     """Also try the GPU: every scene against the CPU, and a training; writes a report to send (minutes)."""
+    warm: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Also compile what commands need, small models first (minutes, once per machine): later starts take seconds.
+    For the device that commands use by default."""
     device: str = "cuda:0"
     """GPU that --gpu tries."""
     worlds: int = 32
@@ -69,6 +72,12 @@ def run(arguments: list[str]) -> int:
     for item in problems:
         console.print(f"problem: {item.problem}\n  remedy: {item.remedy}", highlight=False, soft_wrap=True)
     report: dict[str, Any] = {"device": device, "versions": packages, "cache": cache}
+    if options.warm:
+        from simwarp.cli.warming import subjects, warm
+
+        warmed = warm(subjects(), device["device"], console)
+        report["warm"] = [each._asdict() for each in warmed]
+        problems += [Problem(f"{each.name}: {each.problem}", "send us this line") for each in warmed if each.problem]
     if options.gpu:
         tried, wrong = trial.run()
         report["gpu"] = tried

@@ -5,13 +5,15 @@ torch, Warp and every kernel, several seconds of which nothing is printed: stand
 ends after the text, so that no stand-in is ever computed with.
 
 Commands that run policies import tensordict, which marks some functions for `torch.compile` and for that imports the
-whole compiler, two seconds. No command compiles: the marks are left out.
+whole compiler, two seconds. No command compiles: the marks are left out. They import rsl_rl too, whose writers for
+two services on the network import TensorBoard: no command writes there, and stand-ins answer for them.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import importlib.machinery
 import os
 import subprocess
@@ -26,6 +28,8 @@ REPLACED: Final = (
     "warp",
 )  # fmt: skip
 """Packages that take long to import, and that no option's name, type, default or text comes from."""
+SERVICES: Final = frozenset({"rsl_rl.utils.neptune_log_writer", "rsl_rl.utils.wandb_log_writer"})
+"""Modules that no command uses, and that import TensorBoard."""
 FULL: Final = "SIMWARP_FULL_IMPORTS"
 """Environment variable; when set, nothing is replaced."""
 
@@ -76,13 +80,16 @@ class _StandInModule(ModuleType):
 
 
 class _Finder:
-    """Finds the replaced packages, and all modules in them."""
+    """Finds replaced packages, and all modules in them."""
+
+    def __init__(self, is_replaced: Callable[[str], bool]) -> None:
+        self._is_replaced = is_replaced
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         """A module without contents, for a name of theirs."""
-        if name.partition(".")[0] not in REPLACED:
+        if not self._is_replaced(name):
             return None
         return importlib.machinery.ModuleSpec(name, self, is_package=True)  # type: ignore[arg-type]
 
@@ -102,7 +109,7 @@ def stand_ins() -> Iterator[None]:
 
     Warnings are errors: tasks of other packages that cannot be loaded are warned of, and stand-ins may be why.
     """
-    finder: Any = _Finder()
+    finder: Any = _Finder(lambda name: name.partition(".")[0] in REPLACED)
     sys.meta_path.insert(0, finder)
     try:
         with warnings.catch_warnings():
@@ -141,7 +148,20 @@ def _load_without_marks(load: Callable[[ModuleType], None], module: ModuleType) 
         load(module)
 
 
-def leave_compiler_out() -> None:
-    """From now on, tensordict is imported without torch's compiler."""
-    finder: Any = _UncompiledFinder()
-    sys.meta_path.insert(0, finder)
+def leave_unused_out() -> None:
+    """From now on, tensordict is imported without torch's compiler, and rsl_rl without writers for services."""
+    finders: tuple[Any, ...] = (_UncompiledFinder(), _Finder(SERVICES.__contains__))
+    sys.meta_path[:0] = finders
+
+
+@contextlib.contextmanager
+def few_collections() -> Iterator[None]:
+    """Inside, garbage is looked for rarely: importing makes hundreds of thousands of objects that all stay, and looking
+    through them over and over takes a tenth of the time.
+    """
+    usual = gc.get_threshold()
+    gc.set_threshold(100 * usual[0], *usual[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)

@@ -29,7 +29,8 @@ _NO_DRIVER: Final = "Could not find or load the NVIDIA CUDA driver"
 _started = threading.Event()
 _starting = threading.Lock()
 _busy = threading.Lock()
-_BUILD_FOLDER: Final = re.compile(r"^wp_(.+?)(?:_[0-9a-f]{7,})?_p\d+_t\d+$")
+BUILD_FOLDER: Final = re.compile(r"^wp_(.+?)(?:_[0-9a-f]{7,})?_p\d+_t\d+$")
+"""Names of folders in the cache in which a module is being compiled."""
 
 
 class CacheError(OSError):
@@ -159,7 +160,7 @@ class _Modules:
     @property
     def text(self) -> str:
         """What is compiled: the last module by its name, how many there were, and the time since the first [s]."""
-        name = _BUILD_FOLDER.sub(r"\1", next(reversed(self.seen)))
+        name = BUILD_FOLDER.sub(r"\1", next(reversed(self.seen)))
         return f"module {len(self.seen)}, {name}, {time.monotonic() - self._began:.0f} s"
 
 

@@ -324,6 +324,26 @@ def painted_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike, colors: npt.
     return trimesh.Trimesh(vertices, triangles, vertex_colors=colors, process=False)
 
 
+def textured_mesh(
+    vertices: npt.ArrayLike, triangles: npt.ArrayLike, uv: npt.ArrayLike, image: Image, color: Sequence[float]
+) -> trimesh.Trimesh:
+    """A mesh for libraries that take those of trimesh, with a picture that repeats.
+
+    Args:
+        vertices: (V, 3).
+        triangles: (T, 3).
+        uv: (V, 2) texture coordinates, v upwards.
+        image: (height, width, 3) uint8 sRGB, top row first.
+        color: linear, by which that of the picture is multiplied.
+    """
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=PIL.Image.fromarray(image), metallicFactor=0.0, roughnessFactor=1.0,
+        baseColorFactor=np.round(255.0 * np.append(np.clip(color, 0.0, 1.0), 1.0)).astype(np.uint8),
+    )  # fmt: skip
+    look = trimesh.visual.TextureVisuals(uv=np.asarray(uv, np.float64), material=material)
+    return trimesh.Trimesh(vertices, triangles, visual=look, process=False)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class GlbMesh:
     """A mesh to be written.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Final
 
 import numpy as np
@@ -154,6 +155,23 @@ def _block(start: Array, end: Array, outline: Array, color: Array) -> VisualMesh
     return loft(rings, shades, caps=np.stack([0.8 * color, 0.8 * color]))
 
 
+def _blocks(points: Array, outline: Array, colors: Sequence[Array]) -> VisualMesh:
+    """The blocks between points (n, 2) of the plane, each in its colour: `_block` of all of them at once."""
+    first = {key: _block(points[0], points[1], outline, np.array(key)) for key in {tuple(color) for color in colors}}
+    way = np.diff(points, axis=0)
+    # one by one, as `_block` has them: norms of many at once round otherwise
+    along = way / np.array([np.linalg.norm(each) for each in way])[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    plane = outline[:, :1] * across[:, None]
+    upright = np.broadcast_to(outline[:, 1:], (len(way), len(outline), 1))
+    rings = [np.concatenate([ends[:, None] + plane, upright], axis=2) for ends in (points[:-1], points[1:])]
+    vertices = np.concatenate([*rings, *(ring.mean(axis=1)[:, None] for ring in rings)], axis=1)
+    alike = [first[tuple(color)] for color in colors]
+    triangles = np.concatenate([mesh.triangles + k * vertices.shape[1] for k, mesh in enumerate(alike)])
+    painted = [mesh.color for mesh in alike if mesh.color is not None]
+    return VisualMesh(vertices=vertices.reshape(-1, 3), triangles=triangles, color=np.concatenate(painted))
+
+
 @RULES.arguments("barrier_chain")
 def barrier_chain(
     points: Annotated[npt.ArrayLike, POINTS], *, closed: bool = False, length: Metres = 2.0, height: Metres = 0.8,
@@ -185,7 +203,6 @@ def barrier_chain(
     )
     at = np.linspace(0.0, arc[-1], count + 1)
     ends = np.stack([np.interp(at, arc, line[:, k]) for k in range(2)], axis=1)
-    blocks = [_block(ends[k], ends[k + 1], outline, tones[k % len(tones)]) for k in range(count)]
-    mesh = joined(blocks)
+    mesh = _blocks(ends, outline, [tones[k % len(tones)] for k in range(count)])
     proxy = Proxy(kind=ShapeType.MESH, points=mesh.vertices, triangles=mesh.triangles)
     return Visual(name="barriers", mesh=mesh, proxies=(proxy,), label=Label.BARRIER, reflectance=0.6)

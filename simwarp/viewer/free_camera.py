@@ -89,23 +89,38 @@ class FreeCamera(Readable):
         Raises:
             ModelError: the poses are not as many as the views.
         """
-        if len(poses) != len(self.worlds):
-            raise ModelError(f"free camera: there must be {len(self.worlds)} poses, got {len(poses)}; one per view")
-        place = np.array([pose.position for pose in poses], np.float64)
-        axes = np.array([matrix_of(pose.rotation) for pose in poses], np.float32)
-        self._views.rot = wp.array(axes, dtype=wp.mat33, device=self._device)
-        self.scene.place(state, self._tables, self._due)
-        wp.launch(
-            aim_freely, dim=len(poses), device=self._device,
-            inputs=[WorldRange(), self._numbers, wp.array(place, dtype=wp.vec3d, device=self._device), self._tables],
-            outputs=[self._views],
-        )  # fmt: skip
+        self.aim(state, poses, self._numbers)
         inputs, outputs, parts = render_arguments(
             self._numbers, self._views, self.scene, self._tables, self.lights, self._image_processing, self._sums,
             self.outputs,
         )  # fmt: skip
         wp.launch(render, dim=(len(poses), parts), device=self._device, inputs=[WorldRange(), *inputs], outputs=outputs)
         return self.outputs[self.config.outputs[0]].numpy().copy()
+
+    def aim(self, state: State, poses: Sequence[Pose], numbers: Any, *, placed: bool = False) -> None:
+        """Puts the scene where a state has it, unless it is there, and the camera at these poses.
+
+        Args:
+            state: of the scene's model.
+            poses: one per view.
+            numbers: of the camera, as kernels read them.
+            placed: the scene is there.
+
+        Raises:
+            ModelError: the poses are not as many as the views.
+        """
+        if len(poses) != len(self.worlds):
+            raise ModelError(f"free camera: there must be {len(self.worlds)} poses, got {len(poses)}; one per view")
+        place = np.array([pose.position for pose in poses], np.float64)
+        axes = np.array([matrix_of(pose.rotation) for pose in poses], np.float32)
+        self._views.rot = wp.array(axes, dtype=wp.mat33, device=self._device)
+        if not placed:
+            self.scene.place(state, self._tables, self._due)
+        wp.launch(
+            aim_freely, dim=len(poses), device=self._device,
+            inputs=[WorldRange(), numbers, wp.array(place, dtype=wp.vec3d, device=self._device), self._tables],
+            outputs=[self._views],
+        )  # fmt: skip
 
     def extent(self, state: State, *, fixed: bool = False) -> npt.NDArray[np.float64]:
         """(views, 2, 3) lowest and highest corner of what moves with bodies, world axes [m]; zeros without any.

@@ -90,10 +90,12 @@ def quieter(picture: Picture, ground: Mask) -> Picture:
     # pixels at an edge have the colour of what stands there as well
     inner = minimum_filter(ground, 3)
     weight = uniform_filter(inner.astype(np.float32), size)
-    masked = np.where(inner[..., None], picture, 0).astype(np.float32)
-    mean = uniform_filter(masked, (size, size, 0)) / np.maximum(weight, 1e-6)[..., None]
-    calm = np.round(mean + KEPT * (picture - mean)).clip(0, 255).astype(np.uint8)
-    return np.where(inner[..., None], calm, picture)
+    mean = np.empty(picture.shape, np.float32)
+    for channel in range(3):
+        uniform_filter(np.where(inner, picture[..., channel], np.float32(0.0)), size, mean[..., channel])
+    mean *= np.float32(1.0 - KEPT) / np.maximum(weight, 1e-6)[..., None]
+    mean += np.float32(KEPT) * picture
+    return np.where(inner[..., None], np.rint(mean, mean).astype(np.uint8), picture)
 
 
 def draw_marks(
@@ -113,21 +115,25 @@ def draw_marks(
     """
     height, width = depth.shape
     focal = 0.5 * width / math.tan(0.5 * fov)
-    rows, columns = np.nonzero(ground & (depth < focal / CROWDED[0]))
-    far = depth[rows, columns]
-    ray = np.stack(
-        [np.ones(len(rows)), (0.5 * width - 0.5 - columns) / focal, (0.5 * height - 0.5 - rows) / focal], axis=1
-    ).astype(np.float32)
-    rotation = matrix_of(camera.rotation)
-    place = (far[:, None] * ray) @ rotation[:2].T.astype(np.float32)
+    right = ((0.5 * width - 0.5 - np.arange(width)) / focal).astype(np.float32)
+    up = ((0.5 * height - 0.5 - np.arange(height)) / focal).astype(np.float32)[:, None]
+    rotation = matrix_of(camera.rotation).astype(np.float32)
     # near the camera float32 holds a millimetre; whole metres of its own place are taken off first
     whole = np.floor(np.asarray(camera.position[:2], np.float64))
-    place += (np.asarray(camera.position[:2], np.float64) - whole).astype(np.float32)
+    start = (np.asarray(camera.position[:2], np.float64) - whole).astype(np.float32)
+    seen = ground & (depth < focal / CROWDED[0])
+    reach, places = np.float32(2.0 * marks.arm + marks.width), []
+    for axis in range(2):
+        way = (rotation[axis, 0] + rotation[axis, 2] * up) + rotation[axis, 1] * right
+        place = start[axis] + depth * way
+        seen &= np.abs(place - np.round(place)) < reach
+        places.append(place)
+    rows, columns = np.nonzero(seen)
+    far = depth[rows, columns]
+    ray = np.stack([np.ones_like(far), right[columns], up[rows, 0]], axis=1)
+    place = np.stack([each[rows, columns] for each in places], axis=1)
     node = np.round(place)
-    away = np.abs(place - node)
-    near = away.max(axis=1) < 2.0 * marks.arm + marks.width
-    rows, columns, far, ray, away = rows[near], columns[near], far[near], ray[near], away[near]
-    number = node[near] + whole
+    away, number = np.abs(place - node), node + whole
     scale = 1.0 + (number % LARGER == 0).all(axis=1)
     slant = np.abs((normals[rows, columns] * ray).sum(axis=1)) / np.linalg.norm(ray, axis=1)
     pixel = far / focal / np.maximum(slant, 0.05)

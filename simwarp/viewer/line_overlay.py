@@ -50,11 +50,14 @@ def draw_lines(
         fov: horizontal field of view [rad].
         lines: drawn in order.
     """
-    result = picture.astype(np.float64)
-    for line in lines:
-        cover = _coverage(_projected(line.points, camera, fov, depth.shape), depth, line.width)[..., None]
-        result += cover * (255.0 * np.array(line.color) - result)
-    return np.rint(result).astype(np.uint8)
+    result = picture.copy()
+    covers = [_coverage(_projected(line.points, camera, fov, depth.shape), depth, line.width) for line in lines]
+    touched = np.nonzero(np.any([np.zeros(depth.shape), *covers], axis=0))
+    mixed = picture[touched].astype(np.float64)
+    for line, cover in zip(lines, covers, strict=True):
+        mixed += cover[touched][:, None] * (255.0 * np.array(line.color) - mixed)
+    result[touched] = np.rint(mixed).astype(np.uint8)
+    return result
 
 
 def _projected(points: Array, camera: Pose, fov: float, shape: tuple[int, ...]) -> Array:

@@ -22,6 +22,7 @@ from simwarp.viewer.free_camera import FreeCamera
 from simwarp.viewer.ground_height import GroundHeight
 from simwarp.viewer.ground_marks import GroundFinder, draw_marks, marks_for, quieter
 from simwarp.viewer.line_overlay import Polyline, draw_lines
+from simwarp.viewer.sparing_camera import SparingCamera
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation
@@ -85,12 +86,13 @@ class FollowCamera(Readable):
         lighting: None: sun and sky.
         marks: crosses on the ground at whole metres.
         quiet: less pattern on grounds, so that what stands on them is seen.
+        sparing: plain parts of the pictures get fewer rays, where that is faster; for films.
     """
 
     def __init__(
         self, simulation: Simulation, scene: Scene, shot: Shot | None = None, *, worlds: Sequence[int] = (0,),
         width: int = 480, height: int = 320, samples: int = 2, lighting: Lighting | None = None,
-        marks: bool = False, quiet: bool = False,
+        marks: bool = False, quiet: bool = False, sparing: bool = False,
     ) -> None:  # fmt: skip
         self._simulation = simulation
         self._shot = Shot() if shot is None else shot
@@ -98,7 +100,8 @@ class FollowCamera(Readable):
             width=width, height=height, samples=samples, lens=Pinhole(fov=self._shot.fov), far=2000.0,
             outputs=("rgb", "depth", "normals", "instance"),
         )  # fmt: skip
-        self.camera = FreeCamera(scene, worlds, config, lighting)
+        spares = sparing and SparingCamera.suits(scene, config)
+        self.camera = (SparingCamera if spares else FreeCamera)(scene, worlds, config, lighting)
         self._body = body_index("studio", self._shot.body, simulation.model) if simulation.model.body_count else WORLD
         extent = self.camera.extent(simulation.state)
         self._size = max(float(np.linalg.norm(extent[:, 1] - extent[:, 0], axis=1).max()), 1e-3)

@@ -28,6 +28,7 @@ class TaskCamera:
         worlds: indices of those that are seen; None: all.
         view: makes another shot of the task's own.
         marks: on the ground, every metre.
+        sparing: plain parts of the images get fewer rays; for films.
 
     Raises:
         InputError: the task has neither bodies nor a drawing.
@@ -35,7 +36,7 @@ class TaskCamera:
 
     def __init__(
         self, task: Task[Any], *, width: int, height: int, samples: int, worlds: Sequence[int] | None = None,
-        view: Callable[[Shot], Shot] | None = None, marks: bool = True,
+        view: Callable[[Shot], Shot] | None = None, marks: bool = True, sparing: bool = False,
     ) -> None:  # fmt: skip
         seen = list(range(task.num_worlds) if worlds is None else worlds)
         self._cameras: list[tuple[list[int], _ModelCamera]] = []
@@ -43,7 +44,7 @@ class TaskCamera:
             places = [place for place, world in enumerate(seen) if group.rows.start <= world < group.rows.stop]
             if places:
                 rows = [seen[place] - group.rows.start for place in places]
-                camera = _ModelCamera(group.task, rows, (width, height), samples, view, marks)
+                camera = _ModelCamera(group.task, rows, (width, height), samples, view, marks, sparing)
                 self._cameras.append((places, camera))
 
     def render(self, time: float, below: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
@@ -87,12 +88,12 @@ class _ModelCamera:
         task: of one model.
         rows: indices of the worlds that are seen.
         size: width and height of an image [pixels].
-        samples, view, marks: see `TaskCamera`.
+        samples, view, marks, sparing: see `TaskCamera`.
     """
 
     def __init__(
         self, task: Task[Any], rows: list[int], size: tuple[int, int], samples: int,
-        view: Callable[[Shot], Shot] | None, marks: bool,
+        view: Callable[[Shot], Shot] | None, marks: bool, sparing: bool,
     ) -> None:  # fmt: skip
         self._task, self._rows = task, rows
         scene = task.scene()
@@ -100,6 +101,7 @@ class _ModelCamera:
         self.camera = FollowCamera(
             simulation, scene, shot if view is None else view(shot), worlds=rows, width=size[0], height=size[1],
             samples=samples, lighting=task.lighting(), marks=marks, quiet=True,
+            sparing=sparing,
         )  # fmt: skip
 
     def render(self, time: float, below: Sequence[Sequence[Polyline]]) -> npt.NDArray[np.uint8]:

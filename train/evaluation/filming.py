@@ -102,7 +102,7 @@ class Film:
         self._task = task
         self._camera = TaskCamera(
             task, worlds=self.worlds, width=width, height=height, samples=2 if video else 3,
-            view=partial(viewed, options=options), marks=options.marks,
+            view=partial(viewed, options=options), marks=options.marks, sparing=video,
         )  # fmt: skip
         self._trails = Trails(shown) if options.trail else None
 

@@ -54,7 +54,7 @@ def write_mp4(path: Path, images: Iterable[npt.NDArray[np.uint8]], size: tuple[i
     command = [
         encoder.get_ffmpeg_exe(), "-y", "-v", "error", "-nostats",
         "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", f"{rate:.6f}", "-i", "-", "-an",
-        "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", _QUALITY,
+        "-vcodec", "libx264", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-crf", _QUALITY,
     ]  # fmt: skip
     with replacing(path) as draft:
         error = _encode([*command, "-f", "mp4", str(draft)], images)

@@ -13,7 +13,6 @@ import torch
 from simwarp.cli.view.task_subject import TaskLoop
 from simwarp.tasks import config_to_plain
 from simwarp.train.algorithm.trajectories import FORMAT, Trajectories, save_trajectories
-from simwarp.vehicle.vehicle import Vehicle
 from simwarp.viewer.live.driving.browser_driving import Wheel
 from simwarp.viewer.live.driving.human_driver import Inputs
 
@@ -54,7 +53,11 @@ class HumanInTask:
     def wheel(self) -> Wheel | None:
         """For a page; None where the task drives no vehicle by these actions."""
         vehicle = getattr(self._loop.task, "vehicle", None)
-        if not isinstance(vehicle, Vehicle) or self._loop.task.action_size not in (1, 2):
+        if vehicle is None or self._loop.task.action_size not in (1, 2):
+            return None
+        from simwarp.vehicle.vehicle import Vehicle  # all of a vehicle takes a second to import
+
+        if not isinstance(vehicle, Vehicle):
             return None
         return Wheel(vehicle, self.give, self.leave)
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from simwarp.cli import UsageError
 from simwarp.cli.view.view_options import ViewOptions
-from simwarp.viewer.live.driving.drive_panel import DrivePanel
 from simwarp.viewer.live.driving.human_driver import Keys
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
@@ -37,6 +36,8 @@ def open_view(subject: Any, options: ViewOptions, server: WebServer | None) -> L
 
 
 def _drive(view: LiveView, keys: Keys) -> None:
+    from simwarp.viewer.live.driving.drive_panel import DrivePanel  # imports all of a vehicle
+
     panel = next((panel for panel in view.panels if isinstance(panel, DrivePanel)), None)
     if panel is None:
         view.stop()

@@ -13,7 +13,7 @@ from simwarp.tasks import StepResult, Task
 from simwarp.tasks.framework.agent_rows import refuse_agents
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_coordinates import joint_series
-from simwarp.viewer.live.driving.vehicle_panel import GOAL
+from simwarp.viewer.live.driving.browser_driving import GOAL
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
 
 MOST_OBSERVED = 400

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simwarp.cli import HELP, UsageError
+from simwarp.cli.lighter_imports import few_collections
 from simwarp.cli.options import parse_options, split_path
 from simwarp.cli.view.view_options import ACTORS, TaskViewOptions, ViewOptions, announce, check_view_options
 from simwarp.cli.view.view_target import ViewTarget, find_target
@@ -25,7 +26,11 @@ def run(arguments: list[str]) -> int:
     target = find_target(str(name))
     server = _early_page(target, arguments)
     try:
-        from simwarp.cli.view.view_session import show
+        with few_collections():
+            from simwarp.cli.view.view_session import show
+
+            if target.kind == "task":
+                import simwarp.cli.view.task_view  # noqa: F401  what a task needs beside it
 
         return show(target, arguments, server)
     finally:

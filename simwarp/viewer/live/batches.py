@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import ShapeType
+from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
 from simwarp.viewer.live import page_meshes
@@ -23,6 +24,7 @@ Key: TypeAlias = tuple[Any, ...]
 HIDDEN: Final = 1e-6
 """Scale of what is disabled: an instance cannot be left out of a batch."""
 GROUNDS: Final = (ShapeType.PLANE,)
+TEXTURED: Final = "texture"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,12 +54,16 @@ class Batch:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ground:
-    """An endless plane, once for all worlds: z = 0 of its frame, its colour, and the side of its squares [m]."""
+    """An endless plane, once for all worlds: z = 0 of its frame, its colour, and the side of its squares [m]; the image
+    texture on it, and by what that is multiplied, where it has one that is laid along it.
+    """
 
     position: Array
     rotation: Array
     color: npt.NDArray[np.uint8]
     tile: float
+    texture: ImageTexture | None = None
+    tint: tuple[float, ...] = (1.0, 1.0, 1.0)
 
 
 class Batches:
@@ -91,7 +97,7 @@ class Batches:
         """
         self._read_arrays()
         found = self._assigned()
-        if len(found) == len(self.batches) and all(map(_equal, found, self.batches)):
+        if self.revision and len(found) == len(self.batches) and all(map(_equal, found, self.batches)):
             return False
         self.batches, self.grounds = found, self._grounds()
         self.revision += 1
@@ -169,6 +175,10 @@ class Batches:
         if kind == ShapeType.CAPSULE:
             radius, half, _ = self._size[row, instance]
             return (kind, moving, round(float(half / max(radius, 1e-9)), 2))
+        if self._is_textured(row, instance):
+            asset, texture = int(self._asset[row, instance]), int(self._texture[row, instance])
+            color = tuple(np.round(self._color[row, instance], 3).tolist())
+            return (kind, moving, asset, own, color, TEXTURED, texture)
         if kind in (ShapeType.HULL, ShapeType.HEIGHT_FIELD):
             return (kind, moving, int(self._asset[row, instance]))
         if kind == ShapeType.MESH:
@@ -179,13 +189,29 @@ class Batches:
             return (kind, moving, asset, own)
         return (ShapeType.SPHERE if kind in page_meshes.ROUNDED else kind, moving)
 
+    def _is_textured(self, row: int, instance: int) -> bool:
+        """Whether it is a height field or mesh, as large as it was made, under a texture of its own."""
+        kind, size = self._kinds[instance], self._size[row, instance]
+        if self._texture[row, instance] < 0 or kind not in (ShapeType.HEIGHT_FIELD, ShapeType.MESH):
+            return False
+        plain = kind == ShapeType.HEIGHT_FIELD or bool(np.isin(size, (0.0, 1.0)).all())
+        return plain and (kind == ShapeType.HEIGHT_FIELD or not self.scene.shape[instance] >= 0)
+
     def _has_color(self, asset: int) -> bool:
         look = self.scene.visuals.mesh_visuals[asset]
         return look is not None and (look.color is not None or look.texture is not None)
 
     def _mesh(self, key: Key) -> Triangles:
         if key not in self._meshes:
-            self._meshes[key] = self._made(key)
+            made = self._made(key)
+            if key[5:6] == (TEXTURED,):
+                visuals, asset = self.scene.visuals, key[2]
+                mesh = key[0] == ShapeType.MESH
+                made = page_meshes.with_texture(
+                    made, visuals.textures.textures[key[6]], visuals.meshes[asset] if mesh else None,
+                    visuals.mesh_visuals[asset] if mesh else None,
+                )  # fmt: skip
+            self._meshes[key] = made
         return self._meshes[key]
 
     def _made(self, key: Key) -> Triangles:
@@ -227,7 +253,7 @@ class Batches:
                 continue
             alike = kind not in (ShapeType.CAPSULE, *_ASSETS) or (
                 np.ptp(self._asset[:, instance]) == 0 and np.ptp(self._size[:, instance], axis=0).max() == 0.0
-                and np.ptp(self._color[:, instance], axis=0).max() == 0.0
+                and np.ptp(self._color[:, instance], axis=0).max() == 0.0 and np.ptp(self._texture[:, instance]) == 0
             )  # fmt: skip
             if alike:
                 groups.setdefault(self._key(0, instance), []).extend((row, instance) for row in rows)
@@ -269,7 +295,12 @@ class Batches:
                 look = self.scene.visuals.textures.textures[texture] if texture >= 0 else None
                 color = page_meshes.srgb_bytes(self._colors(np.zeros(1, np.int64), np.array([instance]))[0])
                 tile = float(np.max(getattr(look, "metres", None) or 1.0))
-                found.setdefault((*np.round(place, 6), *np.round(turn, 6)), Ground(place, turn, color, tile))
+                image = look if isinstance(look, ImageTexture) and look.metres is not None else None
+                if image is not None and np.ptp(np.asarray(image.metres)) > 0.0:
+                    image = None  # it goes along with the camera by sections, which must be whole pictures
+                tint = tuple(self._color[0, instance].tolist())
+                ground = Ground(place, turn, color, tile, image, tint)
+                found.setdefault((*np.round(place, 6), *np.round(turn, 6)), ground)
         return list(found.values())
 
 

@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from simwarp.core.types import WORLD
 from simwarp.sensors.scene import Scene
-from simwarp.viewer.live.batches import Batch, Batches, turned
+from simwarp.viewer.live.batches import TEXTURED, Batch, Batches, Ground, turned
 from simwarp.viewer.live.body_readback import BodyReadback
 from simwarp.viewer.live.page_light import DAY, NIGHT
 from simwarp.viewer.live.page_meshes import linear_bytes, srgb_bytes
+from simwarp.viewer.live.page_textures import skin_along
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import WebServer, run_script
 from simwarp.viewer.live.world_layout import Layout, offsets
@@ -325,6 +326,13 @@ class Page:
             "batched_scales": batch.scales.astype(np.float32), "lod": "off",
         }  # fmt: skip
         name = self.node(batch)
+        if batch.mesh.skin is not None:
+            from simwarp.geometry.mesh_files import textured_mesh
+
+            skin = batch.mesh.skin
+            tint = batch.key[4] if batch.key[5:6] == (TEXTURED,) else (1.0, 1.0, 1.0)
+            mesh = textured_mesh(batch.mesh.vertices, batch.mesh.faces, skin.uv, skin.image, tint)
+            return self.scene.add_batched_meshes_trimesh(name, mesh, **common)
         if batch.mesh.color is not None:
             from simwarp.geometry.mesh_files import painted_mesh
 
@@ -340,6 +348,8 @@ class Page:
 
     def _add_ground(self, index: int) -> Any:
         ground = self.batches.grounds[index]
+        if ground.texture is not None:
+            return self._add_textured_ground(index, ground)
         color = self._light.shaded(ground.color)
         darker = tuple(int(0.86 * value) for value in color)
         turn = ground.rotation[[3, 0, 1, 2]]
@@ -348,6 +358,21 @@ class Page:
             section_size=10.0 * ground.tile, cell_color=darker, section_color=tuple(int(0.7 * v) for v in color),
             infinite_grid=False, fade_distance=120.0 * ground.tile, plane_color=color, plane_opacity=1.0,
             shadow_opacity=0.35, position=tuple(ground.position - self._origin), wxyz=tuple(turn),
+        )  # fmt: skip
+
+    def _add_textured_ground(self, index: int, ground: Ground) -> Any:
+        """A square of two triangles under the ground's picture."""
+        from simwarp.geometry.mesh_files import textured_mesh
+
+        assert ground.texture is not None
+        side = 10.0 * ground.tile * max(1, round(FAR / (10.0 * ground.tile)))  # whole sections: `_move_grounds`
+        corners = side * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
+        skin = skin_along(ground.texture, corners)
+        assert skin is not None
+        mesh = textured_mesh(corners, [(0, 1, 2), (0, 2, 3)], skin.uv, skin.image, ground.tint)
+        return self.scene.add_mesh_trimesh(
+            f"{ROOT}/ground_{index}", mesh, cast_shadow=False, position=tuple(ground.position - self._origin),
+            wxyz=tuple(ground.rotation[[3, 0, 1, 2]]),
         )  # fmt: skip
 
     def _draw_paths(self) -> None:

@@ -13,14 +13,19 @@ import numpy.typing as npt
 from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import HeightField, Hull
 from simwarp.geometry.primitive_meshes import primitive_mesh
+from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.sensors.cameras.appearance import ImageTexture, Texture
 from simwarp.sensors.scene import Visuals
+from simwarp.viewer.live.page_textures import Skin, picture_of, skin_along
 
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
 
 MOST_TRIANGLES: Final = 20_000
 """Of one mesh on the page: larger ones are simplified."""
+MOST_PAINTED: Final = 200_000
+"""Of one with colours or pictures of its own, as roads and buildings have: fewer triangles would blur its lines."""
 ROUNDED: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
 
 
@@ -33,12 +38,14 @@ class Triangles:
         faces: (T, 3) uint32, counter-clockwise seen from outside.
         color: (V, 3) linear albedo by vertex, by which that of an instance is multiplied; None: 1.
         smooth: whether its normals are those of a rounded surface.
+        skin: a picture on it, in place of these colours; its own colour is that of the instance.
     """
 
     vertices: Floats
     faces: npt.NDArray[np.uint32]
     color: Floats | None = None
     smooth: bool = False
+    skin: Skin | None = None
 
 
 @functools.cache
@@ -102,10 +109,15 @@ def of_surface(mesh: FlexibleMesh) -> Triangles:
 
 
 def of_mesh(visuals: Visuals, asset: int) -> Triangles:
-    """A mesh of `Visuals.add_mesh_asset` with the colours of its corners; textures as their mean colour."""
+    """A mesh of `Visuals.add_mesh_asset` with the colours of its corners; textures as their mean colour, and as its
+    skin where there is but one.
+    """
     mesh, look = visuals.meshes[asset], visuals.mesh_visuals[asset]
     if look is None or (look.color is None and look.texture is None):
         return simplified(_made(mesh.vertices, mesh.triangles))
+    one_picture = look.uv is not None and len(look.images) == 1 and bool(np.all(look.texture == 0))
+    if look.color is None and one_picture and len(mesh.triangles) <= MOST_PAINTED:
+        return with_coordinates(mesh, look.uv, look.images[0])
     color = np.ones((len(mesh.triangles), 3, 3), np.float32) if look.color is None else look.color.copy()
     if look.texture is not None:
         for index, image in enumerate(look.images):
@@ -113,10 +125,29 @@ def of_mesh(visuals: Visuals, asset: int) -> Triangles:
     # corners have colours of their own: vertices are split where these differ
     corners = np.concatenate([np.asarray(mesh.vertices)[mesh.triangles], color], axis=-1).reshape(-1, 6)
     unique, places = np.unique(corners.astype(np.float32), axis=0, return_inverse=True)
-    if len(mesh.triangles) > MOST_TRIANGLES:
+    if len(mesh.triangles) > MOST_PAINTED:
         return _painted_as(unique, simplified(_made(mesh.vertices, mesh.triangles)))
     made = _made(unique[:, :3], places.reshape(-1, 3))
     return dataclasses.replace(made, color=np.ascontiguousarray(unique[:, 3:], np.float32))
+
+
+def with_coordinates(mesh: Any, uv: Any, image: npt.NDArray[np.uint8]) -> Triangles:
+    """A mesh under a picture that goes by the texture coordinates (T, 3, 2) of its corners."""
+    corners = np.asarray(mesh.vertices)[mesh.triangles].reshape(-1, 3)
+    made = _made(corners, np.arange(len(corners)).reshape(-1, 3))
+    mean = np.asarray(linear(image.reshape(-1, 3).mean(axis=0) / 255.0), np.float32)
+    skin = Skin(image, np.asarray(uv, np.float32).reshape(-1, 2))
+    return dataclasses.replace(made, color=np.tile(mean, (len(corners), 1)), skin=skin)
+
+
+def with_texture(made: Triangles, texture: Texture, mesh: Any, look: VisualMesh | None) -> Triangles:
+    """Triangles under the texture of their instance; as they are where it does not say how it lies."""
+    skin = skin_along(texture, made.vertices.astype(np.float64))
+    if skin is not None:
+        return dataclasses.replace(made, skin=skin)
+    if isinstance(texture, ImageTexture) and look is not None and look.uv is not None:
+        return dataclasses.replace(with_coordinates(mesh, look.uv, picture_of(texture)), color=None)
+    return made
 
 
 def _painted_as(points: Any, mesh: Triangles) -> Triangles:

@@ -15,7 +15,7 @@ from simwarp.viewer.live.controls.joint_panel import JointPanel
 from simwarp.viewer.live.controls.plot_panel import PlotPanel
 from simwarp.viewer.live.controls.sensor_panel import SensorPanel
 from simwarp.viewer.live.controls.show_panel import ShowPanel
-from simwarp.viewer.live.driving.vehicle_panel import add_driving
+from simwarp.viewer.live.driving.browser_driving import vehicle_of, wheel_of
 from simwarp.viewer.live.hand import hand_of
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.recording_panel import RecordingPanel
@@ -29,7 +29,7 @@ def add_panels(view: LiveView) -> None:
     """Adds to a view's page what its subject has something for."""
     subject = view.subject
     view.panels.append(RunPanel(view))
-    add_driving(view)
+    _add_driving(view)
     if "training" in subject.details:
         view.panels.append(TrainingPanel(view, subject.details["training"]))
     view.panels += [ShowPanel(view), RecordingPanel(view)]
@@ -44,6 +44,19 @@ def add_panels(view: LiveView) -> None:
     hand = hand_of(subject.simulation.elements)
     if hand is not None:
         view.panels.append(Dragging(view, hand))
+
+
+def _add_driving(view: LiveView) -> None:
+    """The dashboard of a subject with a vehicle, and the switch to drive it where nothing else does."""
+    wheel, vehicle = wheel_of(view.subject), vehicle_of(view.subject)
+    if wheel is not None:
+        from simwarp.viewer.live.driving.drive_panel import DrivePanel
+
+        view.panels.append(DrivePanel(view, wheel))
+    if vehicle is not None:
+        from simwarp.viewer.live.driving.vehicle_panel import VehiclePanel
+
+        view.panels.append(VehiclePanel(view, vehicle))
 
 
 def show(

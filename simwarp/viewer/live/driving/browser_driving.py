@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import warp as wp
 
-from simwarp.vehicle.spec.vehicle_spec import ManualShafts
-from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
-from simwarp.vehicle.vehicle import Vehicle
 from simwarp.viewer.live.driving.human_driver import HELD_BRAKE, SILENCE, HumanDriver, Inputs, Keys, Wish, shifted
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import ConnectionClosed
 
+if TYPE_CHECKING:
+    from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
+
 PATH: Final = "/drive"
 WHEEL: Final = "wheel"
 """Key of a subject's `details`: its `Wheel`, or None where nobody may drive."""
+GOAL: Final = "goal"
+"""Key of a subject's `details`: a callable that takes a world's index and returns named numbers of the task."""
 PATIENCE: Final = 1.0
 """For which a page waits for a wheel that another one holds: one that is loaded anew has just left it [s]."""
 TAKEN: Final = "occupied"
@@ -109,6 +112,11 @@ class Wheel:
 
 def vehicle_of(subject: Subject) -> AnyVehicle | None:
     """The first vehicle of a subject."""
+    if not {"simwarp.vehicle.vehicle", "simwarp.vehicle.tracks.tracked_vehicle"} & sys.modules.keys():
+        return None  # nothing is of a class that nobody imported, and importing all of a vehicle takes seconds
+    from simwarp.vehicle.tracks.tracked_vehicle import TrackedVehicle
+    from simwarp.vehicle.vehicle import Vehicle
+
     elements = [*subject.elements.values(), *subject.simulation.elements]
     return next((element for element in elements if isinstance(element, (Vehicle, TrackedVehicle))), None)
 
@@ -146,6 +154,8 @@ def read_row(array: Any, world: int) -> Any:
 
 def change_gear(vehicle: AnyVehicle, world: int, *, up: bool) -> None:
     """One gear up or down, as far as the gearbox lets a driver choose."""
+    from simwarp.vehicle.spec.vehicle_spec import ManualShafts
+
     gearbox: Any = vehicle.parts.spec.transmission
     gears = len(getattr(gearbox, "forward_ratios", (1.0,)))
     speed = float(read_row(vehicle.velocity_b, world)[0])

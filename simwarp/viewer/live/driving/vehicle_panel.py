@@ -9,14 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
-from simwarp.viewer.live.driving.browser_driving import read_row, vehicle_of
+from simwarp.viewer.live.driving.browser_driving import GOAL, read_row
 from simwarp.viewer.live.page_controls import set_changed
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView
 
-GOAL: Final = "goal"
-"""Key of a subject's `details`: a callable that takes a world's index and returns named numbers of the task."""
 SLIDING: Final = 0.15
 """Slip, as a ratio or in radians, from which on a wheel is shown in red."""
 RPM: Final = 30.0 / math.pi
@@ -167,15 +165,3 @@ class VehiclePanel:
     def refresh(self, now: float) -> None:
         """The present readings."""
         set_changed(self._out, content=Dashboard.read(self._vehicle, self._view.page.world, self._goal).html())
-
-
-def add_driving(view: LiveView) -> None:
-    """The dashboard of a subject with a vehicle, and the switch to drive it where nothing else does."""
-    from simwarp.viewer.live.driving.browser_driving import wheel_of
-    from simwarp.viewer.live.driving.drive_panel import DrivePanel
-
-    wheel, vehicle = wheel_of(view.subject), vehicle_of(view.subject)
-    if wheel is not None:
-        view.panels.append(DrivePanel(view, wheel))
-    if vehicle is not None:
-        view.panels.append(VehiclePanel(view, vehicle))
