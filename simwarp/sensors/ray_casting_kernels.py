@@ -13,12 +13,13 @@ from simwarp.kernels.collision.surfaces import SurfaceHit, height_field_ray
 from simwarp.kernels.core.vector_math import to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.primitives import primitive_ray
+from simwarp.kernels.rays.ray_modules import RAY_MODULE_OPTIONS
 from simwarp.kernels.rays.wide_tree import tree_ray
 from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 from simwarp.sensors.ray_targets_kernels import targets_ray
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+wp.set_module_options(RAY_MODULE_OPTIONS)
 
 NEAR_COUNT = 8
 Candidates: Any = wp.types.vector(length=2 * NEAR_COUNT + 1, dtype=wp.float32)
@@ -66,10 +67,14 @@ Candidates: Any = wp.types.vector(length=2 * NEAR_COUNT + 1, dtype=wp.float32)
         const Lanes bx = (*(const Lanes*)(p + far_x) - ox) * ix;
         const Lanes by = (*(const Lanes*)(p + far_y) - oy) * iy;
         const Lanes bz = (*(const Lanes*)(p + far_z) - oz) * iz;
-        Lanes a = __builtin_elementwise_max(__builtin_elementwise_max(ax, ay), az);
-        Lanes b = __builtin_elementwise_min(__builtin_elementwise_min(bx, by), bz);
-        a = __builtin_elementwise_max(a, (Lanes)(0.0f));
-        b = __builtin_elementwise_min(b, (Lanes)(limit));
+        // comparisons are one instruction each; the minimum of C, which heeds NaN, takes four
+        #define MORE(p, q) ((p) > (q) ? (p) : (q))
+        #define LESS(p, q) ((p) < (q) ? (p) : (q))
+        const Lanes axy = MORE(ax, ay), az0 = MORE(az, (Lanes)(0.0f));
+        const Lanes bxy = LESS(bx, by), bzl = LESS(bz, (Lanes)(limit));
+        const Lanes a = MORE(axy, az0), b = LESS(bxy, bzl);
+        #undef MORE
+        #undef LESS
         const Mask mask = __builtin_convertvector(a <= b, Mask);
         unsigned char bits;
         __builtin_memcpy(&bits, &mask, 1);

@@ -9,6 +9,7 @@ import warp as wp
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.rays.ray_modules import RAY_MODULE_OPTIONS
 from simwarp.sensors.cameras.appearance_kernels import AppearanceArrays
 from simwarp.sensors.cameras.image_processing_kernels import ImagingArrays, byte_of, process
 from simwarp.sensors.cameras.lenses_kernels import Lens, lens_direction
@@ -20,7 +21,7 @@ from simwarp.sensors.ray_casting_kernels import closest_hit
 from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+wp.set_module_options(RAY_MODULE_OPTIONS)
 
 RGB = wp.constant(1)
 GREY = wp.constant(2)

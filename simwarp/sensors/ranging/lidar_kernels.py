@@ -7,6 +7,7 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import matrix_to_float
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.rays.ray_modules import RAY_MODULE_OPTIONS
 from simwarp.sensors.clock_kernels import SampleEvents
 from simwarp.sensors.random_kernels import draw_normals, draw_uniform
 from simwarp.sensors.ranging.beams_kernels import (
@@ -23,7 +24,7 @@ from simwarp.sensors.ranging.returns_kernels import MAX_RAYS, ReturnMode, reduce
 from simwarp.sensors.ray_casting_kernels import closest_hit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+wp.set_module_options(RAY_MODULE_OPTIONS)
 
 DRAWS = wp.constant(4)
 """Random numbers of a beam: angles, first return, second return, dropout."""

@@ -15,6 +15,7 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import matrix_to_float, to_double
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.rays.ray_modules import RAY_MODULE_OPTIONS
 from simwarp.sensors.clock_kernels import SampleEvents
 from simwarp.sensors.motion.mount_motion_kernels import body_rate, body_velocity
 from simwarp.sensors.random_kernels import draw_normals, draw_uniform
@@ -31,7 +32,7 @@ from simwarp.sensors.ray_casting_kernels import closest_hit
 from simwarp.sensors.ray_hit_kernels import RayHit
 from simwarp.sensors.ray_instances_kernels import RayScene, start_of_ray, world_position
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+wp.set_module_options(RAY_MODULE_OPTIONS)
 
 CHANNELS = wp.constant(6)
 """Of a return: range, azimuth, elevation, velocity, amplitude, instance."""
