@@ -38,7 +38,7 @@ class LaunchLoop:
             ]
             for launch in launches
         ]
-        table = wp.array(np.array(calls, np.uint64), dtype=wp.uint64, device="cpu")
+        table: wp.array = wp.array(np.array(calls, np.uint64), dtype=wp.uint64, device="cpu")
         command = wp.launch(launch_in_turn, 1, [table, 0], device="cpu", record_cmd=True)
         self._held = (tuple(launches), arguments, table, command)  # the calls have but their addresses
         self._arguments = _packed(command)
