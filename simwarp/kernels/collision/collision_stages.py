@@ -36,7 +36,7 @@ from simwarp.kernels.collision.ground import (
 )
 from simwarp.kernels.collision.placement import CollisionScratch, pack_grid, pack_manifold, pack_raw
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.core.cpu_flags import INLINE
+from simwarp.kernels.core.cpu_flags import INLINE, array_flags
 from simwarp.kernels.core.face_tables import WITHOUT_FACES, has_faces
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
@@ -91,7 +91,7 @@ STAGES = (
 @functools.cache
 def fused_collision(faces: bool) -> StageKernel:
     """All stages in one kernel, for models with faces of meshes, or without."""
-    flags = f"{INLINE} -fno-slp-vectorize"
+    flags = f"{INLINE} -fno-slp-vectorize {array_flags()}"
     if not faces:
         flags += f" -D{WITHOUT_FACES}"
     room = dataclasses.replace(ROOM, options={**ROOM.options, "cpu_compiler_flags": flags})
