@@ -133,7 +133,7 @@ def counted_launches() -> Iterator[LaunchCount]:
     def advanced(self: WorldProgram, times: int) -> None:
         before = dataclasses.replace(count)
         program(self, times)
-        # on a CPU a graph is but a way to launch its kernels
+        # on a CPU the kernels of a program are launched by native code
         count.kernels, count.graphs = before.kernels + times * len(self.commands), before.graphs
 
     with (

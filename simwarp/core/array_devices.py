@@ -13,7 +13,7 @@ from typing import Any
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import ModelError
+from simwarp.core.types import ModelError, formatted
 
 
 def is_on(device: Any, array: Any) -> bool:
@@ -100,6 +100,25 @@ def refuse_arguments_elsewhere(kernel: wp.Kernel, arguments: Sequence[Any], devi
     for parameter, argument in zip(kernel.adj.args, arguments, strict=False):
         for name, array in _arrays(parameter.label, argument):
             refuse_elsewhere(f"{kernel.key}: {name} must", array, device)
+
+
+def refuse_strided_arguments(kernel: wp.Kernel, arguments: Sequence[Any]) -> None:
+    """Refuses a launch of which an array's innermost axis is not contiguous: its kernel does not multiply by its step.
+
+    Args:
+        kernel: to be launched.
+        arguments: the first ones of it.
+
+    Raises:
+        ModelError: an array has steps; names the kernel's argument.
+    """
+    for parameter, argument in zip(kernel.adj.args, arguments, strict=False):
+        for name, array in _arrays(parameter.label, argument):
+            if array.shape[-1] > 1 and array.strides[-1] != wp.types.type_size_in_bytes(array.dtype):
+                raise ModelError(
+                    f"{kernel.key}: {name} must be contiguous along its last axis, got strides "
+                    f"{formatted(array.strides)}; pass a copy of it"
+                )
 
 
 def _arrays(name: str, value: Any) -> Iterator[tuple[str, Any]]:

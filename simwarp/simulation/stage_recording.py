@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from simwarp.core.array_devices import refuse_strided_arguments
 from simwarp.core.types import ConeSolver
 from simwarp.kernels.collision import collision_stages
 from simwarp.kernels.core.stages import Stage, StageKernel
@@ -77,6 +78,8 @@ def _record(
     """The launches of all stages together, or of each that the model has."""
     together = not shares.own_slots
     made = [fused()] if together else [separate(stage) for stage in stages if stage.is_due(given)]
+    if together:
+        refuse_strided_arguments(made[0].kernel, [None, *(given[name] for name in made[0].arguments)])
     return [
         shares.record(
             each.kernel, _lanes(each, shares), inputs=[given[name] for name in each.arguments], in_turn=together

@@ -20,6 +20,8 @@ from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewh
 from simwarp.core.threads import Workers, number_from_environment, thread_count
 from simwarp.core.types import ModelError
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.simulation.launch_loop import LaunchLoop
+from simwarp.simulation.launch_loop_kernels import launch_in_turn
 
 CHUNKS_PER_THREAD: Final = 4
 """More balance uneven worlds better; each has scratch of its own and costs its launches."""
@@ -156,6 +158,8 @@ class WorldShares:
             return
         waiting, self._waiting = self._waiting, []
         modules = list(dict.fromkeys(each.kernel.module for each in waiting))
+        if not self.device.is_cuda:
+            modules.append(launch_in_turn.module)
         block = block_threads() if self.device.is_cuda else None
         wp.force_load(self.device, modules, block_dim=block, max_workers=thread_count(None))
         for each in waiting:
@@ -236,7 +240,7 @@ Block: TypeAlias = tuple[tuple[Any, ...], int]
 
 
 class WorldProgram:
-    """Commands that run over and over: on a CPU graphs per chunk, which launch them without Python in between.
+    """Commands that run over and over: on a CPU native code makes them, without Python in between.
 
     Args:
         shares: of the worlds.
@@ -249,7 +253,7 @@ class WorldProgram:
     def __init__(self, shares: WorldShares, blocks: Sequence[Block]) -> None:
         self.shares, self.blocks = shares, tuple(blocks)
         self.commands = tuple(command for commands, times in blocks for _ in range(times) for command in commands)
-        self._chunks: list[Callable[[], None]] = []
+        self._loops: list[LaunchLoop] = []
         # others may launch in between, and a GPU has graphs of whole control steps
         self._plain = shares.device.is_cuda or not all(_is_shared(command) for command in self.commands)
 
@@ -258,10 +262,14 @@ class WorldProgram:
         if self._plain or not self.commands or self.shares.device.is_capturing:
             self._run_plainly(times)
             return
-        if not self._chunks:
-            self._chunks = [self._graphs_of(chunk) for chunk in range(len(self.shares.ranges))]
+        commands, repeated = self.blocks[0] if len(self.blocks) == 1 else (self.commands, 1)
+        if not self._loops:
+            self._loops = [
+                LaunchLoop([command.parts[chunk] for command in commands], worlds.count)
+                for chunk, worlds in enumerate(self.shares.ranges)
+            ]
         self.shares.launches += times * len(self.commands)
-        self.shares.share(self._chunks, times)
+        self.shares.share([functools.partial(loop.run, times * repeated) for loop in self._loops], 1)
 
     def _run_plainly(self, times: int) -> None:
         if len(self.blocks) == 1:
@@ -271,24 +279,6 @@ class WorldProgram:
         for _ in range(times):
             for commands, repeated in self.blocks:
                 self.shares.run(commands, repeated)
-
-    def _graphs_of(self, chunk: int) -> Callable[[], None]:
-        """What launches all commands once for a chunk of the worlds: a graph for each block, one for equal ones."""
-        made: dict[tuple[Any, ...], wp.Graph] = {}
-        turns = []
-        for commands, repeated in self.blocks:
-            if commands not in made:
-                with wp.ScopedCapture(device=self.shares.device) as capture:
-                    for command in commands:
-                        command.parts[chunk].launch()
-                made[commands] = capture.graph
-            turns += [made[commands]] * repeated
-        return functools.partial(_launch_graphs, tuple(turns))
-
-
-def _launch_graphs(graphs: Iterable[wp.Graph]) -> None:
-    for graph in graphs:
-        wp.capture_launch(graph)
 
 
 def unshared(commands: Iterable[Any]) -> list[str]:

@@ -36,6 +36,7 @@ from simwarp.kernels.collision.ground import (
 )
 from simwarp.kernels.collision.placement import CollisionScratch, pack_grid, pack_manifold, pack_raw
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.cpu_flags import INLINE, array_flags
 from simwarp.kernels.core.face_tables import WITHOUT_FACES, has_faces
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
@@ -90,10 +91,12 @@ STAGES = (
 @functools.cache
 def fused_collision(faces: bool) -> StageKernel:
     """All stages in one kernel, for models with faces of meshes, or without."""
-    if faces:
-        return fused_kernel("collide_worlds", STAGES, ROOM)
-    room = dataclasses.replace(ROOM, options={**ROOM.options, "cpu_compiler_flags": f"-D{WITHOUT_FACES}"})
-    return fused_kernel("collide_worlds", [stage for stage in STAGES if stage.when is not has_faces], room)
+    flags = f"{INLINE} -fno-slp-vectorize {array_flags()}"
+    if not faces:
+        flags += f" -D{WITHOUT_FACES}"
+    room = dataclasses.replace(ROOM, options={**ROOM.options, "cpu_compiler_flags": flags})
+    stages = [stage for stage in STAGES if faces or stage.when is not has_faces]
+    return fused_kernel("collide_worlds", stages, room)
 
 
 @functools.cache

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import warp as wp
 
+from simwarp.kernels.core.cpu_flags import array_flags
 from simwarp.kernels.core.face_tables import WITHOUT_FACES
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.stages import Stage, StageKernel, StageLocal, StageRoom, fused_kernel, separate_kernel
@@ -127,7 +128,7 @@ def fused_step(all_solvers: bool, elastic: bool, meshes: bool, faces: bool) -> S
     """
     parts = ((WITHOUT_ELASTIC, elastic), (WITHOUT_MESHES, meshes), (WITHOUT_FACES, faces))
     without = [macro for macro, has in parts if not has]
-    flags = " ".join([CPU_FLAGS, *(f"-D{macro}" for macro in without)])
+    flags = " ".join([CPU_FLAGS, array_flags(), *(f"-D{macro}" for macro in without)])
     room = dataclasses.replace(ROOM, options=MODULE_OPTIONS | {"cpu_compiler_flags": flags})
     stages = [stage for stage in step_stages([cone_solve(all_solvers)]) if meshes or stage.when is not has_meshes]
     return fused_kernel("step_worlds", stages, room)

@@ -12,6 +12,7 @@ import warp as wp
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.problem import OF_LANES, ConeProblem, ConeScratch
+from simwarp.kernels.core.cpu_flags import INLINE
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.lanes import lanes_for
 from simwarp.kernels.core.scratch import (
@@ -40,10 +41,7 @@ from simwarp.kernels.meshes.mesh_loads import MeshLoads, MeshLoadScratch
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
-CPU_FLAGS = (
-    "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
-    " -ffp-contract=fast -fno-slp-vectorize"
-)
+CPU_FLAGS = f"{INLINE} -ffp-contract=fast -fno-slp-vectorize"
 
 MODULE_OPTIONS = {"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS}
 

@@ -13,6 +13,7 @@ import warp as wp
 import simwarp as sw
 from simwarp import scenes
 from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.launch_loop import LaunchLoop
 from tests.reference.mechanisms import random_mechanism
 
 MODELS: dict[str, Callable[[], ModelBuilder]] = {
@@ -54,21 +55,22 @@ def test_a_step_allocates_launches_and_reads_nothing(name, substeps, reactions, 
         counter.watch(wp.array, method)
     counter.watch(type(sim.model.device.default_allocator), "allocate")
     counter.watch(wp.Launch, "launch")
-    graphs: list[wp.Graph] = []
-    replay = wp.capture_launch
+    counter.watch(wp, "capture_launch")
+    turns: list[int] = []
+    loop = LaunchLoop.run
 
-    def launch(graph: wp.Graph) -> None:
-        graphs.append(graph)
-        replay(graph)
+    def run(self: LaunchLoop, times: int) -> None:
+        turns.append(times)
+        loop(self, times)
 
-    monkeypatch.setattr(wp, "capture_launch", launch)
+    monkeypatch.setattr(LaunchLoop, "run", run)
     before_launches = sim.shares.launches
     before = sim.time.ptr
     for _ in range(5):
         sim.step()
     monkeypatch.undo()
     assert {label: count for label, count in counter.calls.items() if count} == {}
-    assert len(graphs) == 5 * substeps
+    assert turns == [substeps] * 5  # native code makes all launches of a step
     assert sim.shares.launches - before_launches == 5 * substeps * len(sim.physics_commands)
     assert sim.time.ptr == before
     np.testing.assert_allclose(sim.time.numpy(), 6e-3, rtol=1e-6)  # and they did step
