@@ -33,14 +33,14 @@ Array = npt.NDArray[np.float64]
 
 ANT_FILE = Path(__file__).with_name("ant.xml")
 HEIGHT_AGREEMENT = 0.03
-"""Largest difference of the mean height of the watched body from simwarp's over one motion [m]."""
+"""Largest difference of the mean height of the watched bodies from simwarp's over one motion [m]."""
 CONTACT_SHARE = 0.4
 """Largest difference of the mean number of contacts, as a share of simwarp's: soft contacts hop, rigid ones do not."""
 
-CONTACT_SCENES = ("ant", "stack")
+CONTACT_SCENES = ("ant", "stack", "pile")
 
-_WATCHED = {"ant": 0, "stack": 9}
-"""The body whose height is compared: the torso, the topmost box."""
+_WATCHED = {"ant": slice(0, 1), "stack": slice(9, 10), "pile": slice(None)}
+"""The bodies whose mean height is compared: the torso, the topmost box, all balls."""
 _OBSERVED_STEPS = 10
 _ANT_DOFS = 8
 _BOX_HALF = 0.25
@@ -78,7 +78,7 @@ class PeerRun(Protocol):
         """Until everything is done."""
 
     def heights(self) -> Array:
-        """(W,) of the watched body [m]."""
+        """(W,) of the watched bodies, their mean [m]."""
 
     def contacts(self) -> float | None:
         """Contacts that touch now, mean of the worlds; None where the engine does not report them."""
@@ -106,7 +106,17 @@ def start_of(run: SceneRun) -> Start:
 
 def model_text(name: str) -> str:
     """The scene as MJCF."""
-    return ANT_FILE.read_text(encoding="utf-8") if name == "ant" else _stack_text()
+    if name == "ant":
+        return ANT_FILE.read_text(encoding="utf-8")
+    return _stack_text() if name == "stack" else _pile_text()
+
+
+def _pile_text(side: int = 6) -> str:
+    balls = '<body><freejoint/><geom type="sphere" size="0.1" mass="10"/></body>' * side**3
+    return (
+        '<mujoco><option gravity="0 0 -9.81"/><default><geom friction="0.5 0 0"/></default><worldbody>'
+        f'<geom type="plane" size="50 50 1"/>{balls}</worldbody></mujoco>'
+    )
 
 
 def _stack_text(count: int = 10) -> str:
@@ -127,10 +137,12 @@ class MuJoCoRun(Rollout):
     def __init__(self, scene: BenchScene, start: Start, dt: float, horizon_steps: int, observed: bool) -> None:
         state = np.concatenate([start.time[:, None], start.qpos, start.qvel], axis=1)
         super().__init__(model_text(scene.name), dt, state, horizon_steps, _OBSERVED_STEPS if observed else None)
-        self._watched = 3 + 7 * _WATCHED[scene.name]
+        self._heights = np.arange(3, 1 + self.model.nq, 7)[_WATCHED[scene.name]]
         times = start.time[:, None] + dt * np.arange(self.horizon_steps * self.steps_per_call)
         if scene.name == "ant":
             inputs = swing_targets(times, _ANT_DOFS, self.worlds, scene.variants)
+        elif scene.motion is None:
+            inputs = np.zeros((*times.shape, 0))
         else:
             torque = twist_torques(times, STACK_TORQUE, self.worlds, scene.variants)
             wrench = np.zeros((*torque.shape, self.model.nbody, 6))
@@ -141,8 +153,8 @@ class MuJoCoRun(Rollout):
         self.parts = [np.ascontiguousarray(inputs[:, at : at + self.steps_per_call]) for at in calls]
 
     def heights(self) -> Array:
-        """(W,) of the watched body [m]."""
-        return self.now[:, self._watched]
+        """(W,) of the watched bodies, their mean [m]."""
+        return np.asarray(self.now[:, self._heights].mean(axis=1))
 
     def contacts(self) -> float:
         """Touching now, mean of the worlds."""
@@ -329,7 +341,7 @@ class NewtonRun:
 Measure = Callable[[BenchScene, int, float | None, float], Row]
 
 _ENGINES: dict[str, tuple[str, type[Any], tuple[str, ...]]] = {
-    "mujoco": ("mujoco", MuJoCoRun, ("ant", "stack")),
+    "mujoco": ("mujoco", MuJoCoRun, ("ant", "stack", "pile")),
     "mjbatch": ("mjbatch", MjBatchRun, ("ant",)),
     "mujoco_warp": ("mujoco-warp", MuJoCoWarpRun, ("ant",)),
     "newton": ("newton", NewtonRun, ("ant",)),
@@ -359,7 +371,7 @@ def contact_peer_notes(scene: str) -> list[str]:
 
 @functools.lru_cache(maxsize=4)
 def our_motion(scene: BenchScene, dt: float | None) -> tuple[float, float]:
-    """Mean height of the watched body [m] and mean number of contacts over one motion, in simwarp."""
+    """Mean height of the watched bodies [m] and mean number of contacts over one motion, in simwarp."""
     run = SceneRun(scene, scene.variants, "cpu", dt)
     run.set_motion()
     heights, contacts = [], []

@@ -55,7 +55,7 @@ def test_the_ant_of_mujoco_is_ours_in_the_air():
     np.testing.assert_allclose(theirs.now[:, 16:], mine.qvel, atol=0.05)
 
 
-@pytest.mark.parametrize("name", ["ant", pytest.param("stack", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["ant", *(pytest.param(name, marks=pytest.mark.slow) for name in ("stack", "pile"))])
 def test_mujoco_stands_beside_scenes_with_contacts(bench, name, row_keys):
     pytest.importorskip("mujoco")
     code, result, err = bench(name, "--worlds", "2", "--peers")

@@ -11,7 +11,13 @@ import warp as wp
 from simwarp.kernels.cones.operator import multiply, natural_residual, refresh, set_scales, start_from_gamma
 from simwarp.kernels.cones.problem import AX, BEST, BOX, LOW, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.projection import project_all
-from simwarp.kernels.cones.proximal_newton import can_step_by_newton, solve_proximally
+from simwarp.kernels.cones.proximal_newton import (
+    FIRST_RHO,
+    LAST_RHO,
+    advance_proximally,
+    can_step_by_newton,
+    solve_proximally,
+)
 from simwarp.kernels.cones.vectors import copy
 from simwarp.kernels.core.lanes import LANES, lane_of, meet
 from simwarp.kernels.core.native_views import VIEWS
@@ -34,6 +40,12 @@ TRIALS = wp.constant(30)
 BEFORE_NEWTON = wp.constant(40)
 """Iterations until Newton steps are tried: those of a tall stack, the rest of which would take hundreds."""
 MOST_NEWTON = wp.constant(30)
+BEFORE_CHAIN = wp.constant(10)
+"""The same of a long chain, and gradient steps after a proximal step that gains little."""
+CHAIN_GROWTH = wp.constant(10.0)
+LITTLE = wp.constant(0.7)
+"""Share of the residual that a proximal step of a chain leaves, from which on it has gained little: what is left then
+is De Saxcé's term, which gradient steps follow more closely."""
 
 
 @wp.func_native(
@@ -188,7 +200,7 @@ def descend_first(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     project_all(problem, problem.vectors[X])
     most = int(config.max_iterations)
     if most > BEFORE_NEWTON and can_step_by_newton(problem):
-        most = BEFORE_NEWTON
+        most = wp.where(problem.chain == 1, BEFORE_CHAIN, BEFORE_NEWTON)
     return accelerate(problem, config, most)
 
 
@@ -199,9 +211,43 @@ def needs_newton(problem: ConeProblem, config: ConeConfig, residual: float) -> b
 
 
 @wp.func
+def solve_chain(problem: ConeProblem, config: ConeConfig, most: int) -> SolveReport:
+    """BEST <- a better solution of a long chain, from BEST, in at most about `most` Newton steps; scales are set.
+
+    The weight of the proximal term falls faster than elsewhere, since the start is close.
+    """
+    n = problem.row_count
+    report = SolveReport()
+    copy(n, problem.vectors, BEST, X, problem.lanes)
+    refresh(problem, X, AX)
+    report.residual = natural_residual(problem, X, AX, config.friction_law, 1)
+    rho = float(FIRST_RHO)
+    newton = int(0)
+    while report.residual > config.tolerance and newton < most:
+        last = report.residual
+        step = advance_proximally(problem, config, rho, last)
+        copy(n, problem.vectors, X, BEST, problem.lanes)
+        rho = wp.min(rho * CHAIN_GROWTH, LAST_RHO)
+        newton += step.iterations
+        report.iterations += step.iterations
+        report.residual = step.residual
+        if step.residual > config.tolerance and step.residual > LITTLE * last:
+            between = accelerate(problem, config, BEFORE_CHAIN)
+            report.iterations += between.iterations
+            copy(n, problem.vectors, BEST, X, problem.lanes)
+            refresh(problem, X, AX)
+            report.residual = natural_residual(problem, X, AX, config.friction_law, 1)
+    return report
+
+
+@wp.func
 def step_newton(problem: ConeProblem, config: ConeConfig, before: SolveReport) -> SolveReport:
     """BEST <- what Newton steps make of it."""
-    report = solve_proximally(problem, config, MOST_NEWTON)
+    report = SolveReport()
+    if problem.chain == 1:
+        report = solve_chain(problem, config, MOST_NEWTON)
+    else:
+        report = solve_proximally(problem, config, MOST_NEWTON)
     report.iterations += before.iterations
     return report
 

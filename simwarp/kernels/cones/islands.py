@@ -13,6 +13,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.kernels.cones.problem import ROLLING, ConeProblem, SolveReport
+from simwarp.kernels.cones.proximal_newton import is_chain
 from simwarp.kernels.core.lanes import lane_of, meet, stride_of
 from simwarp.kernels.core.native_views import VIEWS
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
@@ -265,7 +266,10 @@ def counted(problem: ConeProblem, config: StepConfig) -> ConeProblem:
         if problem.block_kind[block] == ROLLING:
             found.rolling_count = found.rolling_count + 1
     found.dense = 0
-    if found.row_count <= config.dense_rows:
+    found.chain = 0
+    if is_chain(found):
+        found.chain = 1  # few gradient steps do not pay for S
+    elif found.row_count <= config.dense_rows:
         found.dense = 1
     return found
 

@@ -48,6 +48,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     loop_count = scratch_number(int)
     rolling_count = scratch_number(int)  # ROLLING blocks
     newton = scratch_number(int)  # 1: proximal Newton steps may be tried, where there is room
+    chain = scratch_number(int)  # 1: a long chain, to which Newton steps come soon (`is_chain`)
     lanes = scratch_number(int)  # of a warp, which share the problem (core/lanes.py); 0: one thread has it
     entry_count = scratch_number(int)  # most entries that a row of these degrees of freedom can have
 

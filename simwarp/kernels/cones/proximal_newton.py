@@ -42,6 +42,8 @@ GROWTH = wp.constant(3.0)
 INNER = wp.constant(12)  # Newton steps of one proximal step, at most
 INNER_SHARE = wp.constant(0.3)  # of the residual before, or of the tolerance, left by one proximal step
 TRIALS = wp.constant(8)  # of a search along the line
+LONG_CHAIN = wp.constant(64)  # rows of a chain that begins with Newton steps, at least
+KEPT_VECTORS = wp.constant(NEWTON_VECTORS)
 STALLS = wp.constant(3)  # proximal steps without progress before it gives up
 
 _NAMES = f"""
@@ -390,6 +392,25 @@ def can_step_by_newton(problem: ConeProblem) -> bool:
 
 
 @wp.func
+def is_chain(problem: ConeProblem) -> bool:
+    """True if it is a long chain, and accelerated gradient its only other solver: a stack, an arch. The Hessian
+    is a narrow band, so that a Newton step costs no more than a few gradient steps, of which a chain takes hundreds.
+    """
+    if problem.row_count < LONG_CHAIN or problem.wide.shape[0] > KEPT_VECTORS or not can_step_by_newton(problem):
+        return False
+    for block in range(problem.block_count):
+        low = problem.tree_dof_count
+        high = int(0)
+        for e in range(problem.block_entries[block]):
+            tree_dof = problem.block_tree_dof[block, e]
+            low = wp.min(low, tree_dof)
+            high = wp.max(high, tree_dof)
+        if high - low >= problem.entry_count:
+            return False
+    return True
+
+
+@wp.func
 def search_along(problem: ConeProblem, rho: float, steepness: float) -> float:
     """Length at which the slope along dz has fallen to a third of `steepness`, with point and p there."""
     low = float(0.0)
@@ -450,6 +471,21 @@ def step_proximally(problem: ConeProblem, rho: float, goal: float) -> int:
 
 
 @wp.func
+def advance_proximally(problem: ConeProblem, config: ConeConfig, rho: float, residual: float) -> SolveReport:
+    """Sets X <- the result of one proximal step from X, where the residual is given; reports Newton steps made and the
+    residual that is left. De Saxcé's term follows.
+    """
+    report = SolveReport()
+    report.iterations = step_proximally(problem, rho, INNER_SHARE * wp.max(residual, config.tolerance))
+    for row in range(lane_of(problem.lanes), problem.row_count, stride_of(problem.lanes)):
+        problem.vectors[X, row] = float(problem.wide[2, row])
+    meet(problem.lanes)
+    refresh(problem, X, AX)
+    report.residual = natural_residual(problem, X, AX, config.friction_law, 1)
+    return report
+
+
+@wp.func
 def solve_proximally(problem: ConeProblem, config: ConeConfig, most: int) -> SolveReport:
     """BEST <- a better solution, from BEST, in at most about `most` Newton steps; scales are set."""
     n = problem.row_count
@@ -461,12 +497,9 @@ def solve_proximally(problem: ConeProblem, config: ConeConfig, most: int) -> Sol
     rho = float(FIRST_RHO)
     stalls = int(0)
     while best > config.tolerance and report.iterations < most and stalls < STALLS:
-        report.iterations += step_proximally(problem, rho, INNER_SHARE * wp.max(now, config.tolerance))
-        for row in range(lane_of(problem.lanes), n, stride_of(problem.lanes)):
-            problem.vectors[X, row] = float(problem.wide[2, row])
-        meet(problem.lanes)
-        refresh(problem, X, AX)
-        now = natural_residual(problem, X, AX, config.friction_law, 1)
+        step = advance_proximally(problem, config, rho, now)
+        report.iterations += step.iterations
+        now = step.residual
         stalls += 1
         if now < best:
             best = now

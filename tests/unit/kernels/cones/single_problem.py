@@ -11,7 +11,7 @@ from simwarp.core.types import BlockKind, ConeSolver, FrictionLaw
 from simwarp.kernels.cones.operator import multiply, natural_residual, refresh, set_scales
 from simwarp.kernels.cones.problem import AX, OWN, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.projection import project_all
-from simwarp.kernels.cones.proximal_newton import step_proximally
+from simwarp.kernels.cones.proximal_newton import is_chain, step_proximally
 from simwarp.kernels.cones.solve import solve
 from simwarp.kernels.cones.sparse_rows import GROUP
 from simwarp.kernels.dynamics.world import CPU_FLAGS
@@ -19,7 +19,7 @@ from simwarp.kernels.dynamics.world import CPU_FLAGS
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
 
 KINDS = {"box": BlockKind.BOX, "contact": BlockKind.CONTACT, "rolling": BlockKind.ROLLING}
-PROJECT, MULTIPLY, RESIDUAL, SOLVE, STEP = range(5)
+PROJECT, MULTIPLY, RESIDUAL, SOLVE, STEP, CHAIN = range(6)
 
 
 @wp.kernel(enable_backward=False)
@@ -32,7 +32,9 @@ def run_problem(
     # outputs
     results: wp.array[float],
 ):
-    """Projects gamma, multiplies gamma by S, measures gamma, solves, or takes a proximal step (rho: max_iterations)."""
+    """Projects gamma, multiplies gamma by S, measures gamma, solves, takes a proximal step (rho: max_iterations), or
+    says whether the problem is a long chain.
+    """
     report = SolveReport()
     for row in range(problem.row_count):
         problem.vectors[X, row] = problem.gamma[row]
@@ -51,6 +53,8 @@ def run_problem(
         results[0] = float(step_proximally(problem, rho, config.tolerance))
         for row in range(problem.row_count):
             problem.gamma[row] = float(problem.wide[2, row])
+    elif operation == 5:
+        results[0] = wp.where(is_chain(problem), 1.0, 0.0)
     else:
         report = solve(problem, config)
         results[0] = report.residual
