@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import warp as wp
 
-from simwarp.simulation.launch_loop_kernels import launch_in_turn
+from simwarp.kernels.core.launch_in_turn import launch_in_turn
 
 WORLDS_BETWEEN_SIGNALS: Final = 2**16
 """Worlds times turns that native code goes through before Python may notice a Ctrl-C."""

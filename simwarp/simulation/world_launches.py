@@ -19,9 +19,9 @@ import warp as wp
 from simwarp.core.array_devices import refuse_arguments_elsewhere, refuse_elsewhere
 from simwarp.core.threads import Workers, number_from_environment, thread_count
 from simwarp.core.types import ModelError
+from simwarp.kernels.core.launch_in_turn import launch_in_turn
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.simulation.launch_loop import LaunchLoop
-from simwarp.simulation.launch_loop_kernels import launch_in_turn
 
 CHUNKS_PER_THREAD: Final = 4
 """More balance uneven worlds better; each has scratch of its own and costs its launches."""

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simwarp.core.array_devices import refuse_strided_arguments
+from simwarp.core.types import ModelError
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.simulation import launch_loop
 from simwarp.simulation.world_launches import WorldProgram, WorldShares
@@ -70,3 +72,11 @@ def test_other_launches_keep_their_arguments():
     program.run(1)
     assert first.numpy().tolist() == [3, 3, 3]
     assert second.numpy().tolist() == [30, 30, 30]
+
+
+def test_arrays_with_steps_are_refused():
+    """The fused kernels do not multiply an index of the last axis by its stride."""
+    value = wp.zeros((3, 4), dtype=wp.int64, device="cpu")
+    refuse_strided_arguments(add_to_it, [None, 1, value[:, 0:2]])
+    with pytest.raises(ModelError, match="add_to_it: value must be contiguous along its last axis, got strides"):
+        refuse_strided_arguments(add_to_it, [None, 1, value[:, 0]])
