@@ -229,7 +229,6 @@ class PPOConfig(Settings):
     mirror_loss: NotNegative = 1.0
     """Weight of the loss of `symmetry loss`."""
 
-
     def scheduled_rate(self, done: float) -> float | None:
         """Return the learning rate where it follows the progress of the run; None where it does not.
 
