@@ -277,6 +277,16 @@ def test_worlds_that_diverge_are_counted_and_left(logs):
     assert found.cost < found.first_cost
 
 
+@pytest.mark.parametrize(
+    ("wanted", "signed"),
+    [({}, True), ({"start": 1.1, "high": 3.0}, True), ({"low": 0.0}, False), ({"low": 0.2, "high": 3.0}, False)],
+)
+def test_a_bound_of_zero_that_nobody_gave_only_keeps_the_sign(logs, wanted, signed):
+    fit = Fit(config_of(logs, parameters={"bodies[pole].mass": wanted}), device="cpu", threads=1)
+    (unknown,) = fit.problem.unknowns
+    assert (unknown.signed, unknown.low) == (signed, wanted.get("low", 0.0))
+
+
 @pytest.mark.slow
 def test_an_inertia_stays_physical(logs):
     parameters = {"bodies[pole].inertia": {"meant": "inertia"}}
