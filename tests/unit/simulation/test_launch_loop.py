@@ -15,20 +15,20 @@ from simwarp.simulation.world_launches import WorldProgram, WorldShares
 
 @wp.kernel(enable_backward=False)
 def double_it(worlds: WorldRange, value: wp.array[wp.int64]):
-    world = worlds.first + wp.tid()
+    world = worlds.first + wp.tid()  # type: ignore[operator]
     value[world] = wp.int64(2) * value[world]  # type: ignore[index]
 
 
 @wp.kernel(enable_backward=False)
 def add_to_it(worlds: WorldRange, amount: int, value: wp.array[wp.int64]):
-    world = worlds.first + wp.tid()
+    world = worlds.first + wp.tid()  # type: ignore[operator]
     value[world] = value[world] + wp.int64(amount)  # type: ignore[index]
 
 
 def run(threads: int, times: int, blocks: list[tuple[str, int]]) -> np.ndarray:
     """Five worlds after `times` turns of blocks such as ("da", 2): double, add, double, add."""
     device = wp.get_device("cpu")
-    value = wp.array(np.arange(5), dtype=wp.int64, device=device)
+    value: wp.array = wp.array(np.arange(5), dtype=wp.int64, device=device)
     shares = WorldShares(5, threads, device)
     kinds = {
         "d": shares.record(double_it, inputs=[value]), "a": shares.record(add_to_it, inputs=[1, value]),

@@ -22,7 +22,7 @@ COLORS = ((0.1, 0.16, 0.05), (0.7, 0.5, 0.3))
 RNG = np.random.default_rng(3)
 IMAGE = RNG.integers(40, 215, (6, 9, 3)).astype(np.uint8).repeat(8, axis=0).repeat(8, axis=1)
 """Patches of eight pixels: most lie inside of one, where the nearest pixel is what lies between four."""
-TEXTURES = [
+TEXTURES: list[Texture] = [
     CheckerTexture(colors=COLORS, metres=0.7), NoiseTexture(colors=COLORS, metres=1.5),
     ImageTexture(image=IMAGE, metres=(2.0, 3.0)),
 ]  # fmt: skip
