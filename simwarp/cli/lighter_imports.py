@@ -80,10 +80,16 @@ class _StandInModule(ModuleType):
 
 
 class _Finder:
-    """Finds replaced packages, and all modules in them."""
+    """Finds replaced packages, and all modules in them.
 
-    def __init__(self, is_replaced: Callable[[str], bool]) -> None:
-        self._is_replaced = is_replaced
+    Args:
+        is_replaced: whether a module of this name is.
+        file: where they say that they come from. Where commands run, it must not be empty: `inspect.getmodule`, which
+            torch's compiler calls, refuses modules without a file.
+    """
+
+    def __init__(self, is_replaced: Callable[[str], bool], file: str = "") -> None:
+        self._is_replaced, self._file = is_replaced, file
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
@@ -96,7 +102,7 @@ class _Finder:
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
         """An empty module."""
         module = _StandInModule(spec.name)
-        module.__file__, module.__path__ = "", []
+        module.__file__, module.__path__ = self._file, []
         return module
 
     def exec_module(self, module: ModuleType) -> None:
@@ -150,7 +156,7 @@ def _load_without_marks(load: Callable[[ModuleType], None], module: ModuleType) 
 
 def leave_unused_out() -> None:
     """From now on, tensordict is imported without torch's compiler, and rsl_rl without writers for services."""
-    finders: tuple[Any, ...] = (_UncompiledFinder(), _Finder(SERVICES.__contains__))
+    finders: tuple[Any, ...] = (_UncompiledFinder(), _Finder(SERVICES.__contains__, file="<left out>"))
     sys.meta_path[:0] = finders
 
 

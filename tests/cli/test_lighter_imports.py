@@ -89,3 +89,21 @@ def test_a_stand_in_is_whatever_a_module_makes_of_it():
     assert not isinstance(3, package.Number)
     for name in [name for name in sys.modules if name.startswith("rsl_rl.nowhere")]:
         del sys.modules[name]
+
+
+def test_a_process_that_leaves_out_what_is_unused_can_learn():
+    """torch's compiler, which an optimiser imports, goes through all modules: none may be in its way."""
+    code = (
+        "from simwarp.cli.lighter_imports import SERVICES, leave_unused_out\n"
+        "leave_unused_out()\n"
+        "import sys\n"
+        "from simwarp.train.algorithm.trainer import Trainer\n"
+        "assert sys.modules.keys() & SERVICES, 'nothing was left out'\n"
+        "import torch\n"
+        "weight = torch.nn.Parameter(torch.ones(1))\n"
+        "optimizer = torch.optim.Adam([weight])\n"
+        "weight.sum().backward()\n"
+        "optimizer.step()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
