@@ -9,7 +9,7 @@ from pathlib import Path
 import warp as wp
 
 from simwarp.kernels.collision.collision_stages import fused_collision
-from simwarp.kernels.dynamics.step_stages import fused_step
+from simwarp.kernels.dynamics.step_stages import fused_step, fused_tree_step
 
 LONG = (
     "simwarp.kernels.cones.batch", "simwarp.sensors.cameras.image_kernels",
@@ -28,6 +28,7 @@ def compile_together() -> None:
         (False, False, True, True), (False, False, False, False),
     ]  # fmt: skip
     units = [fused_step(*which).kernel.module for which in variants]
+    units += [fused_tree_step().kernel.module]
     units += [fused_collision(faces).kernel.module for faces in (False, True)]
     units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
     # First what nobody is at, then what the others have made

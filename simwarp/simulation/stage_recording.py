@@ -65,10 +65,13 @@ def record_step(
     stages = step_stages
     topology = model.topology
     parts = topology.elastic_count > 0, topology.mesh_nodes > 0, topology.face_count > 0
-    return _record(
-        shares, lambda: stages.fused_step(all_solvers, *parts), stages.step_stages(solve),
-        stages.stage_kernel, given,
-    )  # fmt: skip
+    table = stages.step_stages(solve)
+    trees = not all_solvers and not any(stage.is_due(given) for stage in table if stage.when in stages.NOT_OF_TREES)
+
+    def fused() -> StageKernel:
+        return stages.fused_tree_step() if trees else stages.fused_step(all_solvers, *parts)
+
+    return _record(shares, fused, table, stages.stage_kernel, given)
 
 
 def _record(

@@ -4,11 +4,17 @@ import hashlib
 from pathlib import Path
 from typing import Final
 
+from simwarp.core.struct_references import BY_REFERENCE
+
 HEADER: Final = Path(__file__).with_name("array_access.h")
 """Elements of arrays without negative indices, of arrays whose innermost axis is contiguous."""
 
-INLINE: Final = "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
-"""Warp's own flags, which those of a module replace: a call that is not inlined copies its tables, 4 kB each time."""
+INLINE: Final = (
+    "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
+    f" -mllvm=-slp-recursion-max-depth=4 {BY_REFERENCE}"
+)
+"""Warp's own flags, which those of a module replace. The compiler keeps what follows `-mllvm` in one place for all
+threads: only modules with the same compile side by side."""
 
 
 def array_flags() -> str:

@@ -200,7 +200,8 @@ def _view(memory: Any, start: int, shape: tuple[int, ...], strides: tuple[int, .
 
 
 def slot_function(
-    name: str, module: str, group: type[ScratchGroup], struct: Any, memory: Any, *, only: Set[str] | None = None
+    name: str, module: str, group: type[ScratchGroup], struct: Any, memory: Any, *, only: Set[str] | None = None,
+    inline: bool | None = None,
 ) -> Any:  # fmt: skip
     """Return the device function `name(scratch, slot)` that finds the arrays of one slot.
 
@@ -213,6 +214,7 @@ def slot_function(
         struct: what it returns, `group.struct(...)`.
         memory: what it takes, a `memory_struct` with that group.
         only: names of the arrays that it finds, others stay empty; None: all.
+        inline: into its callers, as of `wp.func`.
     """
     lines = [f"def {name}(scratch: Memory, slot: int) -> Slot:", "    found = Slot()"]
     for key, block in group.blocks().items():
@@ -225,4 +227,4 @@ def slot_function(
     linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
     names = {"Memory": memory, "Slot": struct, "__name__": module}
     exec(compile(source, file, "exec"), names)
-    return wp.func(names[name])
+    return wp.func(names[name], inline=inline)

@@ -12,7 +12,7 @@ import dataclasses
 import inspect
 import linecache
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import warp as wp
@@ -59,7 +59,7 @@ class StageLocal:
 
     function: Any
     argument: str
-    part: Callable[[str, Set[str]], Any] | None = None
+    part: Callable[..., Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -157,9 +157,23 @@ def _scope(stages: Sequence[Stage], room: StageRoom) -> dict[str, Any]:
     return names
 
 
+def _with_parts(
+    kernel: str, functions: Sequence[Any], room: StageRoom, *, inline: bool | None = None
+) -> StageRoom:  # fmt: skip
+    """The room with locals of which only what these functions ask for is found."""
+    asked = frozenset[str]().union(*map(attributes_of, functions))
+    parts = {
+        name: dataclasses.replace(each, function=each.part(f"{name}_for_{kernel}", asked, inline=inline))
+        for name, each in room.locals.items()
+        if each.part is not None and any(name in parameters_of(function) for function in functions)
+    }
+    return dataclasses.replace(room, locals={**room.locals, **parts})
+
+
 def fused_kernel(name: str, stages: Sequence[Stage], room: StageRoom) -> StageKernel:
     """Make the kernel that takes one world after the other through all stages."""
     functions = [each for stage in stages for each in (stage.function, stage.when) if each is not None]
+    room = _with_parts(name, functions, room, inline=False)
     arguments = _arguments_of(functions, room)
     body = [*_local_lines(functions, "worlds.slot", room), "for k in range(worlds.count):",
             "    world = worlds.first + k", "    if (state.world_status[world] & NON_FINITE) != 0:",
@@ -181,13 +195,7 @@ def separate_kernel(stage: Stage, room: StageRoom) -> StageKernel:
 
     It finds only the attributes of locals that the stage asks for: compilers spend most of their time on the others.
     """
-    asked = attributes_of(stage.function)
-    parts = {
-        name: dataclasses.replace(each, function=each.part(f"{name}_for_{stage.name}", asked))
-        for name, each in room.locals.items()
-        if each.part is not None and name in parameters_of(stage.function)
-    }
-    room = dataclasses.replace(room, locals={**room.locals, **parts})
+    room = _with_parts(stage.name, [stage.function], room)
     arguments = _arguments_of([stage.function], room)
     body = [
         "k = wp.tid()" if stage.lanes == 1 else "k, lane = wp.tid()", "world = worlds.first + k",

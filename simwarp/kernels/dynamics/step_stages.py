@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import Final
 
 import warp as wp
 
@@ -121,17 +122,34 @@ def step_stages(solve: Sequence[Stage]) -> tuple[Stage, ...]:
     )  # fmt: skip
 
 
+NOT_OF_TREES: Final = (has_elastic, has_meshes, has_rows, has_loop_rotations, has_contacts, has_islands)
+"""What no stage of `fused_tree_step` is for. A model has it or not, whatever it reports: with accelerations, the motion
+is that without them bit by bit.
+"""
+
+
 @functools.cache
 def fused_step(all_solvers: bool, elastic: bool, meshes: bool, faces: bool) -> StageKernel:
     """The step in one kernel, with accelerated gradient descent as its only solver, or with all (twice the code); for
     models with elastic joints, meshes, and faces of these that touch others, or without.
     """
     parts = ((WITHOUT_ELASTIC, elastic), (WITHOUT_MESHES, meshes), (WITHOUT_FACES, faces))
-    without = [macro for macro, has in parts if not has]
-    flags = " ".join([CPU_FLAGS, array_flags(), *(f"-D{macro}" for macro in without)])
-    room = dataclasses.replace(ROOM, options=MODULE_OPTIONS | {"cpu_compiler_flags": flags})
     stages = [stage for stage in step_stages([cone_solve(all_solvers)]) if meshes or stage.when is not has_meshes]
-    return fused_kernel("step_worlds", stages, room)
+    return _fused("step_worlds", stages, [macro for macro, has in parts if not has])
+
+
+@functools.cache
+def fused_tree_step() -> StageKernel:
+    """The step of trees that meet nothing: without loops, contacts, islands, elastic joints and meshes, by accelerated
+    gradient descent. Half the code of `fused_step`.
+    """
+    stages = [stage for stage in step_stages([cone_solve(False)]) if stage.when not in NOT_OF_TREES]
+    return _fused("step_trees", stages, [WITHOUT_ELASTIC, WITHOUT_MESHES, WITHOUT_FACES])
+
+
+def _fused(name: str, stages: Sequence[Stage], without: Sequence[str]) -> StageKernel:
+    flags = " ".join([CPU_FLAGS, array_flags(), *(f"-D{macro}" for macro in without)])
+    return fused_kernel(name, stages, dataclasses.replace(ROOM, options=MODULE_OPTIONS | {"cpu_compiler_flags": flags}))
 
 
 @functools.cache

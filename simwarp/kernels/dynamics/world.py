@@ -135,14 +135,14 @@ OF_MESHES = frozenset(
 """Scratch of which lanes of a GPU share a slot, and which native functions walk."""
 
 
-def part_of_work(name: str, only: Set[str]) -> Any:
+def part_of_work(name: str, only: Set[str], *, inline: bool | None = None) -> Any:
     """`pack` that finds only the arrays of these names."""
-    return slot_function(name, f"{__name__}.parts", WorkScratch, Work, Scratch, only=only)
+    return slot_function(name, f"{__name__}.parts", WorkScratch, Work, Scratch, only=only, inline=inline)
 
 
-def part_of_cone(name: str, only: Set[str]) -> Any:
+def part_of_cone(name: str, only: Set[str], *, inline: bool | None = None) -> Any:
     """`pack_cone` that finds only the arrays of these names."""
-    return slot_function(name, f"{__name__}.parts", ConeScratch, ConeProblem, Scratch, only=only)
+    return slot_function(name, f"{__name__}.parts", ConeScratch, ConeProblem, Scratch, only=only, inline=inline)
 
 
 def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:

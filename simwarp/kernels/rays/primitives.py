@@ -11,10 +11,11 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 @wp.func
 def nearer(best: SurfaceHit, t: float, normal: wp.vec3) -> SurfaceHit:
     """The nearer of two hits; those behind the start do not count."""
+    found = best
     if t >= 0.0 and (best.t < 0.0 or t < best.t):
-        best.t = t
-        best.normal = normal
-    return best
+        found.t = t
+        found.normal = normal
+    return found
 
 
 @wp.func
@@ -134,12 +135,13 @@ def tube_ray(start: wp.vec3, direction: wp.vec3, radius: float, half_length: flo
 @wp.func
 def disc_ray(best: SurfaceHit, start: wp.vec3, direction: wp.vec3, radius: float, z: float, up: float) -> SurfaceHit:
     """The nearer of a hit and a disc about (0, 0, z) that faces up or down."""
+    found = best
     if direction[2] != 0.0:
         t = (z - start[2]) / direction[2]
         p = start + t * direction
         if p[0] * p[0] + p[1] * p[1] <= radius * radius:
-            best = nearer(best, t, wp.vec3(0.0, 0.0, up))
-    return best
+            found = nearer(best, t, wp.vec3(0.0, 0.0, up))
+    return found
 
 
 @wp.func

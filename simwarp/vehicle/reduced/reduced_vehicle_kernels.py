@@ -17,6 +17,7 @@ forces p z'' and h z'' go to the chassis, which the Simulation's step moves with
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.cpu_flags import INLINE
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.vector_math import matrix_to_float, to_double
@@ -37,7 +38,7 @@ from simwarp.vehicle.tires.patch_kernels import Envelopes, Wheel
 from simwarp.vehicle.tires.tires_kernels import TireReports, TireTables, ground_force, report_tire
 
 # As those of the step (kernels/dynamics/world.py): calls of the tires' laws copy all tables unless they are inlined.
-CPU_FLAGS = "-march=native -mllvm=-inline-threshold=9000 -ffp-contract=fast"
+CPU_FLAGS = f"{INLINE} -ffp-contract=fast"
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
 
