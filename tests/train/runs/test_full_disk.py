@@ -272,7 +272,7 @@ def test_outputs_are_looked_at_before_any_work(policy, capsys, monkeypatch, name
     before = sorted(str(item) for item in policy.rglob("*"))
     command = COMMANDS.get(name, ["clone", "fast", "--data", "policy.pt", "--output"])
     # replaced where the commands look it up: a module first imported meanwhile would keep a replacement in its source
-    for module in ("cli.playing", "cli.view.films", "train.algorithm.trajectories"):
+    for module in ("cli.playing", "cli.view.films", "train.datasets.episodes"):
         monkeypatch.setattr(f"simwarp.{module}.record", lambda *_: pytest.fail("work began"))
     assert cli.main([*command, path]) == 2
     assert "Traceback" not in one_line(capsys)
