@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import importlib.util
+import os
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -91,9 +92,9 @@ def check_dataset(kind: DatasetFormat, path: Path, option: str = "--output") -> 
         if path.suffix != ".npz":
             raise InputError(f"{option} must end in .npz, got '{path}'")
         return
-    check_output(path, option)
-    if path.exists() or path.is_symlink():
+    if os.path.lexists(path):
         raise FileError(f"{option}: '{path}' exists already; give another name or remove it")
+    check_output(path, option)
     if kind is DatasetFormat.MINARI:
         from .minari_dataset import NAMED
 
@@ -240,4 +241,6 @@ def _format_of(path: Path) -> DatasetFormat:
             return DatasetFormat.MINARI
     except (OSError, ValueError):
         return DatasetFormat.NPZ  # its reader says what is wrong with the name
-    raise FileError(f"folder '{path}' holds no dataset: neither meta/ of LeRobot nor data/metadata.json of Minari")
+    raise FileError(
+        f"trajectories '{path}': the folder holds no dataset, neither meta/ of LeRobot nor data/metadata.json of Minari"
+    )

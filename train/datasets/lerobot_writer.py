@@ -75,7 +75,7 @@ class LeRobotWriter:
             folder.mkdir()
             (folder / "meta").mkdir()
             write_file(folder / layout.OURS, json.dumps(content, indent=2, default=str) + "\n")
-            pq.write_table(_tasks(instruction), folder / layout.TASKS)
+            _write_table(_tasks(instruction), folder / layout.TASKS)
 
     def add(self, episode: Episode) -> None:
         """Add an episode.
@@ -160,6 +160,7 @@ class _Files:
         self._place, self._first_row, self._first_episode = layout.place_of(number), first_row, first_episode
         self._quality, self._begun = quality, time.monotonic()
         self._table: pq.ParquetWriter | None = None
+        self._sink: pa.OSFile | None = None
         self._encoders: dict[str, Encoder] = {}
         self.rows = 0
         self.episodes: list[dict[str, Any]] = []
@@ -171,7 +172,8 @@ class _Files:
         table = pa.table({key: _array(values) for key, values in columns.items()})
         if self._table is None:
             self._draft.mkdir(exist_ok=True)
-            self._table = pq.ParquetWriter(self._draft / "rows.parquet", table.schema)
+            self._sink = pa.OSFile(str(self._draft / "rows.parquet"), "wb")
+            self._table = pq.ParquetWriter(self._sink, table.schema)
         self._table.write_table(table)
         statistics = {key: of_rows(values) for key, values in columns.items()}
         for feature in self._features:
@@ -246,8 +248,10 @@ class _Files:
             if error is not None:
                 raise error
         assert self._table is not None
+        assert self._sink is not None
         self._table.close()
-        pq.write_table(pa.Table.from_pylist(self.episodes), self._draft / "episodes.parquet")
+        self._sink.close()
+        _write_table(pa.Table.from_pylist(self.episodes), self._draft / "episodes.parquet")
         places = {
             self._draft / "rows.parquet": layout.DATA_PATH.format(**self._place),
             self._draft / "episodes.parquet": layout.EPISODES_PATH.format(**self._place),
@@ -268,13 +272,20 @@ class _Files:
         """Drop what was not moved."""
         for encoder in self._encoders.values():
             encoder.end()
-        if self._table is not None:
+        for part in (self._table, self._sink):
             with contextlib.suppress(OSError, pa.ArrowException):
-                self._table.close()
+                if part is not None:
+                    part.close()
         shutil.rmtree(self._draft, ignore_errors=True)
 
     def _video(self, feature: Feature) -> Path:
         return self._draft / f"{feature.key}.mp4"
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    """Write a table; a file that pyarrow opens stays open where the disk is full."""
+    with pa.OSFile(str(path), "wb") as sink:
+        pq.write_table(table, sink)
 
 
 def _tasks(instruction: str) -> pa.Table:

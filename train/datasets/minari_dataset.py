@@ -12,11 +12,13 @@ import gymnasium as gym
 import minari
 import numpy as np
 import pyarrow as pa
+import warp as wp
 from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset._storages.arrow_storage import ArrowStorage
 from minari.dataset.minari_storage import MinariStorage
 
 from simwarp.core.files import FileError, read_json, write_file
+from simwarp.core.memory import check_fits
 from simwarp.tasks import Task
 from simwarp.tasks.adapters.gym_env import action_space, observation_boxes
 
@@ -33,7 +35,7 @@ NAMED: Final = re.compile(r"[-\w]+-v\d+", re.ASCII)
 """Names by which Minari finds datasets: letters, digits, - and _, then the version."""
 
 
-class _Storage(ArrowStorage):  # type: ignore[misc]
+class _Storage(ArrowStorage):
     """Minari's storage of one folder per episode, whose metadata are replaced as a whole.
 
     Minari writes them in place, several times per episode: killed meanwhile, none of the episodes could be opened.
@@ -125,7 +127,7 @@ def read_minari(folder: Path, task_name: str) -> Trajectories:
     if not {"observation_space", "action_space"} <= metadata.keys() or metadata.get("data_format") != "arrow":
         raise FileError(f"{where}: the dataset is damaged: its metadata name no spaces, or another format than arrow")
     try:
-        return _read(folder, about, where)
+        return _read(folder, metadata, about, where)
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, pa.ArrowException) as error:
         if type(error).__module__.startswith("simwarp"):
             raise
@@ -133,13 +135,16 @@ def read_minari(folder: Path, task_name: str) -> Trajectories:
         raise FileError(f"{where}: the dataset is damaged: {reason}; record it again") from error
 
 
-def _read(folder: Path, about: dict[str, Any], where: str) -> Trajectories:
+def _read(folder: Path, metadata: dict[str, Any], about: dict[str, Any], where: str) -> Trajectories:
+    total, parts = metadata["total_episodes"], list((folder / DATA).glob("*/*.arrow"))
+    if not isinstance(total, int) or not 0 < total <= len(parts):
+        raise ValueError(f"it counts {total} episodes, and {len(parts)} are there")
+    room = 2 * sum(part.stat().st_size for part in parts)
+    check_fits(f"{where}: {total} episodes", room, wp.get_device("cpu"), "take fewer episodes")
     dataset = minari.MinariDataset(folder / DATA)
     options = [one["options"] for one in dataset.storage.get_episode_metadata(range(dataset.total_episodes))]
     places = [(int(one["world"]), int(one["episode"])) for one in options]
     found = [next(dataset.iterate_episodes([place])) for place in sorted(range(len(places)), key=places.__getitem__)]
-    if not found:
-        raise ValueError("it has no episode")
     groups = {name: np.concatenate([one.observations[name][:-1] for one in found]) for name in found[0].observations}
     arrays = {
         "actions": np.concatenate([one.actions for one in found]),

@@ -54,8 +54,8 @@ def run(arguments: list[str]) -> int:
     assert source is not None  # options() has ended the process where help was asked for
     kind = DatasetFormat(options.format)
     target = options.output or default_output(kind, name)
-    options.check(source.path, output=target)
     check_dataset(kind, target)
+    options.check(source.path, output=target)
     for field in ("episodes", "num_envs"):
         value = getattr(options, field)
         if value is not None and value < 1:
