@@ -119,7 +119,7 @@ def check_installed(kind: DatasetFormat) -> None:
 
 
 def record_dataset(
-    task: Task[Any], policy: Policy, episodes: int, seed: int, path: Path, kind: DatasetFormat, *,
+    task: Task[Any], policy: Policy, episodes: int, seed: int, path: str | Path, kind: DatasetFormat, *,
     about: dict[str, Any] | None = None, instruction: str | None = None, quality: int = 18,
     stop: StopRequest | None = None, report: Callable[[int], None] = lambda ended: None,
 ) -> Recorded:  # fmt: skip
@@ -206,7 +206,7 @@ def instruction_of(task: Task[Any], given: str | None = None) -> str:
     return instruction
 
 
-def load_trajectories(path: Path, task_name: str) -> Trajectories:
+def load_trajectories(path: str | Path, task_name: str) -> Trajectories:
     """Read trajectories of a task, in whatever format ``simwarp record`` wrote them; runs no code from them.
 
     Args:
