@@ -39,6 +39,10 @@ _MODULES: Final[Mapping[DatasetFormat, tuple[str, ...]]] = {
 """What each needs; the extra has the name of the format."""
 
 
+WORST_QUALITY: Final = 51
+"""Of H.264."""
+
+
 class DatasetWriter(Protocol):
     """A dataset that is written.
 
@@ -80,14 +84,22 @@ def default_output(kind: DatasetFormat, task_name: str) -> Path:
     return Path(task_name + {"npz": ".npz", "minari": "-v0", "lerobot": "_lerobot"}[kind.value])
 
 
-def check_dataset(kind: DatasetFormat, path: Path, option: str = "--output") -> None:
+def check_dataset(kind: DatasetFormat, path: Path, quality: int, option: str = "--output") -> None:
     """Refuse what cannot be recorded to, before any work is done; nothing is touched.
 
+    Args:
+        kind: format.
+        path: of the file or the folder.
+        quality: of videos.
+        option: what asked for the path: the errors begin with it.
+
     Raises:
-        InputError: the name is not one of the format, or its extra is not installed.
+        InputError: the name is not one of the format, its extra is not installed, or there is no such quality.
         FileError: it exists already, or cannot be written.
     """
     check_installed(kind)
+    if not 0 <= quality <= WORST_QUALITY:
+        raise InputError(f"video-quality must be from 0 to {WORST_QUALITY}, got {quality}")
     if kind is DatasetFormat.NPZ:
         if path.suffix != ".npz":
             raise InputError(f"{option} must end in .npz, got '{path}'")
@@ -148,7 +160,7 @@ def record_dataset(
     if kind is DatasetFormat.NPZ:
         raise InputError("kind must be minari or lerobot, got npz; use record() and save_trajectories()")
     path = Path(path)
-    check_dataset(kind, path, "path")
+    check_dataset(kind, path, quality, "path")
     instruction = instruction_of(task, instruction)
     kept = {"policy": "unnamed"} | (about or {})
     returns: list[float] = []
@@ -166,7 +178,7 @@ def record_dataset(
         for episode in source:
             writer.add(episode)
             returns.append(float(episode.rewards.sum(dtype="float64")))
-    except (OutputError, KeyboardInterrupt):
+    except OutputError:
         raise
     except Exception:
         writer.commit()  # what went wrong was the task or the policy: the episodes before it are sound
@@ -194,7 +206,7 @@ def _open(
     return LeRobotWriter(path, task, instruction, seed, about, quality)
 
 
-def instruction_of(task: Task[Any], given: str | None = None) -> str:
+def instruction_of(task: Task[Any] | type[Task[Any]], given: str | None = None) -> str:
     """Return what a task is about, as a sentence: what is given, else its own, else its summary or name.
 
     Raises:

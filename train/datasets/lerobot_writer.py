@@ -61,7 +61,7 @@ class LeRobotWriter:
     ) -> None:
         self._features = layout.features_of(task)
         self._folder, self._seed, self._quality, self._rate = folder, seed, quality, layout.rate_of(task)
-        self._instruction = instruction
+        self._instruction, self._films = instruction, any(feature.video for feature in self._features)
         self._info = layout.described(self._features, task, self._rate, _pixels(self._features, quality))
         self._statistics: dict[str, Statistics] = {}
         self.episodes = self.rows = self._files = 0
@@ -83,7 +83,8 @@ class LeRobotWriter:
         Raises:
             OutputError: the disk did not take it.
         """
-        if self._open is not None and self._open.rows + episode.steps > LONGEST_VIDEO * float(self._rate):
+        longest = LONGEST_VIDEO * self._rate
+        if self._films and self._open is not None and self._open.rows + episode.steps > longest:
             self.commit()
         if self._open is None:
             draft = self._folder / f"{DRAFT_PREFIX}{self._files}"
@@ -107,26 +108,24 @@ class LeRobotWriter:
                 files.finish(self._folder)
         finally:
             files.end()
+        statistics = self._statistics
         for own in files.statistics:
-            self._statistics = {
-                key: merged(self._statistics[key], found) if self._statistics else found for key, found in own.items()
-            }
-        self._files += 1
-        self.rows, self.episodes = self.rows + files.rows, self.episodes + len(files.episodes)
-        lists = {
-            key: {name: value.tolist() for name, value in found.items()} for key, found in self._statistics.items()
-        }
+            statistics = {key: merged(statistics[key], found) if statistics else found for key, found in own.items()}
+        rows, episodes = self.rows + files.rows, self.episodes + len(files.episodes)
+        lists = {key: {name: value.tolist() for name, value in found.items()} for key, found in statistics.items()}
         write_file(self._folder / layout.STATISTICS, json.dumps(lists, indent=4))
-        write_file(self._folder / layout.INFO, json.dumps(self._totals(), indent=4, ensure_ascii=False))
+        info = json.dumps(self._totals(rows, episodes), indent=4, ensure_ascii=False)
+        write_file(self._folder / layout.INFO, info)
+        self._statistics, self.rows, self.episodes = statistics, rows, episodes
+        self._files += 1
 
-    def _totals(self) -> dict[str, Any]:
+    def _totals(self, rows: int, episodes: int) -> dict[str, Any]:
         return {
-            "codebase_version": layout.VERSION, "robot_type": None, "total_episodes": self.episodes,
-            "total_frames": self.rows, "total_tasks": 1, "chunks_size": layout.FILES_PER_CHUNK,
+            "codebase_version": layout.VERSION, "robot_type": None, "total_episodes": episodes,
+            "total_frames": rows, "total_tasks": 1, "chunks_size": layout.FILES_PER_CHUNK,
             "data_files_size_in_mb": layout.DATA_MEGABYTES, "video_files_size_in_mb": layout.VIDEO_MEGABYTES,
-            "fps": layout.plain_rate(self._rate), "splits": {"train": f"0:{self.episodes}"},
-            "data_path": layout.DATA_PATH,
-            "video_path": layout.VIDEO_PATH if any(feature.video for feature in self._features) else None,
+            "fps": layout.plain_rate(self._rate), "splits": {"train": f"0:{episodes}"},
+            "data_path": layout.DATA_PATH, "video_path": layout.VIDEO_PATH if self._films else None,
             "features": self._info,
         }  # fmt: skip
 

@@ -10,7 +10,7 @@ from simwarp.cli import DONE, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions
 from simwarp.cli.policy_command import PolicyCommand, policy_command
 from simwarp.core.stopping import StopRequest, stop_on_signals
-from simwarp.tasks import make, resolve_device
+from simwarp.tasks import make, resolve_device, task_class
 
 if TYPE_CHECKING:
     from simwarp.train.datasets.dataset_formats import Recorded
@@ -46,7 +46,7 @@ class RecordOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Record as the arguments say; 130 after an interruption."""
-    from simwarp.train.datasets.dataset_formats import DatasetFormat, check_dataset, default_output
+    from simwarp.train.datasets.dataset_formats import DatasetFormat, check_dataset, default_output, instruction_of
     from simwarp.train.runs.progress_display import LiveLine
 
     command = policy_command("record", arguments, RecordOptions)
@@ -54,14 +54,13 @@ def run(arguments: list[str]) -> int:
     assert source is not None  # options() has ended the process where help was asked for
     kind = DatasetFormat(options.format)
     target = options.output or default_output(kind, name)
-    check_dataset(kind, target)
+    check_dataset(kind, target, options.video_quality)
+    instruction_of(task_class(name), options.instruction)
     options.check(source.path, output=target)
     for field in ("episodes", "num_envs"):
         value = getattr(options, field)
         if value is not None and value < 1:
             raise UsageError(f"{field.replace('_', '-')} must be at least 1, got {value}")
-    if not 0 <= options.video_quality <= 51:
-        raise UsageError(f"video-quality must be from 0 to 51, got {options.video_quality}")
     console, total = options.console(), options.episodes
     with stop_on_signals() as stop, LiveLine(console, total, head="recording") as line:
         data = _record(command, options, target, stop, line)
@@ -76,6 +75,7 @@ def run(arguments: list[str]) -> int:
         {
             "task": name,
             "output": str(target),
+            "file": str(target),
             "format": options.format,
             "episodes": data.episodes,
             "steps": data.steps,
@@ -89,7 +89,7 @@ def run(arguments: list[str]) -> int:
 
 def _record(command: PolicyCommand, options: Any, target: Path, stop: StopRequest, line: LiveLine) -> Recorded:
     """Record into the target."""
-    from simwarp.train.datasets.dataset_formats import DatasetFormat, Recorded, instruction_of, record_dataset
+    from simwarp.train.datasets.dataset_formats import DatasetFormat, Recorded, record_dataset
     from simwarp.train.datasets.episodes import record
     from simwarp.train.datasets.trajectories import save_trajectories
 
@@ -97,7 +97,6 @@ def _record(command: PolicyCommand, options: Any, target: Path, stop: StopReques
     assert source is not None
     worlds = min(total, options.num_envs or 256)
     task = make(command.name, worlds, device=resolve_device(options.device), seed=options.seed, config=options.task)
-    instruction_of(task, options.instruction)
 
     def report(ended: int) -> None:
         line.show("recording", f"{ended}/{total} episodes", ended)

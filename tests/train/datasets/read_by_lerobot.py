@@ -5,6 +5,7 @@ Run by test_lerobot_reads.py in an environment of its own, which has lerobot and
 
 import json
 import sys
+from typing import Any
 
 import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -15,7 +16,7 @@ def main(folder: str, output: str, every: int) -> None:
     dataset = LeRobotDataset("simwarp/recorded", root=folder)
     rows = [dataset[index] for index in range(0, len(dataset), every)]
     words = {name for name, value in rows[0].items() if isinstance(value, str)}
-    arrays = {name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name not in words}
+    arrays: Any = {name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name not in words}
     meta, episodes = dataset.meta, [dataset.meta.episodes[index] for index in range(dataset.num_episodes)]
     about = {
         "fps": dataset.fps,

@@ -1,6 +1,7 @@
 """Cloning from any format is cloning from .npz: bit by bit, but for what a video with loss does to images."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_the_commands_make_the_same_policy_of_all_formats(tmp_path, monkeypatch)
 @pytest.fixture
 def data(recorded_task, tmp_path):
     """The same episodes, with images, from a file of arrays and from each dataset."""
-    config = {"flags": False}
+    config: Any = {"flags": False}
     found = {"npz": record(make(recorded_task, 4, **config), by_noise, 16, 3, {})}
     for name, quality in FORMATS.items():
         path = tmp_path / f"{name}-v0"

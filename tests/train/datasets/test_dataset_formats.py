@@ -295,7 +295,7 @@ def test_what_exists_is_not_written_over(recorded_task, tmp_path, kind):
 @pytest.mark.parametrize("name", ["d", "d-v", "d v0", "ü-v0", ".-v0.", "-v0"])
 def test_minari_needs_a_version_in_the_name(tmp_path, name):
     with pytest.raises(InputError, match=r"letters, digits, - and _, and a version, such as 'pendulum-v0'"):
-        check_dataset(DatasetFormat.MINARI, tmp_path / name)
+        check_dataset(DatasetFormat.MINARI, tmp_path / name, 18)
 
 
 @both
@@ -306,7 +306,7 @@ def test_a_format_that_is_not_installed_names_its_extra(tmp_path, monkeypatch, k
         dataset_formats.importlib.util, "find_spec", lambda name, *rest: None if name == missing else find(name, *rest)
     )
     with pytest.raises(InputError) as caught:
-        check_dataset(kind, tmp_path / "d-v0")
+        check_dataset(kind, tmp_path / "d-v0", 18)
     assert str(caught.value) == (
         f"format {kind.value} must have module '{missing}', got none; pip install 'simwarp[{kind.value}]'"
     )
@@ -409,7 +409,13 @@ def test_the_command_writes_and_says_so(tmp_path, monkeypatch, capsys, kind):
     assert cli.main([*words, "--instruction", "Go home.", "--json", "r.json"]) == 0
     name = {"minari": "fast-v0", "lerobot": "fast_lerobot"}[kind.value]
     told = json.loads(Path("r.json").read_text())
-    assert {"output": name, "format": kind.value, "episodes": 3, "interrupted": False}.items() <= told.items()
+    assert {
+        "output": name,
+        "file": name,
+        "format": kind.value,
+        "episodes": 3,
+        "interrupted": False,
+    }.items() <= told.items()
     assert f"wrote {name}" in capsys.readouterr().out
     read = load_trajectories(Path(name), "fast")
     assert read.about["instruction"] == "Go home."

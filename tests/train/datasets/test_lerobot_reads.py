@@ -85,3 +85,16 @@ def test_all_of_it_is_read(recorded_task, tmp_path, monkeypatch, quality, wait):
     assert np.allclose(state["mean"], groups["policy"].astype(float).mean(axis=0), rtol=1e-12)
     assert np.allclose(state["std"], groups["policy"].astype(float).std(axis=0), rtol=1e-9)
     assert state["count"] == [told.steps]
+
+
+def test_a_thousand_episodes_load(recorded_task, tmp_path):
+    path, kind = tmp_path / "d", DatasetFormat.LEROBOT
+    told = record_dataset(make(recorded_task, 64), by_noise, 1000, 3, path, kind)
+    about, found = read(path, tmp_path, 37)
+    assert (about["episodes"], about["rows"]) == (1000, told.steps)
+    episodes = list(episodes_of(make(recorded_task, 64), by_noise, 1000, 3))
+    assert about["lengths"] == [one.steps for one in episodes]
+    images = np.concatenate([one.observations["camera"] for one in episodes])[::37]
+    states = np.concatenate([one.observations["policy"] for one in episodes])[::37]
+    assert np.array_equal(found["observation.state"], states)
+    assert np.abs(255.0 * np.moveaxis(found["observation.images.camera"], 1, -1) - images).mean() < 2.5

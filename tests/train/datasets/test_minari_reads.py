@@ -64,3 +64,14 @@ def test_spaces_and_words_are_there(dataset, tmp_path):
     assert 0 < failed.total_episodes < 11
     size = sum(path.stat().st_size for path in (tmp_path / "counts-v2").rglob("*.arrow")) / 1e6
     assert metadata["dataset_size"] == pytest.approx(size, rel=0.3)  # without what Arrow writes beside the numbers
+
+
+@pytest.mark.slow
+def test_a_thousand_episodes_load(recorded_task, tmp_path):
+    told = record_dataset(make(recorded_task, 64), by_noise, 1000, 3, tmp_path / "d-v0", DatasetFormat.MINARI)
+    dataset = minari.MinariDataset(tmp_path / "d-v0" / "data")
+    assert (dataset.total_episodes, dataset.total_steps) == (1000, told.steps)
+    episodes = episodes_of(make(recorded_task, 64), by_noise, 1000, 3)
+    for found, one in zip(dataset.iterate_episodes(), episodes, strict=True):
+        assert np.array_equal(found.observations["camera"][:-1], one.observations["camera"])
+        assert np.array_equal(found.actions, one.actions)
