@@ -119,7 +119,7 @@ def plain_rate(rate: Fraction) -> int | float:
 
 
 def described(
-    features: Sequence[Feature], task: Task[Any], rate: Fraction, video: Mapping[str, Any]
+    features: Sequence[Feature], task: Task[Any], rate: Fraction, pixels: Mapping[str, str]
 ) -> dict[str, dict[str, Any]]:
     """Return the features of a dataset as ``info.json`` has them.
 
@@ -127,7 +127,7 @@ def described(
         features: of the observations.
         task: has the names of components.
         rate: control steps per second.
-        video: codec and format of pixels.
+        pixels: key of a video -> format of its pixels.
     """
     found: dict[str, dict[str, Any]] = {}
     for feature in features:
@@ -136,7 +136,8 @@ def described(
         if feature.video:
             width, height = feature.size
             info = {
-                "video.height": height, "video.width": width, **video, "video.is_depth_map": False,
+                "video.height": height, "video.width": width, "video.codec": "h264",
+                "video.pix_fmt": pixels[feature.key], "video.is_depth_map": False,
                 "video.fps": plain_rate(rate), "video.channels": 3, "has_audio": False,
             }  # fmt: skip
             names, shape = ["height", "width", "channels"], [height, width, 3]

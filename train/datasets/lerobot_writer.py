@@ -62,7 +62,8 @@ class LeRobotWriter:
         self._features = layout.features_of(task)
         self._folder, self._seed, self._quality, self._rate = folder, seed, quality, layout.rate_of(task)
         self._instruction, self._films = instruction, any(feature.video for feature in self._features)
-        self._info = layout.described(self._features, task, self._rate, _pixels(self._features, quality))
+        pixels = {feature.key: _pixel_format(feature, quality) for feature in self._features if feature.video}
+        self._info = layout.described(self._features, task, self._rate, pixels)
         self._statistics: dict[str, Statistics] = {}
         self.episodes = self.rows = self._files = 0
         self._open: _Files | None = None
@@ -319,14 +320,10 @@ def _three_channels(images: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return np.repeat(images, 3, axis=-1) if images.shape[-1] == 1 else images
 
 
-def _even(features: Sequence[Feature]) -> bool:
-    return all(side % 2 == 0 for feature in features if feature.video for side in feature.size)
-
-
-def _pixels(features: Sequence[Feature], quality: int) -> dict[str, str]:
-    """Return codec and format of pixels, as the dataset names them."""
-    form = "gbrp" if quality == LOSSLESS else "yuv420p" if _even(features) else "yuv444p"
-    return {"video.codec": "h264", "video.pix_fmt": form}
+def _pixel_format(feature: Feature, quality: int) -> str:
+    """Return the format of the pixels of a video: colours at half the resolution where its sides are even."""
+    even = all(side % 2 == 0 for side in feature.size)
+    return "gbrp" if quality == LOSSLESS else "yuv420p" if even else "yuv444p"
 
 
 def _options(feature: Feature, quality: int) -> list[str]:
@@ -334,5 +331,5 @@ def _options(feature: Feature, quality: int) -> list[str]:
     jumps = ["-g", "2", "-bf", "0", "-movflags", "+faststart"]
     if quality == LOSSLESS:
         return ["-vcodec", "libx264rgb", "-preset", "veryfast", "-qp", "0", *jumps]
-    form = _pixels([feature], quality)["video.pix_fmt"]
+    form = _pixel_format(feature, quality)
     return ["-vcodec", "libx264", "-preset", "veryfast", "-crf", str(quality), "-pix_fmt", form, *jumps]
