@@ -20,7 +20,8 @@ import numpy as np
 import torch
 
 from simwarp.tasks import Task, make
-from simwarp.train.algorithm.trajectories import Trajectories, record, save_trajectories
+from simwarp.train.datasets.episodes import record
+from simwarp.train.datasets.trajectories import Trajectories, save_trajectories
 from simwarp.train.networks.policies import network_policy, shipped_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
 

@@ -180,6 +180,7 @@ class CraneTask(Task[CraneConfig]):
 
     fused_physics: ClassVar[bool] = True
     summary: ClassVar[str] = "crane: a load on a flexible cable is set down in wind, 21 observations, 3 speeds"
+    instruction: ClassVar[str] = "Set the hanging load down on the painted pad."
     config_type: ClassVar[type[TaskConfig]] = CraneConfig
     action_size: int = 3
     action_names: ClassVar[Sequence[str]] = _ACTIONS

@@ -54,6 +54,7 @@ class FastTask(Task[FastConfig]):
     """A point in a plane that an action moves; the reward is one minus its distance from the origin."""
 
     summary: ClassVar[str] = "point in a plane, no physics: a dummy for tests and for measuring overhead"
+    instruction: ClassVar[str] = "Move the point to the middle of the plane."
     config_type: ClassVar[type[TaskConfig]] = FastConfig
     action_size: int = 2
     listed: ClassVar[bool] = False

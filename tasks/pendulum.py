@@ -83,6 +83,7 @@ class PendulumTask(Task[CartPoleConfig]):
     """
 
     summary: ClassVar[str] = "cart-pole: keep a 2 m pole upright on a light cart, 4 observations, 1 force"
+    instruction: ClassVar[str] = "Keep the pole upright."
     config_type: ClassVar[type[TaskConfig]] = CartPoleConfig
     action_size: int = 1
     state_buffers: ClassVar[Mapping[str, str]] = {"late_speed": "late_speed"}

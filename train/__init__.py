@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from .algorithm.cloning import CloneConfig, clone
     from .algorithm.distillation import DistillationConfig
     from .algorithm.distiller import Lesson
-    from .algorithm.trajectories import Trajectories, load_trajectories, record, save_trajectories
     from .algorithm.vec_env import TaskVecEnv
     from .config import (
         Activation,
@@ -34,6 +33,9 @@ if TYPE_CHECKING:
         default_config,
         student_config,
     )
+    from .datasets.dataset_formats import DatasetFormat, Recorded, load_trajectories, record_dataset
+    from .datasets.episodes import record
+    from .datasets.trajectories import Trajectories, save_trajectories
     from .evaluation.evaluation import Evaluation, evaluate
     from .evaluation.play import Frame, write_video
     from .networks.augmentation import augment
@@ -47,13 +49,15 @@ _HOMES = {
     "algorithm.cloning": ("CloneConfig", "clone"),
     "algorithm.distillation": ("DistillationConfig",),
     "algorithm.distiller": ("Lesson",),
-    "algorithm.trajectories": ("Trajectories", "load_trajectories", "record", "save_trajectories"),
     "algorithm.vec_env": ("TaskVecEnv",),
     "config": (
         "Activation", "AugmentationConfig", "Cell", "CriticSees", "InitialWeights", "LoggerKind", "NetworkConfig",
         "NetworkKind", "Objective", "PPOConfig", "Precision", "Schedule", "TrainConfig", "default_config",
         "student_config",
     ),
+    "datasets.dataset_formats": ("DatasetFormat", "Recorded", "load_trajectories", "record_dataset"),
+    "datasets.episodes": ("record",),
+    "datasets.trajectories": ("Trajectories", "save_trajectories"),
     "evaluation.evaluation": ("Evaluation", "evaluate"),
     "evaluation.play": ("Frame", "write_video"),
     "networks.augmentation": ("augment",),
@@ -66,12 +70,12 @@ _HOMES = {
 """Module -> public names that it has."""
 
 __all__ = [
-    "Activation", "AugmentationConfig", "Cell", "CloneConfig", "CriticSees", "DistillationConfig", "Evaluation",
-    "ExportFormat", "Frame", "InitialWeights", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective",
-    "PPOConfig", "Precision", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult", "Trajectories",
-    "augment", "clone", "default_config", "evaluate", "export_policy", "find_policy", "lesson_by",
-    "load_trajectories", "network_policy", "open_run", "random_policy", "record", "save_trajectories",
-    "student_config", "train", "write_video", "zero_policy",
+    "Activation", "AugmentationConfig", "Cell", "CloneConfig", "CriticSees", "DatasetFormat", "DistillationConfig",
+    "Evaluation", "ExportFormat", "Frame", "InitialWeights", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind",
+    "Objective", "PPOConfig", "Precision", "Recorded", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig",
+    "TrainResult", "Trajectories", "augment", "clone", "default_config", "evaluate", "export_policy", "find_policy",
+    "lesson_by", "load_trajectories", "network_policy", "open_run", "random_policy", "record", "record_dataset",
+    "save_trajectories", "student_config", "train", "write_video", "zero_policy",
 ]  # fmt: skip
 
 

@@ -41,11 +41,14 @@ def _box(shape: tuple[int, ...], dtype: torch.dtype) -> gym.spaces.Box:
     return gym.spaces.Box(limits.min, limits.max, shape, numpy_dtype.type)
 
 
+def observation_boxes(task: Task[Any]) -> dict[str, gym.Space[Any]]:
+    """Return the space of each observation group of one world."""
+    return {name: _box(shape, task.observation_dtypes[name]) for name, shape in task.observation_shapes.items()}
+
+
 def observation_space(task: Task[Any]) -> gym.Space[Any]:
     """Return the space of one world's observation: a Box for ``policy`` alone, else a Dict."""
-    boxes: dict[str, gym.Space[Any]] = {
-        name: _box(shape, task.observation_dtypes[name]) for name, shape in task.observation_shapes.items()
-    }
+    boxes = observation_boxes(task)
     return boxes["policy"] if list(boxes) == ["policy"] else gym.spaces.Dict(boxes)
 
 

@@ -429,6 +429,7 @@ class Racer3ReachTask(ReachTask):
     """The Comau Racer3; see :class:`ReachTask`."""
 
     summary: ClassVar[str] = "arm: the Racer3 moves its grip to a cube, 18 observations, 6 torques"
+    instruction: ClassVar[str] = "Move the grip to the cube and hold it there."
     arm: ClassVar[sw.scenes.Arm] = sw.scenes.RACER3
 
 
@@ -445,5 +446,6 @@ class Irb120ReachTask(ReachTask):
     """The ABB IRB 120 with the Racer3's hand; see :class:`ReachTask`."""
 
     summary: ClassVar[str] = "arm: the IRB 120 moves its grip to a cube, 18 observations, 6 torques"
+    instruction: ClassVar[str] = "Move the grip to the cube and hold it there."
     config_type: ClassVar[type[TaskConfig]] = Irb120ReachConfig
     arm: ClassVar[sw.scenes.Arm] = sw.scenes.IRB120

@@ -70,6 +70,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     """
 
     summary: ClassVar[str] = "barrier track: a car drives a lap between barriers, by camera or by state"
+    instruction: ClassVar[str] = "Drive a lap of the race track between the barriers."
     config_type: ClassVar[type[DrivingConfig]] = BarrierTrackConfig
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 100,

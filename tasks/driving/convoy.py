@@ -181,6 +181,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     """
 
     summary: ClassVar[str] = "convoy: a truck follows a leader along winding paths, past rocks and trees"
+    instruction: ClassVar[str] = "Follow the leading truck along the path and keep clear of rocks and trees."
     config_type: ClassVar[type[DrivingConfig]] = ConvoyConfig
     per_world: ClassVar[tuple[str, ...]] = (*VEHICLE_ARRAYS, *Obstacles.model_arrays)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})

@@ -93,6 +93,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
     """
 
     summary: ClassVar[str] = "hallway: a model car drives a lap of a corridor between cones, by camera or by state"
+    instruction: ClassVar[str] = "Drive a lap of the corridor between the green and the red cones."
     config_type: ClassVar[type[DrivingConfig]] = HallwayConfig
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 120,

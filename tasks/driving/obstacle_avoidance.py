@@ -113,6 +113,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     """
 
     summary: ClassVar[str] = "obstacle avoidance: a truck passes three pillars on a road, by camera or by state"
+    instruction: ClassVar[str] = "Drive along the road past the pillars."
     config_type: ClassVar[type[DrivingConfig]] = ObstacleAvoidanceConfig
     per_world: ClassVar[tuple[str, ...]] = ("shape_x", *VEHICLE_ARRAYS)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})

@@ -150,6 +150,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     """
 
     summary: ClassVar[str] = "off-road: a utility vehicle drives to a goal between rocks and trees, over hills"
+    instruction: ClassVar[str] = "Drive over the hills to the goal and keep clear of rocks and trees."
     config_type: ClassVar[type[DrivingConfig]] = OffRoadConfig
     per_world: ClassVar[tuple[str, ...]] = (*VEHICLE_ARRAYS, *Obstacles.model_arrays)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})

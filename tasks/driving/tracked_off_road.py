@@ -133,6 +133,7 @@ class TrackedOffRoadTask(OffRoadTask):
     """
 
     summary: ClassVar[str] = "off-road on tracks: an M113 drives to a goal over hills and rocks, between obstacles"
+    instruction: ClassVar[str] = "Drive over the hills to the goal and keep clear of obstacles."
     config_type: ClassVar[type[DrivingConfig]] = TrackedOffRoadConfig
     training: ClassVar[Mapping[str, Any]] = {**OffRoadTask.training, "iterations": 110, "num_envs": 128}
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {

@@ -128,7 +128,7 @@ def check_action(task: Worlds, action: torch.Tensor) -> None:
 
 
 def check_names(task: Any) -> None:
-    """Check the names that a task gives to observations, actions and commands, and the kinds of its observations.
+    """Check what a task says in words: its instruction, names of observations, actions and commands, kinds of groups.
 
     Raises:
         TaskError: names are not lists of words, as many as there are components, a kind is unknown or does not fit its
@@ -136,6 +136,8 @@ def check_names(task: Any) -> None:
     """
     if task.action_size < 1:
         raise _wrong(task, "action_size", "at least 1; one that nothing reads, where nothing is done", task.action_size)
+    if not isinstance(task.instruction, str) or not task.instruction.isprintable():
+        raise _wrong(task, "instruction", "a sentence on one line", task.instruction)
     groups: Mapping[str, tuple[int, ...]] = task.observation_shapes
     named = _mapping(task, "observation_names", task.observation_names, "of groups to lists of names")
     for group, names in named.items():

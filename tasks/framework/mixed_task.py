@@ -31,8 +31,8 @@ from .step_result import StepResult
 from .task import Task
 
 SHARED: Final = (
-    "name", "task_file", "summary", "config_type", "action_size", "agents", "resting_action", "success_reasons",
-    "observation_shapes", "observation_dtypes",
+    "name", "task_file", "summary", "instruction", "config_type", "action_size", "agents", "resting_action",
+    "success_reasons", "observation_shapes", "observation_dtypes",
 )  # fmt: skip
 """Attributes that the tasks of all models have alike."""
 ALIKE: Final[Mapping[str, Callable[[Task[Any]], Any]]] = {

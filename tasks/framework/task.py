@@ -78,6 +78,8 @@ class Task(Readable, ABC, Generic[ConfigT]):
     """Absolute ``path/to/file.py:TaskClass`` of a task that is not installed; set when it is loaded."""
     summary: ClassVar[str] = ""
     """One line for ``simwarp list``."""
+    instruction: ClassVar[str] = ""
+    """What is to be done, as a sentence to whoever does it, for datasets of policies that read; else ``summary``."""
     listed: ClassVar[bool] = True
     """False: ``simwarp list`` leaves the task out, as one for tests."""
     config_type: ClassVar[type[TaskConfig]] = TaskConfig

@@ -122,6 +122,7 @@ class AntTask(WalkingTask[AntConfig]):
     """
 
     summary: ClassVar[str] = "ant: four legs of two links walk along X, 30 observations, 8 torques"
+    instruction: ClassVar[str] = "Walk forwards as fast as possible."
     config_type: ClassVar[type[TaskConfig]] = AntConfig
     action_size: int = 8
     legs: ClassVar[int] = 4

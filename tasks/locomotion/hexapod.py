@@ -115,6 +115,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
     """
 
     summary: ClassVar[str] = "hexapod: six legs of three links walk along X, 53 observations, 18 torques"
+    instruction: ClassVar[str] = "Walk forwards as fast as possible."
     config_type: ClassVar[type[TaskConfig]] = HexapodConfig
     action_size: int = 18
     legs: ClassVar[int] = _LEGS

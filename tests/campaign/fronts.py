@@ -106,7 +106,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _recordings(place: Place) -> st.SearchStrategy[Any]:
-    from simwarp.train.algorithm.trajectories import load_trajectories
+    from simwarp.train.datasets.dataset_formats import load_trajectories
 
     good = place.material / "good"
 

@@ -65,6 +65,8 @@ BASES = (
     Base("eval", ("fast",), (POLICY, ("--episodes", "2"), ("--no-baselines", ""), SHORT)),
     Base("play", ("fast",), (POLICY, ("--seconds", "0.01"), ("--num-envs", "1"))),
     Base("record", ("fast",), (POLICY, ("--episodes", "2"), SHORT)),
+    Base("record", ("fast",), (POLICY, ("--episodes", "2"), ("--format", "lerobot"), SHORT)),
+    Base("record", ("fast",), (POLICY, ("--episodes", "2"), ("--format", "minari"), SHORT)),
     Base("clone", ("fast",), (("--data", "good/fast.npz"), ("--epochs", "1"))),
     Base("export", ("good/fast.pt",), (("--format", "torchscript"), ("--output", "out.ts"))),
     Base("new-task", ("my-arm",)),
@@ -293,7 +295,7 @@ def _tuple_values(kind: Any, option: Option) -> st.SearchStrategy[tuple[Value, .
 
 def _text_values(base: Base, option: Option) -> st.SearchStrategy[Value]:
     key = (base.command, option.word)
-    if key in FOLDERS:
+    if key in FOLDERS or (key == ("record", "output") and "--format" in dict(base.options)):
         bad = [name for name in BAD_NAMES if name not in ("folder", "../", ".", "/", "missing/x")]
         return st.sampled_from([*refused(*bad, "notes.txt", "pipe"), Value("new-folder", EITHER)])
     ending = ENDINGS.get(key, ENDINGS.get(option.word))

@@ -13,7 +13,7 @@ pytest.importorskip("viser")
 from simwarp import cli
 from simwarp.core.warp_start import COMPILING
 from simwarp.tasks import replace_fields, task_class
-from simwarp.train.algorithm.trajectories import load_trajectories
+from simwarp.train.datasets.dataset_formats import load_trajectories
 from simwarp.viewer.live.live_view import LiveView
 from tests.unit.viewer.live.driving_page import DrivingPage
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from simwarp import cli
+from simwarp.train.datasets.dataset_formats import load_trajectories
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import RunFolder
@@ -208,6 +209,19 @@ def test_two_signals_to_an_evaluation_keep_the_finished_points(folder):
     assert content["interrupted"]
     assert 2 <= len(content["grid"]) < 800
     assert json.loads(results.read_text()) == content
+
+
+@pytest.mark.parametrize(("kind", "output"), [("minari", "out-v0"), ("lerobot", "out")])
+def test_two_signals_to_a_recording_of_a_dataset_keep_what_there_is(folder, kind, output):
+    pytest.importorskip("minari" if kind == "minari" else "pyarrow", reason=f"needs the extra {kind}")
+    words = ("--episodes=100000000", "--num-envs=8", f"--format={kind}", f"--output={output}")
+    group = Group(folder, "record", "fast", *words)
+    group.wait_until(lambda: re.search(r"recording  [1-9]\d*/", group.out))
+    group.signal(signal.SIGINT)
+    assert (group.end(), group.err) == (130, "")
+    told = re.search(r"interrupted and saved after (\d+) of 100000000 episodes; wrote", group.out)
+    assert told is not None
+    assert load_trajectories(folder / output, "fast").episodes == int(told[1])
 
 
 def test_two_signals_to_a_recording_and_a_cloning_keep_what_there_is(folder):

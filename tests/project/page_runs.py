@@ -57,6 +57,7 @@ NOT_RUN = {
 NEEDS = {
     r"simwarp (sweep|drive) .*--search": "optuna", r"simwarp view|simwarp .*--(html|film)": "viser",
     r"simwarp .*\.parquet": "pyarrow", r"simwarp .*\.mcap": "rosbags",
+    r"simwarp record .*--format minari": "minari", r"simwarp record .*--format lerobot": "pyarrow",
 }  # fmt: skip
 """Commands that are run only where an extra is installed, as patterns of how they begin -> its module."""
 

@@ -20,11 +20,11 @@ from simwarp.tasks.framework.config_values import Settings
 from simwarp.tasks.framework.registry import origin_of
 
 from ..config import TrainConfig
+from ..datasets.trajectories import Trajectories
 from ..networks.group_checks import check_groups
 from ..networks.policies import build_actor
 from ..networks.symmetric import task_settings
 from .learner import TrainingError
-from .trajectories import Trajectories
 
 _LARGEST_BATCH = 65_536
 

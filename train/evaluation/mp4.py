@@ -7,9 +7,9 @@ import importlib
 import os
 import signal
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,64 @@ def check_encoder() -> None:
         raise InputError(f"mp4 needs ffmpeg: {error} Or give a .gif instead") from None
 
 
+class Encoder:
+    """A running ffmpeg that encodes H.264 from images as they come; a context manager that ends it in any case.
+
+    Requests to stop that a terminal sends to all of its processes do not reach it: what was given to it is kept.
+
+    Args:
+        path: of the file, in a folder that exists; it is complete after :meth:`finish`.
+        size: width and height [pixels].
+        rate: images per second, as a number or a fraction ``100/3``.
+        options: of ffmpeg for the output: encoder, quality.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], rate: float | str, options: Sequence[str]) -> None:
+        program: Any = importlib.import_module("imageio_ffmpeg")
+        shown = rate if isinstance(rate, str) else f"{rate:.6f}"
+        command = [
+            program.get_ffmpeg_exe(), "-y", "-v", "error", "-nostats",
+            "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", shown, "-i", "-", "-an",
+            *options, "-f", "mp4", str(path),
+        ]  # fmt: skip
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def add(self, image: npt.NDArray[np.uint8]) -> bool:
+        """Give it one image (height, width, 3), or several; False: it has ended, and :meth:`finish` says why."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(image.tobytes())
+        except BrokenPipeError:
+            return False
+        return True
+
+    def finish(self) -> OSError | None:
+        """Wait until the file is complete; return why it could not be written, if it could not."""
+        said = self._process.communicate()[1].decode(errors="replace").strip()
+        code = self._process.returncode
+        if code == 0:
+            return None
+        if code == -signal.SIGXFSZ or os.strerror(errno.EFBIG) in said:
+            return OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+        if os.strerror(errno.ENOSPC) in said:
+            return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return OSError(errno.EIO, f"ffmpeg ended with code {code}: {said[-200:] or 'without a word'}")
+
+    def end(self) -> None:
+        """End it, if it still runs: the file is of no use then."""
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
+
+
 def write_mp4(path: Path, images: Iterable[npt.NDArray[np.uint8]], size: tuple[int, int], rate: float) -> None:
     """Write a video, whole or not at all.
 
@@ -50,37 +108,11 @@ def write_mp4(path: Path, images: Iterable[npt.NDArray[np.uint8]], size: tuple[i
         FileError: ``path`` cannot be written to.
         OutputError: the disk did not take it.
     """
-    encoder: Any = importlib.import_module("imageio_ffmpeg")
-    command = [
-        encoder.get_ffmpeg_exe(), "-y", "-v", "error", "-nostats",
-        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", f"{rate:.6f}", "-i", "-", "-an",
-        "-vcodec", "libx264", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-crf", _QUALITY,
-    ]  # fmt: skip
-    with replacing(path) as draft:
-        error = _encode([*command, "-f", "mp4", str(draft)], images)
+    options = ["-vcodec", "libx264", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-crf", _QUALITY]
+    with replacing(path) as draft, Encoder(draft, size, rate, options) as encoder:
+        for image in images:
+            if not encoder.add(image):
+                break
+        error = encoder.finish()
         if error is not None:
             raise output_error(path, error, draft)
-
-
-def _encode(command: list[str], images: Iterable[npt.NDArray[np.uint8]]) -> OSError | None:
-    """Give all images to ffmpeg; return why it could not write them, if it could not."""
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    assert process.stdin is not None
-    try:
-        try:
-            for image in images:
-                process.stdin.write(image.tobytes())
-        except BrokenPipeError:
-            pass  # it has ended; its last words say why
-        said = process.communicate()[1].decode(errors="replace").strip()
-    except BaseException:
-        process.kill()
-        process.communicate()
-        raise
-    if process.returncode == 0:
-        return None
-    if process.returncode == -signal.SIGXFSZ or os.strerror(errno.EFBIG) in said:
-        return OSError(errno.EFBIG, os.strerror(errno.EFBIG))
-    if os.strerror(errno.ENOSPC) in said:
-        return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    return OSError(errno.EIO, f"ffmpeg ended with code {process.returncode}: {said[-200:] or 'without a word'}")

@@ -191,16 +191,14 @@ def bad_actions(actions: torch.Tensor) -> torch.Tensor:
     return (~actions.isfinite()).any(dim=1).sum()
 
 
-def refuse_bad_actions(count: torch.Tensor, total: int) -> None:
+def refuse_bad_actions(count: torch.Tensor, total: int, kept: str = "nothing was written") -> None:
     """Refuse what came of a policy that returned NaN; reads the device.
 
     Raises:
         TrainingError: it did.
     """
     if int(count):
-        raise TrainingError(
-            f"the policy returned NaN or infinity in {int(count)} of {total} actions; nothing was written"
-        )
+        raise TrainingError(f"the policy returned NaN or infinity in {int(count)} of {total} actions; {kept}")
 
 
 def build_actor(settings: dict[str, Any], task: Task[Any]) -> MLPModel:

@@ -18,7 +18,7 @@ class CloneOptions(CommonOptions):
     """Fit a policy to recorded trajectories. The file it writes plays, evaluates, exports, and starts a training."""
 
     data: Path | None = None
-    """File of trajectories that `record` wrote."""
+    """File or folder that `record` wrote, in any of its formats."""
     output: Path | None = None
     """Checkpoint to write, .pt; by default TASK_clone.pt in the working folder."""
 
@@ -31,8 +31,8 @@ def run(arguments: list[str]) -> int:
     import torch
 
     from simwarp.train.algorithm.cloning import CloneConfig, clone
-    from simwarp.train.algorithm.trajectories import load_trajectories
     from simwarp.train.config import default_config, task_config_from_plain
+    from simwarp.train.datasets.dataset_formats import load_trajectories
     from simwarp.train.runs.checkpoint import save_checkpoint
 
     torch.set_num_threads(1)
@@ -47,7 +47,7 @@ def run(arguments: list[str]) -> int:
     target = options.output or Path(f"{name}_clone.pt")
     options.check(options.data, output=target)
     if data is None:
-        raise UsageError(f"which trajectories? usage: simwarp clone {word} --data FILE.npz")
+        raise UsageError(f"which trajectories? usage: simwarp clone {word} --data FILE_OR_FOLDER")
     task = make(name, max(1, len(task_config.by_model())), config=task_config)
     console = options.console()
 

@@ -12,7 +12,7 @@ import torch
 
 from simwarp.cli.view.task_subject import TaskLoop
 from simwarp.tasks import config_to_plain
-from simwarp.train.algorithm.trajectories import FORMAT, Trajectories, save_trajectories
+from simwarp.train.datasets.trajectories import FORMAT, Trajectories, save_trajectories
 from simwarp.viewer.live.driving.browser_driving import Wheel
 from simwarp.viewer.live.driving.human_driver import Inputs
 
@@ -124,7 +124,7 @@ class HumanInTask:
             np.array([row.terminated for row in rows]), np.array([row.truncated for row in rows]),
             about | {"policy": "human", "seed": self._seed},
         )  # fmt: skip
-        data.about.update(mean_return=float(data.returns().mean()), episodes=data.episodes)
+        data.add_totals()
         return data
 
 

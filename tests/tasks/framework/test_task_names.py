@@ -26,6 +26,8 @@ from tests.tasks.framework.samples import Counter, SampleConfig
         ("observation_names", {"policy": ["a", "b"]}, "must be 1 names, one per component, got 2"),
         ("action_names", ["a"], "action_names must be 2 names, one per component, got 1"),
         ("action_joints", [1, 2], "action_joints must be a list of names, got"),
+        ("instruction", "two\nlines", "instruction must be a sentence on one line, got 'two"),
+        ("instruction", 3, "instruction must be a sentence on one line, got 3"),
         ("action_scale", (1.0,), "action_scale must be 2 numbers, one per component of an action, got"),
         ("default_positions", (0.0, 0.0, 0.0), "default_positions must be 2 numbers"),
         ("action_size", 0, "action_size must be at least 1; one that nothing reads, where nothing is done, got 0"),

@@ -13,8 +13,10 @@ from simwarp.core.files import FileError
 from simwarp.tasks import make, replace_fields, task_class
 from simwarp.train.algorithm.cloning import CloneConfig, clone
 from simwarp.train.algorithm.trainer import Trainer
-from simwarp.train.algorithm.trajectories import load_trajectories, record, save_trajectories
 from simwarp.train.config import NetworkKind, Objective, default_config
+from simwarp.train.datasets.dataset_formats import load_trajectories
+from simwarp.train.datasets.episodes import record
+from simwarp.train.datasets.trajectories import save_trajectories
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint

@@ -11,8 +11,8 @@ import pytest
 import simwarp as sw
 from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.pendulum import CartPoleConfig
-from simwarp.train.algorithm.trajectories import load_trajectories
 from simwarp.train.config import task_config_from_plain
+from simwarp.train.datasets.dataset_formats import load_trajectories
 from simwarp.train.runs.checkpoint import load_checkpoint
 
 BEFORE = Path(__file__).parents[2] / "data" / "before"

@@ -3,9 +3,7 @@
 import contextlib
 import csv
 import json
-import resource
 import shutil
-import subprocess
 import sys
 import threading
 import types
@@ -27,30 +25,10 @@ from simwarp.train.runs.run_files import append_whole
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.run_lock import LOCK
 from simwarp.train.runs.run_saver import RunSaver
+from tests.train.full_disks import largest_file, small_disk
 from tests.train.runs.trained_run import run
 
-
-@contextlib.contextmanager
-def largest_file(size):
-    """No file may grow beyond so many bytes: what a full disk does, without filling one."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of a megabyte."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)], capture_output=True)
-    if done.returncode:
-        pytest.skip("mounting a small file system is not allowed here")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+__all__ = ["small_disk"]
 
 
 @pytest.fixture(scope="module")
@@ -272,7 +250,7 @@ def test_outputs_are_looked_at_before_any_work(policy, capsys, monkeypatch, name
     before = sorted(str(item) for item in policy.rglob("*"))
     command = COMMANDS.get(name, ["clone", "fast", "--data", "policy.pt", "--output"])
     # replaced where the commands look it up: a module first imported meanwhile would keep a replacement in its source
-    for module in ("cli.playing", "cli.view.films", "train.algorithm.trajectories"):
+    for module in ("cli.playing", "cli.view.films", "train.datasets.episodes"):
         monkeypatch.setattr(f"simwarp.{module}.record", lambda *_: pytest.fail("work began"))
     assert cli.main([*command, path]) == 2
     assert "Traceback" not in one_line(capsys)

@@ -16,7 +16,9 @@ from simwarp.core.files import FileError
 from simwarp.tasks import InputError, make
 from simwarp.tasks.framework.npz import read_arrays, write_arrays
 from simwarp.tasks.framework.replay import replay
-from simwarp.train.algorithm.trajectories import load_trajectories, record, save_trajectories
+from simwarp.train.datasets.dataset_formats import load_trajectories
+from simwarp.train.datasets.episodes import record
+from simwarp.train.datasets.trajectories import save_trajectories
 from simwarp.train.networks.policies import zero_policy
 
 # ---- any file of arrays ----------------------------------------------------------------------------------------------

@@ -9,23 +9,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from simwarp.core.files import parse_json
 from simwarp.core.object_repr import ReadableFields
-from simwarp.core.stopping import StopRequest
 from simwarp.core.types import formatted
-from simwarp.tasks import InputError, Task, config_to_plain
-from simwarp.tasks.framework.agent_rows import refuse_agents
+from simwarp.tasks import InputError
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
-
-from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 
 FORMAT = 1
 _PREFIX = "observations/"
@@ -37,7 +32,6 @@ _COLUMNS: Final[Mapping[str, tuple[type[np.generic], int]]] = {
     "truncated": (np.bool_, 1),
 }
 """Column -> its dtype and number of axes."""
-_CHECK_INTERVAL = 25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,83 +71,9 @@ class Trajectories(ReadableFields):
         sums = np.bincount(self.episode, weights=self.rewards, minlength=self.episodes)
         return sums.astype(np.float64)
 
-
-def record(
-    task: Task[Any], policy: Policy, episodes: int, seed: int, about: dict[str, Any],
-    stop: StopRequest | None = None, report: Callable[[int], None] = lambda ended: None,
-) -> Trajectories:  # fmt: skip
-    """Let a policy act for exactly ``episodes`` whole episodes: the first ones of each world.
-
-    Args:
-        task: the worlds.
-        policy: policy that acts.
-        episodes: number of episodes.
-        seed: seed of the worlds.
-        about: metadata to keep beside the task and the returns.
-        stop: request to leave with the episodes that have ended by then.
-        report: called now and then with the number of episodes that have ended.
-
-    Raises:
-        TrainingError: the policy returned NaN or infinity.
-        KeyboardInterrupt: it was asked to stop before an episode had ended.
-    """
-    stop = stop or StopRequest()
-    if episodes < 1:
-        raise InputError(f"episodes must be at least 1, got {episodes}")
-    refuse_agents(task, "and trajectories are of one", "record a task of single agents")
-    task.keep_final_observations = False
-    worlds = task.num_worlds
-    quota = torch.full((worlds,), episodes // worlds, device=task.device)
-    quota[: episodes % worlds] += 1
-    done = torch.zeros_like(quota)
-    observations = task.restart(seed=seed)
-    reset_memory(policy)
-    rows: list[dict[str, torch.Tensor]] = []
-    bad = torch.zeros((), dtype=torch.int64, device=task.device)
-    while not stop.requested:
-        if len(rows) % _CHECK_INTERVAL == 0:
-            ended = int(torch.minimum(done, quota).sum())
-            report(ended)
-            if ended == episodes:
-                break
-        actions = policy(observations)
-        bad += bad_actions(actions)
-        actions = actions.clamp(-1.0, 1.0)
-        # A task may hand out its own buffers, which the step overwrites
-        row = {f"{_PREFIX}{name}": group.to("cpu", copy=True) for name, group in observations.items()}
-        row |= {"actions": actions.to("cpu", copy=True), "episode": done.to("cpu", copy=True)}
-        result = task.step(actions)
-        observations = result.observations
-        over = result.terminated | result.truncated
-        reset_memory(policy, over)
-        done += over
-        row |= {"rewards": result.rewards.cpu(), "terminated": result.terminated.cpu()}
-        rows.append(row | {"truncated": result.truncated.cpu()})
-    quota = torch.minimum(quota, done)
-    if not bool(quota.any()):
-        raise KeyboardInterrupt
-    refuse_bad_actions(bad, len(rows) * worlds)
-    task.drain_statistics()
-    return _in_order(task, rows, quota.cpu(), about)
-
-
-def _in_order(
-    task: Task[Any], rows: list[dict[str, torch.Tensor]], quota: torch.Tensor, about: dict[str, Any]
-) -> Trajectories:
-    """Return the rows world by world, without what came after a world's last episode."""
-    table = {name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]}  # (W, T, ...)
-    kept = table["episode"] < quota.unsqueeze(1)
-    # Numbers within a world become numbers over all: those of the worlds before it come first
-    table["episode"] += (quota.cumsum(0) - quota).unsqueeze(1)
-    flat = {name: column[kept].numpy() for name, column in table.items()}
-    trajectories = Trajectories(
-        observations={name.removeprefix(_PREFIX): flat[name] for name in flat if name.startswith(_PREFIX)},
-        about={"format": FORMAT, "task": task.name, "task_config": config_to_plain(task.config), **about},
-        **{name: flat[name] for name in _COLUMNS},
-    )
-    returns = trajectories.returns()
-    trajectories.about.update(mean_return=float(returns.mean()), episodes=trajectories.episodes)
-    return trajectories
+    def add_totals(self) -> None:
+        """Write the number of episodes and their mean return into what is known about them."""
+        self.about.update(mean_return=float(self.returns().mean()), episodes=self.episodes)
 
 
 def save_trajectories(path: Path, trajectories: Trajectories) -> None:
@@ -169,8 +89,8 @@ def save_trajectories(path: Path, trajectories: Trajectories) -> None:
     write_arrays(path, arrays)
 
 
-def load_trajectories(path: Path, task_name: str) -> Trajectories:
-    """Read trajectories of a task; runs no code from the file.
+def read_npz(path: Path, task_name: str) -> Trajectories:
+    """Read trajectories of a task from a file; runs no code from it.
 
     Raises:
         FileError: the file is missing, damaged, or no file of arrays.
@@ -178,16 +98,45 @@ def load_trajectories(path: Path, task_name: str) -> Trajectories:
     """
     where = f"trajectories '{path}'"
     arrays = read_arrays(path, "file of trajectories")
-    about = parse_json(text_of(arrays, "about") or "null", f"{where}: about")
+    about = checked_about(parse_json(text_of(arrays, "about") or "null", f"{where}: about"), task_name, where)
+    groups = {name.removeprefix(_PREFIX): array for name, array in arrays.items() if name.startswith(_PREFIX)}
+    if not groups:
+        raise InputError(f"{where} hold no '{_PREFIX}GROUP'")
+    return checked(groups, arrays, about, where)
+
+
+def checked_about(about: Any, task_name: str, where: str) -> dict[str, Any]:
+    """Return what is known about trajectories, if they are of a task.
+
+    Args:
+        about: any value.
+        task_name: the task.
+        where: names the file or the folder: the errors begin with it.
+
+    Raises:
+        InputError: it is of another kind or of another task.
+    """
     if not isinstance(about, dict) or about.get("format") != FORMAT:
         raise InputError(f"{where}: 'about' names no format {FORMAT}; write some with `simwarp record {task_name}`")
     if about.get("task") != task_name:
         raise InputError(f"{where} are of task {formatted(about.get('task'))}, not '{task_name}'")
     if not isinstance(about.get("task_config"), dict):
         raise InputError(f"{where}: 'about' names no task_config, the configuration of the task")
-    groups = {name.removeprefix(_PREFIX): array for name, array in arrays.items() if name.startswith(_PREFIX)}
-    if not groups:
-        raise InputError(f"{where} hold no '{_PREFIX}GROUP'")
+    return about
+
+
+def checked(groups: Arrays, arrays: Mapping[str, npt.NDArray[Any]], about: dict[str, Any], where: str) -> Trajectories:
+    """Return trajectories, held to their rules.
+
+    Args:
+        groups: observations.
+        arrays: the columns, among others.
+        about: what is known about them.
+        where: names the file or the folder: the errors begin with it.
+
+    Raises:
+        InputError: columns are missing, or are not what they should be.
+    """
     columns = {name: _column(arrays, name, where) for name in _COLUMNS}
     lengths = {name: len(array) if array.ndim else 0 for name, array in (columns | groups).items()}
     if set(lengths.values()) != {len(columns["actions"])} or not len(columns["actions"]):
@@ -199,7 +148,7 @@ def load_trajectories(path: Path, task_name: str) -> Trajectories:
     return Trajectories(observations=groups, about=about, **columns)
 
 
-def _column(arrays: Arrays, name: str, where: str) -> npt.NDArray[Any]:
+def _column(arrays: Mapping[str, npt.NDArray[Any]], name: str, where: str) -> npt.NDArray[Any]:
     """Return a column, held to its number of axes and its dtype."""
     dtype, axes = _COLUMNS[name]
     found = arrays.get(name)

@@ -1,0 +1,1 @@
+"""Recorded episodes: trajectories in ``.npz`` files, and datasets that other libraries read."""
