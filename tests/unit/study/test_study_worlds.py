@@ -53,7 +53,7 @@ REDUCED_BESIDE = (
 """The same of a vehicle whose suspensions are tables, which all worlds share,"""
 REDUCED_ALONE = (
     "chassis.components[0].mass=2000..2800",
-    "axles[0].suspension.left.spring_load=-10%..10%",
+    "axles[0].suspension.left.mass=-10%..10%",
     "axles[*].tire.mass=-10%..10%",
     "axles[1].tire.inertia[1]=-10%..10%",
     "driveline.driveshaft_inertia=-20%..20%",

@@ -24,27 +24,29 @@ def drive(name="hmmwv-14dof", worlds=1, seconds=0.3, dt=DT, channels=()):
 @pytest.mark.quick("hmmwv-14dof")
 @pytest.mark.parametrize("name", ["hmmwv-14dof", "gator"])
 def test_rows_made_many_at_a_time_are_those_made_one_by_one(monkeypatch, name):
-    """Bit by bit, beside a recorder of each world alone, with the inputs of the step after and without."""
+    """Bit by bit, beside recorders of each world alone, with the inputs of the step after and without."""
     made = drive(name, worlds=3)
     simulation, vehicle = made.setup.simulation, made.setup.vehicle
     vehicle.input.assign(np.array([[0.1, 0.5, 0.0, 0.0], [-0.1, 0.6, 0.0, 0.0], [0.0, 0.7, 0.0, 0.0]], np.float32))
-    together = Recorder(simulation, vehicle, slice(0, 3))
+    together, at_once = (Recorder(simulation, vehicle, slice(0, 3)) for _ in range(2))
     single = [Recorder(simulation, vehicle, slice(world, world + 1)) for world in range(3)]
     for sample in range(9):
-        together.sample()
-        for each in single:
-            with monkeypatch.context() as patched:
-                patched.setattr(channels, "MOST_TAKEN", 1)
-                each.sample()
-            assert not each._taken
+        for each in (together, *single):
+            each.sample()
+            assert each._taken
+        with monkeypatch.context() as patched:
+            patched.setattr(channels, "MOST_TAKEN", 1)
+            at_once.sample()
+        assert not at_once._taken
         simulation.step(3)
         if sample % 2:
-            for each in (together, *single):
+            for each in (together, at_once, *single):
                 each.record_inputs()
         if sample == 4:
             assert len(together.rows) == 5  # a look in between
     table = together.table()
     assert table.shape == (9, 3, len(together.names))
+    assert np.array_equal(table, at_once.table())
     assert np.array_equal(table, np.concatenate([each.table() for each in single], axis=1))
     assert not np.array_equal(table[:-1], table[1:])
     # accelerations are differences of velocities, and rows are of their times
