@@ -71,7 +71,9 @@ class ChassisMotion:
         """The motion of what was taken, at one or more times one after the other."""
         rotation, center = matrices(taken["rotation"]), taken["center"]
         velocity, omega = taken["velocity"], taken["omega"]
-        arm = rotation @ vehicle.parts.reference
+        reference = vehicle.parts.reference
+        # term by term: a product of matrices rounds as its memory lies, which is not the same for one world and many
+        arm = rotation[:, :, 0] * reference[0] + rotation[:, :, 1] * reference[1] + rotation[:, :, 2] * reference[2]
         return ChassisMotion(
             time=taken["time"],
             rotation=rotation, center=center, position=center + arm, velocity=velocity, omega=omega,
