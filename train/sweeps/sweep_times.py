@@ -52,7 +52,7 @@ def draw_times(path: Path, title: str, bounds: Sequence[Bound], points: Sequence
     for row, point in enumerate(shown):
         if point.interval is not None and math.isnan(seconds_of(point.interval.median)):
             text = score_text(point.interval.median)
-            times.text(0.98, row, text, transform=times.get_yaxis_transform(), ha="right", va="center", color=INK)
+            times.text(0.02, row, text, transform=times.get_yaxis_transform(), va="center", color=INK)
     times.set_xlim(left=0.0)
     times.set_xlabel(f"training until {' and '.join(bound.text for bound in bounds)} [s]", color=INK)
     for axes in (curves, times):
