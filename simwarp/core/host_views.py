@@ -23,7 +23,7 @@ class HostViews:
         if held is not None and held[0] is array:
             return held[1]
         values: npt.NDArray[Any] = array.numpy()
-        if array.device.is_cpu:
+        if wp.get_device(array.device).is_cpu:
             if len(self._views) >= MOST_VIEWS:
                 self._views.clear()
             self._views[id(array)] = (array, values)
