@@ -29,16 +29,19 @@ from simwarp.cli.training import StartOptions, read_options
 from simwarp.core.stopping import stop_on_signals
 from simwarp.core.threads import thread_count
 from simwarp.tasks import task_class, task_names
+from simwarp.train.runs.progress_table import check_column
 from simwarp.train.runs.run_files import write_json
 from simwarp.train.runs.run_folder import RunFolder, check_root
 from simwarp.train.runs.run_lock import writing
 from simwarp.train.sweeps.launchers import LocalLauncher
+from simwarp.train.sweeps.leaving import LeaveRule
 from simwarp.train.sweeps.plan import SweepRun, point_label, run_name, sweep_name
-from simwarp.train.sweeps.ranking import RankedPoint, RunResult, check_column, ranking, result_of
+from simwarp.train.sweeps.ranking import REWARD, RankedPoint, RunResult, ranking, result_of
 from simwarp.train.sweeps.run_state import RunRecord, RunState
 from simwarp.train.sweeps.running import RunList, RunSource, SweepRunner, check_runs
 from simwarp.train.sweeps.searching import Dimension, Search
 from simwarp.train.sweeps.sweep_display import SweepDisplay
+from simwarp.train.sweeps.time_to_bound import Bound, parse_bound, score_text, seconds_of
 
 RESULTS: Final = "results.json"
 CURVES: Final = "curves.png"
@@ -76,6 +79,11 @@ class SweepOptions(StartOptions):
     """A parameter of the jobs, as submitit calls it: timeout_min=240, slurm_partition=gpu, gpus_per_node=1."""
     rank_by: str = "mean_reward"
     """Column of progress.csv whose last tenth is the score, the larger the better; or `success`."""
+    until: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="COLUMN>=NUMBER")] = ()
+    """Rank by seconds of training until a column of progress.csv gets there, success>=0.9; given again, until all do.
+    A run that is there is ended."""
+    patience: float = 2.0
+    """With --until: leave runs that have trained so many times as long as the best point took; inf: none."""
     retry: tyro.conf.FlagCreatePairsOff[bool] = False
     """Try runs again that failed by an error of their own; those that were killed go on anyway."""
     out: Path | None = None
@@ -97,6 +105,7 @@ class SweepPlan:
         space: field -> what is searched; empty without a search.
         at: returns the options at a point of the search.
         folder: of the sweep.
+        bounds: to which runs are trained; none: they are ranked by a column.
     """
 
     word: str
@@ -107,6 +116,19 @@ class SweepPlan:
     space: dict[str, Dimension]
     at: Callable[[Mapping[str, Any]], Any]
     folder: Path
+    bounds: tuple[Bound, ...] = ()
+
+    @property
+    def good(self) -> tuple[str, ...]:
+        """Reasons of an end that are successes."""
+        return tuple(task_class(self.word).success_reasons)
+
+    @property
+    def measure(self) -> str:
+        """What runs are ranked by, for people."""
+        if not self.bounds:
+            return str(self.options.rank_by)
+        return f"seconds of training until {' and '.join(bound.text for bound in self.bounds)}"
 
     @property
     def total(self) -> int:
@@ -154,11 +176,15 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     console.print(f"sweep folder  {plan.folder}", highlight=False, soft_wrap=True)
     report = SweepReport(plan)
+    rule = LeaveRule(plan.bounds, plan.good, options.patience, len(plan.seeds))
+
+    def ended(record: RunRecord) -> None:
+        rule.settled(record, report.ended(record, runner.records).score)
+
     with writing(plan.folder), SweepDisplay(console, plan.total, plan.jobs) as display, stop_on_signals() as stop:
         runner = SweepRunner(
             plan.task, _source(plan, report), launcher,
-            jobs=plan.jobs, watcher=display, retry=options.retry,
-            after=lambda record: report.ended(record, runner.records),
+            jobs=plan.jobs, watcher=display, retry=options.retry, after=ended, rule=rule,
         )  # fmt: skip
         try:
             runner.run(stop)
@@ -232,8 +258,9 @@ def read_plan(word: str, arguments: list[str]) -> SweepPlan:
         return parse([part for key, value in values.items() for part in words_of(key, str(value))])
 
     plan = SweepPlan(
-        word, cls.name, options, seeds, points, dimensions, at, _folder(cls.name, options, axes, space, seeds)
-    )
+        word, cls.name, options, seeds, points, dimensions, at, _folder(cls.name, options, axes, space, seeds),
+        tuple(parse_bound(text) for text in options.until),
+    )  # fmt: skip
     if plan.total > MOST_RUNS:
         raise UsageError(f"{plan.total} runs are asked for, at most {MOST_RUNS} are made; give fewer seeds or values")
     return plan
@@ -246,6 +273,8 @@ def _folder(task: str, options: Any, axes: Mapping[str, Any], space: Mapping[str
     more: dict[str, Any] = {"warm_start": str(options.warm_start)}
     if space:  # the score of a trial is of all seeds
         more |= {"space": space, "seeds": seeds}
+        if options.until:
+            more |= {"until": sorted(options.until)}
     name = sweep_name(task, options.flat_train, options.task, [*axes, *space], more)
     return Path(options.runs) / "sweeps" / name
 
@@ -257,6 +286,10 @@ def _check_counts(options: Any) -> None:
         if value is not None and value < 1:
             raise UsageError(f"--{field} must be at least 1, got {value}")
     check_column(options.rank_by)
+    if options.until and options.rank_by != REWARD:
+        raise UsageError("--until and --rank-by: runs are ranked by one of them; give one")
+    if not options.patience >= 1.0:
+        raise UsageError(f"--patience must be at least 1, got {options.patience:g}")
     if options.grid and options.search:
         raise UsageError("--grid and --search: give one of them; a fixed value is an option of its own")
     if options.slurm and options.launcher is not LauncherKind.SLURM:
@@ -364,19 +397,20 @@ class SweepReport:
             self._ended[name] = self._read(record)
         return self._ended[name]
 
-    def ended(self, record: RunRecord, records: Sequence[RunRecord]) -> None:
-        """Take a run that is done or has failed, and save what is known of all."""
-        self.add(record)
+    def ended(self, record: RunRecord, records: Sequence[RunRecord]) -> RunResult:
+        """Take a run that is done or has failed, save what is known of all, and return its result."""
+        result = self.add(record)
         if not record.kept:
             self.save(records)
+        return result
 
     def _read(self, record: RunRecord) -> RunResult:
-
-        return result_of(record, self._plan.options.rank_by, task_class(self._plan.word).success_reasons)
+        return result_of(record, self._plan.options.rank_by, self._plan.good, self._plan.bounds)
 
     def save(self, records: Sequence[RunRecord]) -> None:
         """Write results and pictures, of unfinished runs what there is."""
         from simwarp.train.sweeps.sweep_curves import draw_curves, draw_search
+        from simwarp.train.sweeps.sweep_times import draw_times
 
         self._open = [self._read(record) for record in records if record.run.name not in self._ended]
         if not self.results:
@@ -386,8 +420,13 @@ class SweepReport:
         points = self.ranking()
         if any(result.steps for result in self.results):
             title = f"{plan.task}: {', '.join(self._keys()) or 'seeds'}"
-            draw_curves(plan.folder / CURVES, title, plan.options.rank_by, points)
-            if plan.space:
+            if plan.bounds:
+                draw_times(plan.folder / CURVES, title, plan.bounds, points)
+            else:
+                draw_curves(plan.folder / CURVES, title, plan.options.rank_by, points)
+            if plan.space and plan.bounds:
+                draw_search(plan.folder / SEARCH, title, "training [s]", points, seconds_of)
+            elif plan.space:
                 draw_search(plan.folder / SEARCH, title, plan.options.rank_by, points)
 
     def _keys(self) -> list[str]:
@@ -406,6 +445,7 @@ class SweepReport:
             "task": self._plan.task,
             "folder": str(self._plan.folder),
             "rank_by": self._plan.options.rank_by,
+            "until": [bound.text for bound in self._plan.bounds],
             "keys": self._keys(),
             "seeds": self._plan.seeds,
             "runs": [result.as_json() for result in results],
@@ -437,21 +477,24 @@ class SweepReport:
             console.print("failed runs are tried again with --retry", highlight=False, soft_wrap=True)
 
     def _table(self) -> Table:
-        table = Table(title=f"by {self._plan.options.rank_by}, median over seeds", box=None, title_justify="left")
+        bounds = self._plan.bounds
+        table = Table(title=f"by {self._plan.measure}, median over seeds", box=None, title_justify="left")
         table.add_column("rank", justify="right")
         for key in self._keys() or ["point"]:
             table.add_column(key, overflow="fold")
-        for column in ("median", "interval", "worst", "best", "seeds", "failed"):
+        for column in ("median", "interval", "worst", "best", *(["reached"] if bounds else ()), "seeds", "failed"):
             table.add_column(column, justify="right")
+        text = score_text if bounds else _short
         for index, point in enumerate(self.ranking()):
             known, scores = point.interval, point.scores
             values = [_short(value) for value in point.values.values()] or ["all seeds"]
             if known is None:
-                table.add_row("", *values, *[""] * 4, str(point.done), "")
+                table.add_row("", *values, *[""] * (5 if bounds else 4), str(point.done), "")
                 continue
             table.add_row(
-                str(index + 1), *values, _short(known.median), f"{_short(known.low)} .. {_short(known.high)}",
-                _short(min(scores)), _short(max(scores)), str(point.done), str(point.failed or ""),
+                str(index + 1), *values, text(known.median), f"{text(known.low)} .. {text(known.high)}",
+                text(min(scores)), text(max(scores)), *([str(point.reached)] if bounds else ()), str(point.done),
+                str(point.failed or ""),
             )  # fmt: skip
         return table
 

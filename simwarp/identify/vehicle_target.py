@@ -30,6 +30,7 @@ from simwarp.soil import Soil, SoilSpec, soil_preset
 from simwarp.soil.vehicle_wheels import soil_under
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drawbar import MEASURED, Drawbar, with_locks
+from simwarp.vehicle.reduced.reduced_wheels import rolling_speeds
 from simwarp.vehicle.results.channels import COLUMNS, WheelReadings
 from simwarp.vehicle.results.chassis_motion import ChassisMotion
 from simwarp.vehicle.results.named_channels import NamedReadings, channels_of, wants_reactions
@@ -332,6 +333,8 @@ def vehicle_numbers(
     }
     if parts.spec.axles[0].tire.template in MODELS:
         others["tires"] = _tire_rows(parts)
+    if parts.spec.is_reduced:
+        others["wheels"] = rolling_speeds(parts.spec, rolling)
     return dataclasses.replace(found, others=others)
 
 
@@ -370,6 +373,8 @@ def write_vehicle_numbers(vehicle: Vehicle, others: Sequence[Mapping[str, npt.ND
     if isinstance(vehicle.tires, Tires):
         vehicle.tires.parameter.assign(np.stack([each["tires"] for each in others]))
         vehicle.tires.ground_friction.assign(np.concatenate([each["friction"] for each in others]))
+    if vehicle.reduced is not None:
+        vehicle.reduced.roll(np.stack([each["wheels"] for each in others]))
     rolling = np.stack([each["rolling"] for each in others])
     for name, values in (
         ("gear", rolling[:, 0]), ("engine_speed", np.abs(rolling[:, 1])), ("last_input", rolling[:, 1]),

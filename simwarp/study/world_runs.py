@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -18,6 +19,7 @@ from simwarp.study.varied_vehicle import VariedVehicle, friction_of, maneuver_of
 from simwarp.vehicle.assessment.maneuver_variants import VARIED, Outcome, outcomes
 from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
+from simwarp.vehicle.reduced.reduced_wheels import shares_tables
 from simwarp.vehicle.results.runs import Drive, Setup, SetUpOptions, add_on_road, set_up
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 from simwarp.vehicle.tires.parameter_vector import MODELS
@@ -115,15 +117,20 @@ class WorldRuns:
         parts, _ = add_on_road(builder, spec, what, friction=friction_of(document))
         return _Built(document, spec, what, builder, parts)
 
-    def _parts(self, built: Mapping[int, _Built]) -> Iterator[_Part]:
-        """The batch of those that fit beside the vehicle as built, then the others one by one."""
+    @functools.cached_property
+    def _base(self) -> tuple[_Built, WorldNumbers] | None:
+        """The vehicle as built, with its numbers; None where it cannot be."""
         try:
             base = self._built(self.vehicle.document)
         except ValueError:
-            base = None
+            return None
+        return base, vehicle_numbers(base.builder, base.parts, base.builder, base.parts)
+
+    def _parts(self, built: Mapping[int, _Built]) -> Iterator[_Part]:
+        """The batch of those that fit beside the vehicle as built, then the others one by one."""
         together: dict[int, WorldNumbers] = {}
         for index, each in built.items():
-            numbers = None if base is None else _numbers_beside(each, base)
+            numbers = None if self._base is None else _numbers_beside(each, *self._base)
             if numbers is not None:
                 together[index] = numbers
         if together:
@@ -139,8 +146,8 @@ class WorldRuns:
         options: SetUpOptions = {"device": self.device, "dt": self.dt, "friction": friction_of(first.document)}
         if part.numbers is None:
             return set_up(first.spec, first.maneuver, **options)
-        base = self._built(self.vehicle.document)
-        own = vehicle_numbers(base.builder, base.parts, base.builder, base.parts)
+        assert self._base is not None  # beside which the worlds have numbers
+        base, own = self._base
         differing = {name for numbers in part.numbers for name in numbers.different(own) if name in PARAMETERS}
         merged = dataclasses.replace(
             first.maneuver, duration=max(each.maneuver.duration for each in part.worlds)
@@ -169,16 +176,15 @@ def _within(
     return advance
 
 
-def _numbers_beside(world: _Built, base: _Built) -> WorldNumbers | None:
-    """What a world has beside another in one simulation; None where it cannot be beside it."""
-    if base.spec.is_reduced or not _shares_maneuver(world.maneuver, base.maneuver):
+def _numbers_beside(world: _Built, base: _Built, own: WorldNumbers) -> WorldNumbers | None:
+    """What a world has beside another, whose numbers are given, in one simulation; None where it cannot be there."""
+    if not _shares_maneuver(world.maneuver, base.maneuver) or _ground_parts(world) != _ground_parts(base):
         return None
-    own, others = _ground_parts(world), _ground_parts(base)
-    if own != others:
+    if base.spec.is_reduced and not shares_tables(world.spec, base.spec):
         return None
     try:
         numbers = vehicle_numbers(world.builder, world.parts, base.builder, base.parts)
-        numbers.different(vehicle_numbers(base.builder, base.parts, base.builder, base.parts))
+        numbers.different(own)
         gains = input_gains(world.parts, base.parts)
     except (FitError, ValueError):
         return None

@@ -82,6 +82,10 @@ def test_seeds(text, seeds):
         (["--search", "network.kind=mlp,mpl"], "--network.kind must be one of mlp"),
         (["--search", "ppo.lam=0:1", "--grid", "ppo.gamma=0.9,1"], "--grid and --search: give one of them"),
         (["--jobs", "0"], "--jobs must be at least 1, got 0"),
+        (["--until", "success"], "--until must be COLUMN>=NUMBER or COLUMN<=NUMBER, as success>=0.9, got 'success'"),
+        (["--until", "sucess>=1"], "--until must be one of iteration, "),
+        (["--until", "success>=1", "--rank-by", "success"], "--until and --rank-by: runs are ranked by one of them"),
+        (["--until", "success>=1", "--patience", "0.5"], "--patience must be at least 1, got 0.5"),
         (["--slurm", "timeout_min=3"], "--slurm is of jobs of a cluster: give --launcher slurm, too"),
         (["--slurm", "timeout", "--launcher", "slurm"], "--slurm wants KEY=VALUE, got 'timeout'"),
     ],
@@ -185,6 +189,39 @@ def test_pendulum_over_seeds_and_values(simwarp, tmp_path):
     # A run is one of `simwarp train`: the others know what to do with it
     code, _, err = simwarp("eval", content["runs"][0]["run"], "--episodes", "2", "--no-baselines")
     assert (code, err) == (0, "")
+
+
+@pytest.mark.slow
+def test_points_are_ranked_by_the_time_to_a_bound(simwarp, tmp_path):
+    """A learning rate of nothing never learns to keep a pendulum up for 40 steps; a usual one does at once."""
+    words = ["sweep", "pendulum", "--device", "cpu", "--num-envs", "64", "--iterations", "60", "--seeds", "0"]
+    words += ["--grid", "ppo.learning_rate=1e-9,3e-3", "--ppo.schedule", "fixed", "--out", "s", "--json", "s.json"]
+    words += ["--until", "mean_episode_length>=60"]
+    code, out, err = simwarp(*words)
+    assert (code, err) == (0, "")
+    content = json.loads((tmp_path / "s.json").read_text())
+    assert content["until"] == ["mean_episode_length>=60"]
+    best, other = content["ranking"]
+    assert [best["values"]["ppo.learning_rate"], other["values"]["ppo.learning_rate"]] == [3e-3, 1e-9]
+    assert (best["reached"], other["reached"], other["score"]) == (1, 0, None)
+    quick = next(run for run in content["runs"] if run["values"] == best["values"])
+    rows = read_progress(Path(quick["run"]) / "progress.csv")
+    assert len(rows) < 60  # it was ended where it was there
+    lengths = [float(row["mean_episode_length"] or "nan") for row in rows]
+    means = [sum(lengths[k - 4 : k + 1]) / 5 for k in range(4, len(rows))]
+    first = next(k for k, mean in enumerate(means, 4) if mean >= 60.0)
+    batch = float(rows[0]["env_steps"])
+    seconds = sum(batch / float(row["env_steps_per_s"]) for row in rows[: first + 1])
+    # rates have one digit behind the point, of thousands
+    assert quick["time_to_bound_s"] == pytest.approx(seconds, rel=1e-6)
+    assert best["time_to_bound_s"] == quick["time_to_bound_s"]
+    assert "reached after" in out
+    assert (tmp_path / "s" / "curves.png").stat().st_size > 10_000
+    # again: nothing is trained
+    code, out, _ = simwarp(*words)
+    assert (code, out.count("done before")) == (0, 2)
+    assert json.loads((tmp_path / "s.json").read_text())["ranking"] == content["ranking"]
+    assert len(read_progress(Path(quick["run"]) / "progress.csv")) == len(rows)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simwarp.core.files import output_error
+from simwarp.tasks import InputError
 
 from .run_files import append_whole, write_run_file
 
@@ -108,6 +109,46 @@ def success_share(row: Mapping[str, str], good: Iterable[str]) -> float:
     if not ended or not reasons:
         return math.nan
     return sum(float(row.get(f"end/{reason}") or 0.0) for reason in reasons) / ended
+
+
+def check_column(name: str, option: str = "--rank-by") -> None:
+    """Refuse a name that no column of ``progress.csv`` has, whatever the task; parts of a task show when it is trained.
+
+    Args:
+        name: of the column.
+        option: that names it, for the message.
+
+    Raises:
+        InputError: it is none.
+    """
+    if name not in COLUMNS and not name.startswith(FAMILIES):
+        families = ", ".join(f"{family}NAME" for family in FAMILIES)
+        raise InputError(f"{option} must be one of {', '.join(COLUMNS)} or {families}, got '{name}'")
+
+
+def series(
+    rows: Iterable[Mapping[str, str]], column: str, good: Iterable[str], option: str = "--rank-by"
+) -> list[float]:
+    """Return a column of ``progress.csv``; NaN where it is empty or nothing is known yet.
+
+    Args:
+        rows: of the table.
+        column: a name in its header, or `SUCCESS`, which rows of older runs do not have.
+        good: reasons of an end that are successes.
+        option: that names the column, for the message.
+
+    Raises:
+        InputError: there is no such column.
+    """
+    found, good = [], tuple(good)
+    for row in rows:
+        if column == SUCCESS:
+            found.append(success_share(row, good))
+        elif column in row:
+            found.append(float(row[column] or "nan"))
+        else:
+            raise InputError(f"{option}: progress.csv has no column '{column}', but {', '.join(row)}")
+    return found
 
 
 def seconds_trained(rows: Iterable[Mapping[str, str]]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
@@ -10,10 +11,9 @@ from typing import Any, Final
 import numpy as np
 from scipy import stats
 
-from simwarp.tasks import InputError
-
-from ..runs.progress_table import COLUMNS, FAMILIES, SUCCESS, read_progress, success_share
+from ..runs.progress_table import read_progress, series
 from .run_state import RunRecord, RunState
+from .time_to_bound import Bound, TimeToBound, iteration_seconds, seconds_of, time_to_bound
 
 REWARD: Final = "mean_reward"
 CONFIDENCE: Final = 0.9
@@ -64,39 +64,6 @@ def _coverage(beyond: int, count: int) -> float:
     return float(1.0 - 2.0 * stats.binom.cdf(beyond, count, 0.5)) if count > 1 else 0.0
 
 
-def check_column(name: str) -> None:
-    """Refuse a name that no column of ``progress.csv`` has, whatever the task; parts of a task show when it is trained.
-
-    Raises:
-        InputError: it is none.
-    """
-    if name not in COLUMNS and not name.startswith(FAMILIES):
-        families = ", ".join(f"{family}NAME" for family in FAMILIES)
-        raise InputError(f"--rank-by must be one of {', '.join(COLUMNS)} or {families}, got '{name}'")
-
-
-def series(rows: Iterable[Mapping[str, str]], column: str, good: Iterable[str]) -> list[float]:
-    """Return a column of ``progress.csv``; NaN where it is empty or nothing is known yet.
-
-    Args:
-        rows: of the table.
-        column: a name in its header, or `SUCCESS`, which rows of older runs do not have.
-        good: reasons of an end that are successes.
-
-    Raises:
-        InputError: there is no such column.
-    """
-    found, good = [], tuple(good)
-    for row in rows:
-        if column == SUCCESS:
-            found.append(success_share(row, good))
-        elif column in row:
-            found.append(float(row[column] or "nan"))
-        else:
-            raise InputError(f"--rank-by: progress.csv has no column '{column}', but {', '.join(row)}")
-    return found
-
-
 @dataclasses.dataclass
 class RunResult:
     """What came out of a run.
@@ -104,16 +71,24 @@ class RunResult:
     Attributes:
         record: the run, and what became of it.
         steps: environment steps after each iteration.
-        curve: the column that is ranked by, of the same iterations.
-        score: mean of the last tenth of it; minus infinity of a run that failed, NaN of one that did not end.
-        train_s: time that its iterations took [s].
+        curve: the column that is ranked by, or that of the first bound, of the same iterations.
+        score: mean of the last tenth of it, or that of the time to the bounds; minus infinity of a run that failed, NaN
+            of one that did not end.
+        seconds: time of training after each iteration [s].
+        time: to the bounds; None where runs are not ranked by it.
     """
 
     record: RunRecord
     steps: list[float]
     curve: list[float]
     score: float
-    train_s: float
+    seconds: list[float]
+    time: TimeToBound | None = None
+
+    @property
+    def train_s(self) -> float:
+        """Time that its iterations took [s]."""
+        return self.seconds[-1] if self.seconds else 0.0
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -125,32 +100,46 @@ class RunResult:
             "state": self.record.state.value,
             "iterations": self.record.iteration,
             "env_steps": round(self.steps[-1]) if self.steps else 0,
-            "score": self.score,
+            "score": self.score if self.time is None else -seconds_of(self.score),
             "train_s": self.train_s,
+            **({} if self.time is None else {"time_to_bound_s": self.time.seconds, "distance": self.time.distance}),
             **({"reason": self.record.reason} if self.record.reason else {}),
         }
 
 
-def result_of(record: RunRecord, column: str, good: Iterable[str]) -> RunResult:
+def result_of(record: RunRecord, column: str, good: Iterable[str], bounds: Sequence[Bound] = ()) -> RunResult:
     """Return what came out of a run.
+
+    Args:
+        record: the run.
+        column: that is ranked by, where there are no bounds.
+        good: reasons of an end that are successes.
+        bounds: the run is scored by the time to them; none: by the end of the column.
 
     Raises:
         InputError: its progress has no such column.
     """
+    good = tuple(good)
     rows = read_progress(record.run.folder.progress)
     rows = rows[: record.run.config.iterations]
     steps = [float(row.get("env_steps") or 0.0) for row in rows]
-    curve = series(rows, column, good)
-    rates = [float(row.get("env_steps_per_s") or "nan") for row in rows]
-    spent = float(np.nansum([part / rate for part, rate in zip(np.diff([0.0, *steps]), rates, strict=True) if rate]))
-    return RunResult(record, steps, curve, _score(record, curve), spent)
+    spent = list(itertools.accumulate(iteration_seconds(rows)))
+    if not bounds:
+        curve = series(rows, column, good)
+        return RunResult(record, steps, curve, _score(record, _last_tenth(curve)), spent)
+    curve, time = series(rows, bounds[0].column, good, "--until"), time_to_bound(rows, bounds, good)
+    return RunResult(record, steps, curve, _score(record, time.score), spent, time)
 
 
-def _score(record: RunRecord, curve: Sequence[float]) -> float:
+def _last_tenth(curve: Sequence[float]) -> float:
+    last = [value for value in curve[-max(1, round(_LAST * len(curve))) :] if math.isfinite(value)]
+    return sum(last) / len(last) if last else math.nan
+
+
+def _score(record: RunRecord, ended: float) -> float:
     if record.state is RunState.FAILED:
         return -math.inf
-    last = [value for value in curve[-max(1, round(_LAST * len(curve))) :] if math.isfinite(value)]
-    return sum(last) / len(last) if last and record.state is RunState.DONE else math.nan
+    return ended if record.state is RunState.DONE else math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,22 +174,40 @@ class RankedPoint:
         """Number of runs that were finished."""
         return sum(result.record.state is RunState.DONE for result in self.results)
 
+    @property
+    def times(self) -> list[TimeToBound]:
+        """Times to the bounds of the runs that were finished; none where runs are not ranked by them."""
+        done = (result for result in self.results if result.record.state is RunState.DONE)
+        return [result.time for result in done if result.time is not None]
+
+    @property
+    def reached(self) -> int:
+        """Number of finished runs that reached their bounds."""
+        return sum(not math.isnan(time.seconds) for time in self.times)
+
     def as_json(self, rank: int | None) -> dict[str, Any]:
-        """Return plain values; ``score`` is the median."""
-        scores, known = self.scores, self.interval
+        """Return plain values; ``score`` is the median, of times the negative one, NaN where no bound was reached."""
+        known = self.interval or MedianInterval(*[math.nan] * 4)
+        timed = any(result.time is not None for result in self.results)
+
+        def plain(score: float) -> float:
+            return -seconds_of(score) if timed else score
+
+        scores = [plain(score) for score in sorted(self.scores)] or [math.nan]
         return {
             "rank": rank,
             "values": dict(self.values),
-            "score": known.median if known else math.nan,
-            "low": known.low if known else math.nan,
-            "high": known.high if known else math.nan,
-            "coverage": known.coverage if known else math.nan,
-            "mean": float(np.mean(scores)) if scores else math.nan,
-            "worst": min(scores, default=math.nan),
-            "best": max(scores, default=math.nan),
+            "score": plain(known.median),
+            "low": plain(known.low),
+            "high": plain(known.high),
+            "coverage": known.coverage,
+            "mean": float(np.mean(scores)),
+            "worst": scores[0],
+            "best": scores[-1],
             "seeds": self.done,
             "failed": self.failed,
-            "scores": {str(result.record.run.seed): result.score for result in self.results},
+            "scores": {str(result.record.run.seed): plain(result.score) for result in self.results},
+            **({"reached": self.reached, "time_to_bound_s": seconds_of(known.median)} if timed else {}),
         }
 
 

@@ -22,6 +22,9 @@ LOG: Final = "train.log"
 FAILED: Final = "failed.json"
 """Why a run ended by an error of its own, which it would meet again; in the run folder."""
 
+LEFT: Final = "left.json"
+"""Why a run was left before its last iteration though nothing was wrong; in the run folder."""
+
 
 class RunState(enum.Enum):
     """State of a run; the values are those of the results."""
@@ -126,6 +129,23 @@ def note_failure(folder: RunFolder, reason: str) -> None:
 def forget_failure(folder: RunFolder) -> None:
     """Let a run be tried again."""
     (folder.path / FAILED).unlink(missing_ok=True)
+
+
+def leaving(folder: RunFolder, rule: str) -> str:
+    """Return why a run was left at an earlier time by the same rule; empty where it was not."""
+    path = folder.path / LEFT
+    if not path.is_file():
+        return ""
+    try:
+        content = read_json(path, LEFT)
+        return str(content["reason"]) if content["rule"] == rule else ""
+    except (FileError, KeyError, TypeError):
+        return ""
+
+
+def note_leaving(folder: RunFolder, rule: str, reason: str) -> None:
+    """Keep the reason why a run was left for the next time."""
+    write_json(folder.path / LEFT, {"rule": rule, "reason": reason})
 
 
 def last_words(log: Path, since: int = 0) -> str:

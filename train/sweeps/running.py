@@ -15,6 +15,7 @@ from simwarp.tasks import InputError
 
 from ..runs.run_lock import living_writer
 from .launchers import FoundJob, Job, Launcher
+from .leaving import LeaveRule
 from .plan import SweepRun
 from .run_state import (
     LOG,
@@ -25,8 +26,10 @@ from .run_state import (
     forget_failure,
     is_done,
     last_words,
+    leaving,
     log_size,
     note_failure,
+    note_leaving,
     saved_iteration,
 )
 
@@ -84,11 +87,12 @@ class Watcher(Protocol):
 
 @dataclasses.dataclass(eq=False)
 class _Started:
-    """A run under way: its record, its process, and the bytes of its log that are older."""
+    """A run under way: its record, its process, the bytes of its log that are older, and why it is being left."""
 
     record: RunRecord
     job: Job
     logged: int
+    left: str = ""
 
 
 class SweepRunner:
@@ -102,6 +106,7 @@ class SweepRunner:
         watcher: shows them.
         retry: try runs again that failed by an error of their own.
         after: called when a run is done or has failed.
+        rule: by which runs are left before their last iteration; None: by none.
 
     Attributes:
         records: of all runs that were taken, in their order.
@@ -109,11 +114,12 @@ class SweepRunner:
 
     def __init__(
         self, task: str, source: RunSource, launcher: Launcher, *, jobs: int, watcher: Watcher, retry: bool = False,
-        after: Callable[[RunRecord], None] = lambda record: None,
+        after: Callable[[RunRecord], None] = lambda record: None, rule: LeaveRule | None = None,
     ) -> None:  # fmt: skip
         self.records: list[RunRecord] = []
         self._task, self._source, self._launcher = task, source, launcher
         self._jobs, self._watcher, self._retry, self._after = jobs, watcher, retry, after
+        self._rule = rule or LeaveRule((), (), 1.0, 0)
         self._started: list[_Started] = []
         self._leaving = False
 
@@ -153,9 +159,13 @@ class SweepRunner:
         record.look()
         failed = failure(run.folder)
         writer = living_writer(run.folder.path)
-        if writer is None and is_done(run):
-            record.reason, record.kept = damage(run.folder), True
-            record.state = RunState.FAILED if record.reason else RunState.DONE
+        left = "" if writer else self._rule.reason(record) or leaving(run.folder, self._rule.name)
+        if writer is None and (is_done(run) or left):
+            broken = damage(run.folder) if is_done(run) or run.folder.checkpoint_files() else ""
+            if not is_done(run):
+                note_leaving(run.folder, self._rule.name, left)
+            record.state = RunState.FAILED if broken else RunState.DONE
+            record.reason, record.kept = broken or left, True
         elif writer is None and failed and not self._retry:
             record.state, record.reason, record.kept = RunState.FAILED, failed, True
         else:
@@ -175,24 +185,40 @@ class SweepRunner:
             record.look()
             code = started.job.poll()
             if code is None:
+                self._leave_early(started)
                 continue
             writer = living_writer(record.run.folder.path)
             if writer is not None:  # one that an earlier sweep had started just before it was killed
                 started.job = FoundJob(writer)
                 continue
-            if isinstance(started.job, FoundJob) and not (is_done(record.run) or self._leaving):
+            if isinstance(started.job, FoundJob) and not (is_done(record.run) or self._leaving or started.left):
                 # Whatever ended it is not known: it goes on as a process of this sweep, which will know
                 started.logged, started.job = log_size(record.run.folder), self._launcher.start(record.run)
                 continue
             self._started.remove(started)
-            self._judge(record, code, last_words(record.run.folder.path / LOG, started.logged))
+            self._judge(started, code)
             self._settled(record)
 
-    def _judge(self, record: RunRecord, code: int, words: str) -> None:
+    def _leave_early(self, started: _Started) -> None:
+        """Have a run that needs no more training save its iteration and end."""
+        if not (started.left or self._leaving):
+            started.left = self._rule.reason(started.record)
+            if started.left:
+                with contextlib.suppress(OSError):
+                    started.job.stop()
+
+    def _judge(self, started: _Started, code: int) -> None:
         """Tell by its folder and its exit code what became of a run."""
-        run, record.reason = record.run, ""
+        record, run = started.record, started.record.run
+        left = started.left if code in (0, _INTERRUPTED, -signal.SIGTERM) else ""
+        if code == 0 and run.config.minutes is not None and not is_done(run):
+            left = left or f"its {run.config.minutes:g} min are used up"
+        record.reason = left
         if is_done(run):
             record.state = RunState.DONE
+        elif left:
+            record.state = RunState.DONE
+            note_leaving(run.folder, self._rule.name, left)
         elif code in (0, _INTERRUPTED) or (self._leaving and code == -signal.SIGTERM):  # Python had not yet begun
             record.state = RunState.STOPPED
             record.reason = f"stopped after iteration {saved_iteration(run.folder)}"
@@ -201,6 +227,7 @@ class SweepRunner:
             record.state = RunState.FAILED
             record.reason = f"ended by {_signal(-code)} after iteration {saved_iteration(run.folder)}"
         else:
+            words = last_words(run.folder.path / LOG, started.logged)
             record.state, record.reason = RunState.FAILED, words or f"exit code {code}"
             note_failure(run.folder, record.reason)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,7 +36,7 @@ def draw_curves(path: Path, title: str, column: str, points: Sequence[RankedPoin
         OutputError: the disk did not take it.
     """
     shown = [point for point in points if point.interval is not None][:MOST_ROWS]
-    figure = new_figure(11.0, max(3.6, 1.4 + 0.3 * len(shown)), title, _note(points))
+    figure = new_figure(11.0, max(3.6, 1.4 + 0.3 * len(shown)), title, seeds_note(points))
     word = _WORDS.get(column, column.replace("_", " "))
     curves, scores = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
     for rank in reversed(range(len(points))):
@@ -45,7 +45,7 @@ def draw_curves(path: Path, title: str, column: str, points: Sequence[RankedPoin
     curves.set_xlabel("environment steps", color=INK)
     curves.set_ylabel(word, color=INK)
     curves.xaxis.set_major_formatter(EngFormatter())
-    _ranking(scores, shown)
+    draw_ranking(scores, shown)
     scores.set_xlabel(f"{word}, last tenth of the iterations", color=INK)
     for axes in (curves, scores):
         style_axes(axes)
@@ -54,7 +54,8 @@ def draw_curves(path: Path, title: str, column: str, points: Sequence[RankedPoin
     save_figure(figure, path)
 
 
-def _note(points: Sequence[RankedPoint]) -> str:
+def seeds_note(points: Sequence[RankedPoint]) -> str:
+    """Return what lines, bands and marks over seeds are."""
     seeds = sorted({len(point.scores) for point in points if point.scores}) or [0]
     if seeds[-1] < 2:
         return "One seed per point: nothing tells chance apart."
@@ -92,18 +93,27 @@ def _curve(axes: Axes, point: RankedPoint, colour: str, *, faint: bool) -> None:
         axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
 
 
-def _ranking(axes: Axes, points: Sequence[RankedPoint]) -> None:
-    """Draw a row per point, the best one above: scores of the seeds, their median and its interval."""
+def draw_ranking(
+    axes: Axes, points: Sequence[RankedPoint], value: Callable[[float], float] = lambda score: score
+) -> None:  # fmt: skip
+    """Draw a row per point, the best one above: scores of the seeds, their median and its interval.
+
+    Args:
+        axes: takes the rows.
+        points: with intervals.
+        value: returns what is drawn of a score; NaN: nothing.
+    """
     for row, point in enumerate(points):
         known = point.interval
         assert known is not None  # others are not handed over
         colour = COLOURS[row] if row < len(COLOURS) else GREY
-        finite = [score for score in point.scores if math.isfinite(score)]
-        if math.isfinite(known.low) and math.isfinite(known.high):
-            axes.plot([known.low, known.high], [row, row], color=colour, linewidth=5, alpha=0.25)
+        ends = [value(known.low), value(known.high)]
+        finite = [score for score in map(value, point.scores) if math.isfinite(score)]
+        if all(map(math.isfinite, ends)):
+            axes.plot(ends, [row, row], color=colour, linewidth=5, alpha=0.25)
         axes.plot(finite, [row] * len(finite), ".", color=colour, markersize=5)
-        if math.isfinite(known.median):
-            axes.plot(known.median, row, "o", color=colour, markersize=8)
+        if math.isfinite(value(known.median)):
+            axes.plot(value(known.median), row, "o", color=colour, markersize=8)
     axes.set_yticks(range(len(points)), [_label(point) for point in points])
     axes.set_ylim(len(points) - 0.4, -0.6)
 
@@ -113,21 +123,32 @@ def _label(point: RankedPoint) -> str:
     return f"{label}  ({point.failed} failed)" if point.failed else label
 
 
-def draw_search(path: Path, title: str, column: str, points: Sequence[RankedPoint]) -> None:
+def draw_search(
+    path: Path, title: str, column: str, points: Sequence[RankedPoint],
+    value: Callable[[float], float] = lambda score: score,
+) -> None:  # fmt: skip
     """Write a picture of the scores over each field that was searched, the best point ringed.
+
+    Args:
+        path: the PNG.
+        title: the heading.
+        column: that is ranked by, or words in its place.
+        points: in the order of the ranking.
+        value: returns what is drawn of a score; NaN: nothing.
 
     Raises:
         OutputError: the disk did not take it.
     """
-    known = [point for point in points if point.interval is not None and math.isfinite(point.interval.median)]
-    keys = list(known[0].values) if known else []
+    found = [(point.values, value(point.interval.median)) for point in points if point.interval is not None]
+    known = [(values, score) for values, score in found if math.isfinite(score)]
+    keys = list(known[0][0]) if known else []
     if not keys:
         return
     figure = new_figure(max(4.0, 3.4 * len(keys)), 3.4, title, "One mark per trial: the median over its seeds.")
     for index, key in enumerate(keys):
         axes = figure.add_subplot(1, len(keys), index + 1)
         style_axes(axes)
-        _scatter(axes, key, [(point.values, point.interval.median) for point in known if point.interval is not None])
+        _scatter(axes, key, known)
         if index == 0:
             axes.set_ylabel(_WORDS.get(column, column.replace("_", " ")), color=INK)
     save_figure(figure, path)

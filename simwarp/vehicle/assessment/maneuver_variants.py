@@ -17,7 +17,8 @@ from simwarp.vehicle.assessment.verdict import Verdict
 from simwarp.vehicle.assessment.verdicts import passed, verdicts
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuver_spec import Maneuver
-from simwarp.vehicle.initial_velocity import wheel_rate
+from simwarp.vehicle.initial_velocity import Rolling
+from simwarp.vehicle.reduced.reduced_wheels import rolling_speeds
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result, until
@@ -27,9 +28,6 @@ from simwarp.vehicle.vehicle import Vehicle
 
 VARIED: Final = ("follow", "initial_speed", "intervention", "course", "duration", "held_gear")
 """Fields of a `Maneuver` in which variants may differ; the road, the start and the script are those of all."""
-
-REDUCED_SPEEDS: Final = ("wheels_spin", "wheels_turn_rate", "wheels_motor_speed", "wheels_input_speed")
-"""Memory of a reduced vehicle, whose wheels and shafts are no bodies and joints, that its speed at the start fills."""
 
 
 def set_up_variants(spec: VehicleSpec, variants: Sequence[Maneuver], **options: Unpack[SetUpOptions]) -> Setup[Vehicle]:
@@ -85,9 +83,8 @@ def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | No
     moving: tuple[wp.array, ...] = (state.body_v, state.body_omega, state.joint_qd)
     velocity, omega, rates = (array.numpy() for array in moving)
     names: tuple[str, ...] = ("gear", "engine_speed", "last_input", "last_drive")
-    if vehicle.reduced is not None:
-        names = (*names, *REDUCED_SPEEDS)
     memory: dict[str, wp.array] = {name: vehicle.memory[name] for name in names}
+    rolling: list[Rolling] = []
     values = {name: array.numpy() for name, array in memory.items()}
     for world, (speed, gear) in enumerate(starts):
         builder = ModelBuilder()
@@ -100,15 +97,13 @@ def _start_rolling(setup: Setup[Vehicle], starts: Sequence[tuple[float, int | No
         values["gear"][world] = start.gear
         values["engine_speed"][world] = abs(start.motor_speed)
         values["last_input"][world], values["last_drive"][world] = start.motor_speed, start.drive_speed
-        if vehicle.reduced is not None:
-            turning = [wheel_rate(parts.spec, side, speed) for side in parts.sides]
-            motor = start.motor_speed
-            for name, speeds in zip(REDUCED_SPEEDS, (turning, turning, motor, motor), strict=True):
-                values[name][world] = speeds
+        rolling.append(start)
     for array, rows in zip(moving, (velocity, omega, rates), strict=True):
         array.assign(rows)
     for name, array in memory.items():
         array.assign(values[name])
+    if vehicle.reduced is not None:
+        vehicle.reduced.roll(np.stack([rolling_speeds(vehicle.parts.spec, each) for each in rolling]))
     simulation.measure()
     simulation.keep_as_initial()
 
@@ -173,9 +168,9 @@ def outcomes(drive: Drive, variants: Sequence[Maneuver]) -> list[Outcome]:
     """
     status = drive.setup.simulation.state.world_status.numpy()
     found = []
-    for world, each in enumerate(variants):
+    for world, (each, recorded) in enumerate(zip(variants, drive.results(), strict=True)):
         broken = bool(status[world] & WorldStatus.NON_FINITE)
-        run = until(drive.result(world), each.duration)
+        run = until(recorded, each.duration)
         if broken:
             run = _before_freeze(run)
         found.append(Outcome(

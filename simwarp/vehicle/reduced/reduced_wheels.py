@@ -63,8 +63,7 @@ class ReducedWheels(Readable):
         self.tables = _tables(spec, reference, device)
         self._bodies: wp.array = wp.array(np.array(bodies, np.int32).reshape(-1), dtype=int, device=device)
         self.split: wp.array = wp.array(np.array(driven_wheels(spec) or [[0, 0]], np.int32), dtype=int, device=device)
-        radii = [axle.tire.radius for axle in spec.axles for _ in (0, 1)]
-        spins = np.concatenate([start.speed / np.array(radii) for start in starts])
+        spins = np.concatenate([rolling_speeds(spec, start)[:WHEELS] for start in starts])
         standing = np.tile([tables_of(axle).standing for axle in spec.axles for _ in (0, 1)], len(starts))
         state: Any = ReducedState()
         state.travel = writable_from(np.tile(standing, (shape[0], 1)), wp.float32, device, label="travel")
@@ -96,6 +95,18 @@ class ReducedWheels(Readable):
     def _readable_title(self) -> str:
         worlds = plural(self.travel.shape[0], "world")
         return f": {plural(self.travel.shape[1], 'wheel')} in each of {worlds} on {self.travel.device}"
+
+    def roll(self, speeds: Array) -> None:
+        """Let the one vehicle of every world roll.
+
+        Args:
+            speeds: (W, 6) of `rolling_speeds` [rad/s].
+        """
+        for name, values in (
+            ("spin", speeds[:, :WHEELS]), ("turn_rate", speeds[:, :WHEELS]),
+            ("motor_speed", speeds[:, WHEELS : WHEELS + 1]), ("input_speed", speeds[:, WHEELS + 1 :]),
+        ):  # fmt: skip
+            getattr(self.state, name).assign(values.astype(np.float32))
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -150,6 +161,27 @@ class ReducedWheels(Readable):
         return [
             simulation.shares.record(pose_set_wheels, self.count, inputs=inputs, outputs=[simulation.state.arrays])
         ]  # fmt: skip
+
+
+def rolling_speeds(spec: VehicleSpec, start: Rolling) -> Array:
+    """(6,) of a rolling vehicle's wheels about their axes, of its engine and of the shaft behind it [rad/s]."""
+    radii = [axle.tire.radius for axle in spec.axles for _ in (0, 1)]
+    return np.array([*(start.speed / np.array(radii)), start.motor_speed, start.motor_speed])
+
+
+def shares_tables(one: VehicleSpec, other: VehicleSpec) -> bool:
+    """Whether the tables of two reduced vehicles, which all worlds of a simulation have in common, are the same.
+
+    They hold the suspensions, what turns with the wheels and what moves with their centres.
+
+    Args:
+        one, other: with equal frames of reference, brakes and transmissions.
+    """
+    return one.driveline == other.driveline and all(
+        mine.suspension == theirs.suspension
+        and (mine.tire.mass, mine.tire.inertia[1]) == (theirs.tire.mass, theirs.tire.inertia[1])
+        for mine, theirs in zip(one.axles, other.axles, strict=True)
+    )
 
 
 def _tables(spec: VehicleSpec, reference: Array, device: Any) -> Any:

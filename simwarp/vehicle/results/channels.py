@@ -7,7 +7,7 @@ import dataclasses
 import io
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -17,6 +17,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.files import replacing
+from simwarp.core.host_views import HostViews
 from simwarp.core.object_repr import Readable, ReadableFields, plural
 from simwarp.core.types import formatted
 from simwarp.simulation.simulation import Simulation
@@ -38,6 +39,8 @@ COLUMNS: Final = (
     "steerangle_FR_rad",
 )  # fmt: skip
 """Of the first and the last axle, in the axes and signs of ISO 8855 (docs/vehicles.md#the-usual-columns)."""
+MOST_TAKEN: Final = 2**14
+"""Rows of a record, of all its worlds, that are made at once: what they are made of is some megabytes."""
 WHEELS: Final = ("FL", "FR", "RL", "RR")
 SINKAGES: Final = ("sink_FL_m", "sink_FR_m", "sink_RL_m", "sink_RR_m")
 """Further columns of a vehicle on soil: depth of the soil below the wheels' centres."""
@@ -55,28 +58,41 @@ class WheelReadings:
         """Of the columns."""
         axles = len(vehicle.parts.spec.axles)
         self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
+        sides, starts = vehicle.parts.sides, simulation.model.joint_dof_start
+        self._turns = [] if vehicle.parts.spec.is_reduced else [starts[sides[k].turn] for k in self._wheels]
+        self._spindles = [side.spindle for side in sides[:2]]
         self._last_v: Array | None = None
         self._last_t: Array | None = None
 
     def read(self, motion: ChassisMotion, worlds: slice) -> dict[str, Array]:
         """(n,) by name, of the present state."""
-        state, vehicle, parts, w = self._simulation.state, self._vehicle, self._vehicle.parts, worlds
-        acceleration = np.zeros_like(motion.velocity)
-        if self._last_v is not None and self._last_t is not None:
-            acceleration = (motion.velocity - self._last_v) / np.maximum(motion.time - self._last_t, 1e-9)[:, None]
-        self._last_v, self._last_t = motion.velocity, motion.time
-        if vehicle.reduced is not None:
-            spins = vehicle.reduced.turn_rate.numpy()[w]
-            axes = vehicle.reduced.axis.numpy()[w].astype(float)
-        else:
-            starts = self._simulation.model.joint_dof_start
-            spins = state.joint_qd.numpy()[w][:, [starts[parts.sides[k].turn] for k in self._wheels]]
-            axes = self._axes(motion, worlds)
-        loads, inputs = vehicle.tires.load.numpy()[w][:, self._wheels], vehicle.input.numpy()[w]
+        return self.columns(motion, self.take(worlds, HostViews()))
+
+    def take(self, worlds: slice, views: HostViews) -> dict[str, Array]:
+        """Copies of what the columns are made of; waits for the device."""
+        vehicle, state = self._vehicle, self._simulation.state
+
+        def of(array: wp.array, *rest: Any) -> Array:
+            return np.array(views.of(array)[(worlds, *rest)])
+
         found = {
-            "latacc_com_mps2": np.einsum("wi,wi->w", acceleration, motion.level_axes[:, :, 1]),
+            "loads": of(vehicle.tires.load), "inputs": of(vehicle.input), "engine": of(vehicle.engine_speed),
+            "gear": of(vehicle.gear),
+        }  # fmt: skip
+        if vehicle.reduced is not None:
+            found |= {"spins": of(vehicle.reduced.turn_rate), "axes": of(vehicle.reduced.axis)}
+        else:
+            found |= {"spins": of(state.joint_qd, self._turns), "axes": of(state.body_rot, self._spindles)}
+        return found | ({"sinkage": of(vehicle.tires.deflection)} if self._on_soil else {})
+
+    def columns(self, motion: ChassisMotion, taken: Mapping[str, Array], times: int = 1) -> dict[str, Array]:
+        """(n,) by name, of what was taken at some times one after the other."""
+        inputs, loads = taken["inputs"], taken["loads"][:, self._wheels]
+        axes, spins = self._axes(motion, taken["axes"]), taken["spins"]
+        found = {
+            "latacc_com_mps2": np.einsum("wi,wi->w", self._acceleration(motion, times), motion.level_axes[:, :, 1]),
             "v_times_yawrate_mps2": motion.speed * motion.yaw_rate,
-            "engine_radps": vehicle.engine_speed.numpy()[w], "gear": vehicle.gear.numpy()[w].astype(float),
+            "engine_radps": taken["engine"], "gear": taken["gear"].astype(float),
             "throttle": inputs[:, 1], "brake": inputs[:, 2], "steer": inputs[:, 0],
         }  # fmt: skip
         for k, wheel in enumerate(WHEELS):
@@ -84,17 +100,25 @@ class WheelReadings:
         for k, wheel in enumerate(WHEELS[:2]):
             found[f"steerangle_{wheel}_rad"] = np.arctan2(-axes[:, k, 0], axes[:, k, 1])
         if self._on_soil:
-            sinkage = vehicle.tires.deflection.numpy()[w][:, self._wheels]
-            found |= {name: sinkage[:, k] for k, name in enumerate(SINKAGES)}
+            found |= {name: taken["sinkage"][:, wheel] for name, wheel in zip(SINKAGES, self._wheels, strict=True)}
         return found
 
-    def _axes(self, motion: ChassisMotion, worlds: slice) -> Array:
-        """(n, 2, 3) of the front wheels, in axes of the chassis."""
-        rotations = self._simulation.state.body_rot.numpy()
-        axes = [
-            matrices(rotations[worlds, side.spindle].astype(float))[:, :, 1] for side in self._vehicle.parts.sides[:2]
-        ]
-        return np.einsum("wij,wki->wkj", motion.rotation, np.stack(axes, axis=1))
+    def _acceleration(self, motion: ChassisMotion, times: int) -> Array:
+        """(n, 3) means since the time before, 0 at the first."""
+        worlds = len(motion.time) // times
+        before_v = motion.velocity[:worlds] if self._last_v is None else self._last_v
+        before_t = motion.time[:worlds] if self._last_t is None else self._last_t
+        change = motion.velocity - np.concatenate([before_v, motion.velocity[:-worlds]])
+        elapsed = motion.time - np.concatenate([before_t, motion.time[:-worlds]])
+        self._last_v, self._last_t = motion.velocity[-worlds:], motion.time[-worlds:]
+        return np.asarray(change / np.maximum(elapsed, 1e-9)[:, None])
+
+    def _axes(self, motion: ChassisMotion, taken: Array) -> Array:
+        """(n, 2, 3) or more of the front wheels, in axes of the chassis."""
+        if self._vehicle.reduced is not None:
+            return taken.astype(float)
+        axes = np.ascontiguousarray(matrices(taken.astype(float))[..., 1])
+        return np.einsum("wij,wki->wkj", motion.rotation, axes)
 
 
 class Recorder(Readable):
@@ -129,19 +153,50 @@ class Recorder(Readable):
         """Of the columns."""
         self.channels = self._named.channels
         """Those that were chosen by name."""
-        self.rows: list[Array] = []
+        self._views = HostViews()
+        self._rows: list[Array] = []
+        self._taken: list[dict[str, Array]] = []
+        """Of the samples behind these rows, which become rows many at a time."""
 
     def _readable_title(self) -> str:
         return f" of vehicle '{self.vehicle.parts.spec.name}': {plural(len(self.rows), 'row')}"
 
+    @property
+    def rows(self) -> list[Array]:
+        """(n, columns) of each sample."""
+        self._convert()
+        return self._rows
+
     def sample(self) -> None:
         """Adds one row per world, of the present state; waits for the device."""
+        if isinstance(self._readings, WheelReadings) and not self.channels:
+            taken = ChassisMotion.take(self.simulation, self.vehicle, self.worlds, self._views)
+            taken |= self._readings.take(self.worlds, self._views)
+            further = {name: np.array(self._views.of(array)[self.worlds]) for name, array in self._further.items()}
+            self._taken.append(taken | further)
+            if len(self._taken) * len(taken["time"]) >= MOST_TAKEN:
+                self._convert()
+            return
         motion = ChassisMotion.of(self.simulation, self.vehicle, self.worlds)
         found = {"t_s": self._manoeuvre_time(motion.time)} | motion.columns()
         found |= self._readings.read(motion, self.worlds)
         found |= self._named.read(motion, self.worlds)
         found |= {name: array.numpy()[self.worlds] for name, array in self._further.items()}
-        self.rows.append(np.stack([found[name] for name in self.names], axis=-1))
+        self._rows.append(np.stack([found[name] for name in self.names], axis=-1))
+
+    def _convert(self) -> None:
+        """Make rows of the samples that are only taken."""
+        times = len(self._taken)
+        if not times:
+            return
+        assert isinstance(self._readings, WheelReadings)  # of which alone they are
+        taken = {name: np.concatenate([each[name] for each in self._taken]) for name in self._taken[0]}
+        self._taken.clear()
+        motion = ChassisMotion.made(self.vehicle, taken)
+        found = {"t_s": self._manoeuvre_time(motion.time)} | motion.columns()
+        found |= self._readings.columns(motion, taken, times) | {name: taken[name] for name in self._further}
+        table = np.stack([found[name] for name in self.names], axis=-1)
+        self._rows += list(table.reshape(times, -1, len(self.names)))
 
     def _manoeuvre_time(self, t: Array) -> Array:
         """Whole steps: the simulation adds up a step of single precision, 30 µs off after ten minutes."""
@@ -150,9 +205,12 @@ class Recorder(Readable):
 
     def record_inputs(self) -> None:
         """Enters what the driver did in the step after `sample`: the inputs at the sample's own time."""
+        inputs = self._views.of(self.vehicle.input)[self.worlds]
+        if self._taken:
+            self._taken[-1]["inputs"] = inputs.copy()
+            return
         throttle = self.names.index("throttle")
-        inputs = self.vehicle.input.numpy()[self.worlds]
-        self.rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
+        self._rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
 
     def table(self) -> Array:
         """All rows so far: (samples, worlds, columns), in the order of `names` and in their units."""
@@ -186,8 +244,17 @@ class Run(ReadableFields):
     @staticmethod
     def of(recorder: Recorder, world: int = 0) -> Run:
         """The run of one of the recorder's worlds."""
-        table = recorder.table()[:, world]
-        return Run({name: table[:, index] for index, name in enumerate(recorder.names)})
+        return Run._of_table(recorder.names, recorder.table()[:, world])
+
+    @staticmethod
+    def of_all(recorder: Recorder) -> list[Run]:
+        """The runs of all of the recorder's worlds, in their order."""
+        table = recorder.table()
+        return [Run._of_table(recorder.names, table[:, world]) for world in range(table.shape[1])]
+
+    @staticmethod
+    def _of_table(names: Sequence[str], table: Array) -> Run:
+        return Run({name: table[:, index] for index, name in enumerate(names)})
 
     @staticmethod
     def read(path: Path) -> Run:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.host_views import HostViews
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle
 
@@ -15,13 +17,14 @@ Array = npt.NDArray[np.float64]
 
 def matrices(q: Array) -> Array:
     """(..., 3, 3) rotation matrices of (..., 4) xyzw quaternions."""
-    x, y, z, w = np.moveaxis(q, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    x, y, z, w = (q[..., index] for index in range(4))
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    xw, yw, zw = x * w, y * w, z * w
+    found = np.empty((3, 3, *q.shape[:-1]))
+    found[0, 0], found[0, 1], found[0, 2] = 1 - 2 * (yy + zz), 2 * (xy - zw), 2 * (xz + yw)
+    found[1, 0], found[1, 1], found[1, 2] = 2 * (xy + zw), 1 - 2 * (xx + zz), 2 * (yz - xw)
+    found[2, 0], found[2, 1], found[2, 2] = 2 * (xz - yw), 2 * (yz + xw), 1 - 2 * (xx + yy)
+    return np.moveaxis(found, (0, 1), (-2, -1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,14 +54,28 @@ class ChassisMotion:
     @staticmethod
     def of(simulation: Simulation, vehicle: AnyVehicle, worlds: slice) -> ChassisMotion:
         """The present one; waits for the device."""
-        state, parts = simulation.state, vehicle.parts
-        rotation = matrices(state.body_rot.numpy()[worlds, parts.chassis].astype(float))
-        velocity = state.body_v.numpy()[worlds, parts.chassis].astype(float)
-        omega = state.body_omega.numpy()[worlds, parts.chassis].astype(float)
-        arm = rotation @ parts.reference
-        center = state.body_x.numpy()[worlds, parts.chassis].copy()
+        return ChassisMotion.made(vehicle, ChassisMotion.take(simulation, vehicle, worlds, HostViews()))
+
+    @staticmethod
+    def take(simulation: Simulation, vehicle: AnyVehicle, worlds: slice, views: HostViews) -> dict[str, Array]:
+        """Copies of what the present motion is made of; waits for the device."""
+        state, chassis = simulation.state, vehicle.parts.chassis
+        bodies = {"rotation": state.body_rot, "center": state.body_x, "velocity": state.body_v}
+        bodies["omega"] = state.body_omega
+        # the arrays themselves go on
+        found = {name: views.of(array)[worlds, chassis].astype(float) for name, array in bodies.items()}
+        return found | {"time": views.of(state.world_time)[worlds].copy()}
+
+    @staticmethod
+    def made(vehicle: AnyVehicle, taken: Mapping[str, Array]) -> ChassisMotion:
+        """The motion of what was taken, at one or more times one after the other."""
+        rotation, center = matrices(taken["rotation"]), taken["center"]
+        velocity, omega = taken["velocity"], taken["omega"]
+        reference = vehicle.parts.reference
+        # term by term: a product of matrices rounds as its memory lies, which is not the same for one world and many
+        arm = rotation[:, :, 0] * reference[0] + rotation[:, :, 1] * reference[1] + rotation[:, :, 2] * reference[2]
         return ChassisMotion(
-            time=state.world_time.numpy()[worlds].copy(),  # the array itself goes on
+            time=taken["time"],
             rotation=rotation, center=center, position=center + arm, velocity=velocity, omega=omega,
             speed=np.einsum("wi,wi->w", velocity + np.cross(omega, arm), rotation[:, :, 0]),
             yaw_rate=np.einsum("wi,wi->w", omega, rotation[:, :, 2]),

@@ -44,6 +44,10 @@ TRACK_MARKS: Final = (1.0, 2.0, 3.0, 4.0, 5.0, *MARKS[1:])
 """Speeds whose times are reported, of vehicles on wheels and on tracks [m/s]."""
 CLIMBED: Final = 0.5
 """Way up a slope from which on a vehicle has climbed it [m]."""
+PAIRS: Final = 2**14
+"""Of a place and a chord of a path whose distances are found at once, in the processor's cache."""
+NEARLY: Final = 1.0 + 1.0e-6
+"""Share of a chord beside which a place is, for rounding."""
 ON_TRACKS: Final = "track_speed_L_mps"
 """A column that only runs on tracks have."""
 
@@ -157,17 +161,29 @@ def deviation(run: Run, path: Path) -> Array:
     """Distance of the vehicle's frame from a path, sample by sample [m]."""
     place = np.stack([run["x_m"], run["y_m"]], axis=1)
     start, chord = path.points[:-1], np.diff(path.points, axis=0)
+    at_once = max(1, PAIRS // len(chord))
+    found = [
+        _distances(place[first : first + at_once], start, chord, closed=path.closed)
+        for first in range(0, len(place), at_once)
+    ]
+    return np.concatenate([*found, np.empty(0)])
+
+
+def _distances(place: Array, start: Array, chord: Array, *, closed: bool) -> Array:
+    """(n,) distances of places (n, 2) from chords (k, 2) that begin at `start` (k, 2) [m]."""
     squared = (chord * chord).sum(axis=1)
-    found = np.empty(len(place))
-    for index, x in enumerate(place):
-        part = ((x - start) * chord).sum(axis=1) / squared
-        part = np.clip(part, 0.0, 1.0)
-        if not path.closed:
-            # beyond its ends the path goes straight on
-            part[0] = min(part[0], ((x - start[0]) @ chord[0]) / squared[0])
-            part[-1] = max(part[-1], ((x - start[-1]) @ chord[-1]) / squared[-1])
-        found[index] = np.linalg.norm(x - start - part[:, None] * chord, axis=1).min()
-    return found
+    x, y = place[:, :1] - start[:, 0], place[:, 1:] - start[:, 1]
+    along = (x * chord[:, 0] + y * chord[:, 1]) / squared
+    part = np.clip(along, 0.0, 1.0)
+    if not closed:
+        # beyond its ends the path goes straight on
+        for row in np.flatnonzero(along[:, 0] < NEARLY):
+            part[row, 0] = min(part[row, 0], ((place[row] - start[0]) @ chord[0]) / squared[0])
+        for row in np.flatnonzero(along[:, -1] > 1.0 - NEARLY):
+            part[row, -1] = max(part[row, -1], ((place[row] - start[-1]) @ chord[-1]) / squared[-1])
+    x -= part * chord[:, 0]
+    y -= part * chord[:, 1]
+    return np.asarray(np.sqrt((x * x + y * y).min(axis=1)))
 
 
 def path_deviation(run: Run, maneuver: Maneuver) -> list[Result]:

@@ -7,9 +7,10 @@ import pytest
 
 from simwarp.tasks import InputError, replace_fields, task_class
 from simwarp.train.config import default_config
+from simwarp.train.runs.progress_table import series
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.sweeps.plan import SweepRun
-from simwarp.train.sweeps.ranking import median_interval, ranking, result_of, series
+from simwarp.train.sweeps.ranking import median_interval, ranking, result_of
 from simwarp.train.sweeps.run_state import RunRecord, RunState
 from simwarp.train.sweeps.sweep_curves import draw_curves, draw_search
 

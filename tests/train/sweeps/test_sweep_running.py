@@ -18,9 +18,11 @@ from simwarp.train.config import TrainConfig, default_config
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.run_lock import LOCK, Writer, started
 from simwarp.train.sweeps import running
+from simwarp.train.sweeps.leaving import LeaveRule
 from simwarp.train.sweeps.plan import SweepRun, point_label, run_name, sweep_name
 from simwarp.train.sweeps.run_state import LOG, RunRecord, RunState, failure
 from simwarp.train.sweeps.running import RunList, SweepRunner, check_runs
+from simwarp.train.sweeps.time_to_bound import parse_bound
 
 FAST = task_class("fast")
 ITERATIONS = 3
@@ -408,3 +410,81 @@ def test_a_draft_of_a_killed_sweep_is_no_obstacle(tmp_path):
     run.prepare("fast")
     assert run.folder.load_config()["task"] == "fast"
     assert os.listdir(tmp_path) == ["seed=0"]
+
+
+# ---- runs that are left ----------------------------------------------------------------------------------------------
+
+
+def progress(run, rewards):
+    run.folder.path.mkdir(parents=True, exist_ok=True)
+    lines = ["iteration,env_steps,mean_reward,env_steps_per_s"]
+    lines += [f"{k + 1},{10 * (k + 1)},{reward},10.0" for k, reward in enumerate(rewards)]
+    run.folder.progress.write_text("\n".join([*lines, ""]))
+
+
+def rule(text="mean_reward>=5", patience=2.0, seeds=1):
+    return LeaveRule((parse_bound(text),), (), patience, seeds)
+
+
+def test_a_run_that_is_there_is_ended_and_kept_the_next_time(tmp_path):
+    run = make_run(tmp_path, 0, iterations=100)
+    run.prepare("fast")
+    progress(run, [5.0] * 6)
+    job = Scripted(looks=50, work=lambda: saved(run, 6))
+    runner, watcher = sweep([run], Scripts(seed0=job), rule=rule("mean_reward>=4"))
+    # it was there before anything was begun
+    assert job.stops == []
+    assert (states(runner), watcher.lines[-1]) == ({0: RunState.DONE}, (0, "done", "reached after 5 s"))
+    # of a higher bound it goes on, and is ended once
+    progress(run, [5.0] * 6)
+    job = Scripted(looks=50)
+    job.work = lambda: saved(run, 30)
+    looks = iter(range(1000))
+    poll = job.poll
+
+    def polled():
+        if next(looks) == 3:
+            progress(run, [5.0] * 6 + [7.0] * 10)
+        return poll()
+
+    job.poll = polled
+    runner, watcher = sweep([run], Scripts(seed0=job), rule=rule("mean_reward>=7"))
+    assert job.stops == [False]
+    assert (states(runner), watcher.lines[-1]) == ({0: RunState.DONE}, (0, "done", "reached after 11 s"))
+
+
+def test_a_slower_run_is_left_and_stays_so_by_the_same_rule(tmp_path):
+    runs = [make_run(tmp_path, seed, iterations=100) for seed in range(2)]
+    runs = [dataclasses.replace(run, label=f"point{seed}") for seed, run in enumerate(runs)]
+    for run, rewards in zip(runs, ([5.0] * 5, [0.0] * 11), strict=True):
+        run.prepare("fast")
+        progress(run, rewards)
+
+    def tried(patience):
+        job, following = Scripted(looks=9, work=lambda: saved(runs[1], 11)), rule(patience=patience)
+        launcher, scores = Scripts(seed1=job), iter((-5.0, -1e9))
+        runner, watcher = sweep(
+            runs, launcher, rule=following, after=lambda record: following.settled(record, next(scores))
+        )
+        return launcher.begun, job.stops, states(runner), watcher.lines
+
+    begun, _, found, lines = tried(2.0)
+    assert begun == []
+    assert found == {0: RunState.DONE, 1: RunState.DONE}
+    assert lines[-1] == (1, "done", "left after 11 s, the best point took 5 s")
+    # with more patience it goes on, and is stopped by nothing
+    progress(runs[1], [0.0] * 11)
+    begun, stops, found, _ = tried(3.0)
+    assert (begun, stops, found) == ([1], [], {0: RunState.DONE, 1: RunState.STOPPED})
+    progress(runs[1], [0.0] * 16)
+    assert tried(3.0)[0] == []
+
+
+def test_a_run_whose_minutes_are_used_up_is_done(tmp_path):
+    run = make_run(tmp_path, 0, minutes=0.5)
+    launcher = Scripts(seed0=Scripted(1, 0, lambda: saved(run, 1)))
+    runner, watcher = sweep([run], launcher)
+    assert (states(runner), watcher.lines[-1]) == ({0: RunState.DONE}, (0, "done", "its 0.5 min are used up"))
+    runner, watcher = sweep([run], launcher)
+    assert launcher.begun == [0]
+    assert watcher.lines == [(0, "done", "its 0.5 min are used up")]

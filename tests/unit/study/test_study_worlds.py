@@ -43,10 +43,32 @@ ALONE = (
     "axles[*].brake.max_torque=1000..4000",
 )
 """Numbers that worlds of one simulation share."""
+REDUCED_BESIDE = (
+    "chassis.components[0].inertia[1]=-5%..20%",
+    "axles[*].tire.parameters.slope_y=-10%..10%",
+    "axles[0].tire.radius=-1%..1%",
+    "ground.friction=0.5..1",
+    "maneuver.speed=10,11,12",
+)
+"""The same of a vehicle whose suspensions are tables, which all worlds share,"""
+REDUCED_ALONE = (
+    "chassis.components[0].mass=2000..2800",
+    "axles[0].suspension.left.mass=-10%..10%",
+    "axles[*].tire.mass=-10%..10%",
+    "axles[1].tire.inertia[1]=-10%..10%",
+    "driveline.driveshaft_inertia=-20%..20%",
+)
+"""and what acts on them."""
 
 
 def sedan(*texts, options=SHORT):
     return varied_vehicle(load_vehicle("sedan"), "iso-3888-2", texts, options=options, friction=0.9)
+
+
+def reduced(*texts):
+    return varied_vehicle(
+        load_vehicle("hmmwv-14dof"), "iso-3888-2", texts, options={"speed": 12.0, "duration": 0.4}, friction=0.9
+    )
 
 
 def driven(runs: WorldRuns, documents: Sequence[Any]) -> list[Outcome]:
@@ -66,9 +88,8 @@ def run_alone(document):
     return Drive(set_up(spec, what, device="cpu", dt=DT, friction=friction_of(document))).run()
 
 
-def check_worlds(text, in_one):
+def check_worlds(vehicle, in_one):
     """Both ends of a key in one batch, and each as the vehicle's own file would be driven."""
-    vehicle = sedan(text)
     (key,) = vehicle.keys
     documents = [vehicle.changed(vehicle.drawn([share])) for share in (0.0, 1.0)]
     runs = WorldRuns(vehicle=vehicle, dt=DT, device="cpu")
@@ -87,13 +108,25 @@ def check_worlds(text, in_one):
 @pytest.mark.slow
 @pytest.mark.parametrize("text", BESIDE)
 def test_a_world_is_its_own_run_bit_by_bit(text):
-    check_worlds(text, in_one=True)
+    check_worlds(sedan(text), in_one=True)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ALONE)
 def test_what_worlds_share_is_driven_alone_and_is_its_own_run(text):
-    check_worlds(text, in_one=False)
+    check_worlds(sedan(text), in_one=False)
+
+
+@pytest.mark.quick("maneuver.speed=10,11,12")
+@pytest.mark.parametrize("text", REDUCED_BESIDE)
+def test_a_reduced_world_is_its_own_run_bit_by_bit(text):
+    check_worlds(reduced(text), in_one=True)
+
+
+@pytest.mark.quick("axles[*].tire.mass=-10%..10%")
+@pytest.mark.parametrize("text", REDUCED_ALONE)
+def test_what_the_tables_of_a_reduced_vehicle_hold_is_driven_alone(text):
+    check_worlds(reduced(text), in_one=False)
 
 
 def test_a_mass_and_a_friction_are_a_world_of_one_simulation():

@@ -16,7 +16,7 @@ from simwarp.vehicle.driving.maneuvers import (
     maneuver,
     maneuver_options,
 )
-from simwarp.vehicle.driving.paths import circle
+from simwarp.vehicle.driving.paths import Path, circle
 from simwarp.vehicle.results import results as results_module
 from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.results.drive_plot import draw_run, joined
@@ -264,6 +264,33 @@ def test_deviation_from_a_circle_and_creep():
     found = results(still, Maneuver(name="slope-hold", duration=10.0))
     assert value(found, "creep") == pytest.approx(0.05, rel=0.02)
     assert value(found, "moved") == pytest.approx(2.0, rel=0.01)
+
+
+def deviation_by_places(run, path):
+    """Place by place, as the distance is defined."""
+    start, chord = path.points[:-1], np.diff(path.points, axis=0)
+    squared = (chord * chord).sum(axis=1)
+    found = []
+    for place in np.stack([run["x_m"], run["y_m"]], axis=1):
+        part = np.clip(((place - start) * chord).sum(axis=1) / squared, 0.0, 1.0)
+        if not path.closed:
+            part[0] = min(part[0], ((place - start[0]) @ chord[0]) / squared[0])
+            part[-1] = max(part[-1], ((place - start[-1]) @ chord[-1]) / squared[-1])
+        found.append(np.linalg.norm(place - start - part[:, None] * chord, axis=1).min())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_deviations_of_all_places_at_once_are_those_place_by_place(closed):
+    """Bit by bit, along, before and beyond a path of many chords and of few, in more places than are taken at once."""
+    rng = np.random.default_rng(4)
+    for chords in (3, 40, 300):
+        points = np.cumsum(rng.normal(loc=(1.0, 0.0), size=(chords + 1, 2)), axis=0)
+        path = Path(points=points, closed=closed)
+        t = np.linspace(0.0, 1.0, 300)
+        x, y = (np.cumsum(rng.normal(scale=0.3, size=300) + drift) - 20.0 for drift in (0.004 * chords, 0.0))
+        run = made_up(t, x_m=x, y_m=y)
+        assert np.array_equal(deviation(run, path), deviation_by_places(run, path))
 
 
 def test_a_run_that_ended_at_once_has_no_results():
