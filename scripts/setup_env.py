@@ -42,7 +42,9 @@ def runs(python: Path, code: str) -> subprocess.CompletedProcess[str]:
     """Let the environment's interpreter run a line of code, out of the checkout's way."""
     command = [str(python), "-I", "-c", code]
     try:
-        return subprocess.run(command, capture_output=True, text=True, env=pip_environment(), check=False)
+        return subprocess.run(
+            command, capture_output=True, encoding="utf-8", errors="replace", env=pip_environment(), check=False
+        )
     except OSError as error:
         return subprocess.CompletedProcess(command, 1, "", str(error))
 
@@ -114,7 +116,9 @@ def make_venv(folder: Path) -> Path:
             raise SetupError(f"{sys.executable} has no module {module} (Debian and Ubuntu: apt install {package})")
     say(1, f"virtual environment {folder.name} with Python {platform.python_version()}")
     command = [sys.executable, "-m", "venv", "--clear", str(folder)]
-    made = subprocess.run(command, env=pip_environment(), capture_output=True, text=True, check=False)
+    made = subprocess.run(
+        command, env=pip_environment(), capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
     if made.returncode:
         raise SetupError(f"could not make {folder}: {pip_reason(made.stdout + made.stderr)}")
     return python

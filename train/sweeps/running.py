@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
+from simwarp.core.operating_system import STOPPED_UNHEARD
 from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError
 
@@ -193,7 +194,7 @@ class SweepRunner:
         run, record.reason = record.run, ""
         if is_done(run):
             record.state = RunState.DONE
-        elif code in (0, _INTERRUPTED) or (self._leaving and code == -signal.SIGTERM):  # Python had not yet begun
+        elif code in (0, _INTERRUPTED) or (self._leaving and code in STOPPED_UNHEARD):  # Python had not yet begun
             record.state = RunState.STOPPED
             record.reason = f"stopped after iteration {saved_iteration(run.folder)}"
         elif code < 0:
