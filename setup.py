@@ -9,7 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import setup  # type: ignore[import-untyped]
 
 ROOT = Path(__file__).resolve().parent
 LINKED = ("tasks", "train")

@@ -4,7 +4,6 @@ Only the standard library is used, since this runs before anything is installed.
 nothing and downloads nothing; after an interruption it goes on from there.
 """
 
-import fcntl
 import importlib.util
 import os
 import platform
@@ -25,7 +24,7 @@ from scripts.torch_build import CONSTRAINTS, TorchError, choose, has_cuda, pinne
 ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ((3, 11), (3, 13))
 # Everything that `python -m venv` makes before it writes pyvenv.cfg.
-VENV_FOLDERS = {"bin", "include", "lib", "lib64"}
+VENV_FOLDERS = {"bin", "include", "lib", "lib64", "Include", "Lib", "Scripts"}
 STARTS = "import numpy, torch, warp, simwarp.cli"
 
 
@@ -82,7 +81,8 @@ def fits(found: str, version: str, cuda: bool) -> bool:
 
 def drop_half_installed(folder: Path) -> None:
     """Let pip install again what was being installed when something stopped it: it writes RECORD last."""
-    for info in folder.glob("lib/python3.*/site-packages/*.dist-info"):
+    packages = ("lib/python3.*/site-packages", "Lib/site-packages")
+    for info in (info for place in packages for info in folder.glob(f"{place}/*.dist-info")):
         if not (info / "RECORD").exists():
             shutil.rmtree(info)
 
@@ -93,13 +93,18 @@ def belongs(folder: Path) -> bool:
     return all(line.endswith(f" {folder}") for line in lines if line.startswith("command ="))
 
 
+def environment_python(folder: Path) -> Path:
+    """The interpreter of an environment, made or to be made."""
+    return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
 def make_venv(folder: Path) -> Path:
     """Create the environment, or keep it if it was made here and its interpreter runs.
 
     Raises:
         SetupError: If it cannot be made, or if the folder holds anything else.
     """
-    python = folder / "bin" / "python"
+    python = environment_python(folder)
     low, high = SUPPORTED
     check = f"import sys, pip; sys.exit(not {low} <= sys.version_info[:2] <= {high})"
     if (folder / "pyvenv.cfg").is_file() and belongs(folder) and runs(python, check).returncode == 0:
@@ -141,7 +146,12 @@ def install_torch(python: Path, cuda: bool) -> str:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """Let a second set-up of the same checkout wait for the first."""
+    """Let a second set-up of the same checkout wait for the first; Windows has no locks of folders."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
