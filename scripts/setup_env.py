@@ -2,6 +2,9 @@
 
 Only the standard library is used, since this runs before anything is installed. Running it again changes
 nothing and downloads nothing; after an interruption it goes on from there.
+
+    python -m scripts.setup_env [FOLDER]               # the environment of a checkout, .venv
+    python -m scripts.setup_env --only-torch FOLDER    # an environment with torch alone, as images begin
 """
 
 import importlib.util
@@ -25,6 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ((3, 11), (3, 13))
 # Everything that `python -m venv` makes before it writes pyvenv.cfg.
 VENV_FOLDERS = {"bin", "include", "lib", "lib64", "Include", "Lib", "Scripts"}
+ONLY_TORCH = "--only-torch"
 STARTS = "import numpy, torch, warp, simwarp.cli"
 
 
@@ -166,7 +170,7 @@ def alone(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def set_up(folder: Path) -> None:
+def set_up(folder: Path, *, only_torch: bool = False) -> None:
     """Environment, torch, simwarp; then the mark that it is done, which names the checkout."""
     done = folder / ".setup-done"
     with suppress(NotADirectoryError):
@@ -174,6 +178,8 @@ def set_up(folder: Path) -> None:
     cuda = has_cuda()
     python = make_venv(folder)
     torch = install_torch(python, cuda)
+    if only_torch:
+        return
     say(3, "simwarp (editable), its dependencies and tools at the versions of constraints.txt")
     pip_install(python, torch, "setuptools>=77")
     # A path that type checkers and editors follow; otherwise setuptools installs an import hook, which they cannot
@@ -198,10 +204,11 @@ def main() -> int:
         text = f"needs Python 3.11 to 3.13, got {platform.python_version()}; set PYTHON=python3.12 or the like"
         print(f"setup: {text}", file=sys.stderr)
         return 1
+    words = [word for word in sys.argv[1:] if word != ONLY_TORCH]
     signal.signal(signal.SIGTERM, interrupted)
     try:
         with alone(ROOT):
-            set_up(ROOT / (sys.argv[1] if len(sys.argv) > 1 else ".venv"))
+            set_up(ROOT / (words[0] if words else ".venv"), only_torch=ONLY_TORCH in sys.argv)
     except (SetupError, TorchError, PipError) as error:
         print(f"setup: {error}", file=sys.stderr)
         return 1
