@@ -154,12 +154,14 @@ def install(python: Path, wheel: Path, extra: str, at: str) -> dict[str, str]:
     readers = [f"{name}=={tested[canonicalize_name(name)]}" for name in (*RUNNERS, *TRIALS[extra].readers)]
     installed = versions_in(python)
     held = [f"{name}=={version}" for name, version in installed.items() if name not in BUILDS_OF_TORCH]
-    # What the tests need changes nothing of what is tried
     held = [pin for pin in held if not pin.startswith("simwarp==")]
+    wanted = [reader for reader in readers if canonicalize_name(reader.split("==")[0]) not in installed]
+    if not wanted:
+        return installed
+    # What the tests need changes nothing of what is tried
     with tempfile.NamedTemporaryFile("w", suffix=".txt", encoding="utf-8", delete=False) as file:
         file.write("\n".join(held))
     try:
-        wanted = [reader for reader in readers if canonicalize_name(reader.split("==")[0]) not in installed]
         pip(python, "--constraint", file.name, *wanted)
     finally:
         Path(file.name).unlink()

@@ -13,7 +13,8 @@ import tempfile
 from pathlib import Path
 
 # Tests interrupt themselves: in the background of a shell, which ignores Ctrl-C (nohup: hang-ups), they would wait on
-for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+_usual = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}  # Windows has no SIGHUP
+for _number, _handler in ((getattr(signal, name), _usual[name]) for name in _usual if hasattr(signal, name)):
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, _handler)
 
