@@ -25,6 +25,7 @@ ARG TORCH=cpu
 ARG EXTRAS=viewer
 ENV PATH=/opt/simwarp/bin:${PATH} \
     WARP_CACHE_PATH=/cache \
+    MPLCONFIGDIR=/tmp/matplotlib \
     PYTHONUNBUFFERED=1
 # torch, then what else is required, then simwarp: each layer stays until its own files change
 WORKDIR /setup
@@ -37,9 +38,10 @@ RUN python3 -m scripts.dependencies ${EXTRAS} > requirements.txt \
     && pip install --no-cache-dir --constraint /opt/simwarp/constraints.txt --requirement requirements.txt
 COPY --from=wheel /wheels /wheels
 RUN pip install --no-cache-dir --no-deps /wheels/*.whl
-# Kernels that were compiled are kept in a volume; what commands write is in the folder that is mounted at /work
+# Kernels that were compiled are kept in a volume; what commands write is in the folder that is mounted at /work.
+# Any user may write to both: `docker run --user` names one.
 RUN useradd --create-home --shell /bin/bash --uid 1001 simwarp \
-    && install --directory --owner simwarp --group simwarp /cache /work
+    && install --directory --mode 1777 /cache /work
 USER simwarp
 WORKDIR /work
 VOLUME /cache

@@ -72,7 +72,7 @@ def test_commands_run_as_a_user_with_a_cache_of_kernels_to_keep():
     assert "RUN" not in words[words.index("USER") :]
     (volume,) = of("VOLUME")
     assert f"WARP_CACHE_PATH={volume}" in TEXT
-    assert re.search(rf"install .*--owner {user} .*{volume}\b", TEXT)
+    assert re.search(rf"install --directory --mode 1777 .*{volume}\b", TEXT)
     assert of("ENTRYPOINT") == ['["simwarp"]']
 
 
