@@ -11,6 +11,7 @@ itself.
 
 import argparse
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -236,6 +237,8 @@ def options(arguments: Sequence[str] | None) -> argparse.Namespace:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Try one extra or all; 1 if one does not hold."""
     chosen = options(arguments)
+    # Tests import a small part of what is installed: that is compiled when it is imported
+    os.environ.setdefault("PIP_NO_COMPILE", "1")
     folder = chosen.folder or Path(tempfile.mkdtemp(prefix="simwarp-extras-"))
     folder.mkdir(parents=True, exist_ok=True)
     outcomes, wrong = [], []
