@@ -119,10 +119,19 @@ def test_its_scripts_need_nothing_that_is_not_copied(tmp_path):
 
 
 def test_an_image_begins_with_torch_alone(monkeypatch, tmp_path):
-    done = []
+    done: list[object] = []
+
+    def made(folder: Path) -> Path:
+        done.append(folder)
+        return folder / "bin" / "python"
+
+    def installed(python: Path, cuda: bool) -> str:
+        done.append(cuda)
+        return "2.0"
+
     monkeypatch.setattr(setup_env, "ROOT", tmp_path)
-    monkeypatch.setattr(setup_env, "make_venv", lambda folder: done.append(folder) or folder / "bin" / "python")
-    monkeypatch.setattr(setup_env, "install_torch", lambda python, cuda: done.append(cuda) or "2.0")
+    monkeypatch.setattr(setup_env, "make_venv", made)
+    monkeypatch.setattr(setup_env, "install_torch", installed)
     monkeypatch.setattr(setup_env, "pip_install", lambda *_: pytest.fail("more than torch"))
     monkeypatch.setattr(sys, "argv", ["setup_env", "--only-torch", str(tmp_path / "env")])
     monkeypatch.setenv("SIMWARP_TORCH", "cuda")
