@@ -86,6 +86,7 @@ def small(monkeypatch, tmp_path):
     return python, own
 
 
+@pytest.mark.slow
 def test_the_lowest_and_the_newest_are_installed(small):
     python, wheel = small
     found = extras.install(python, wheel, "fine", "floor")
@@ -95,6 +96,7 @@ def test_the_lowest_and_the_newest_are_installed(small):
     assert {name: found[name] for name in ("core", "fine", "torch")} == {"core": "1.5", "fine": "2.0", "torch": "1.0"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", ["floor", "ceiling"])
 def test_an_extra_that_brings_another_torch_is_refused_before_it_is_installed(small, at):
     python, wheel = small
