@@ -103,7 +103,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="simwarp-models-") as cache:
         done = subprocess.run(
             [sys.executable, __file__, *sys.argv[1:]], env=os.environ | {"WARP_CACHE_PATH": cache, _CHILD: "1"},
-            stdout=subprocess.PIPE, text=True,
+            stdout=subprocess.PIPE, encoding="utf-8", errors="replace",
         )  # fmt: skip
     if done.returncode != 0:
         return done.returncode

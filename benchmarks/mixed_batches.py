@@ -104,8 +104,8 @@ def main(options: Options) -> None:
         f"({found['dearer_least']:+.1%} to {found['dearer_most']:+.1%} over {found['turns']} turns)"
     )
     if options.save is not None:
-        known = json.loads(options.save.read_text()) if options.save.exists() else []
-        options.save.write_text(json.dumps([*known, found], indent=2) + "\n")
+        known = json.loads(options.save.read_text(encoding="utf-8")) if options.save.exists() else []
+        options.save.write_text(json.dumps([*known, found], indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

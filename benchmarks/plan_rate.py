@@ -152,7 +152,9 @@ def main() -> None:
         rows.append(row := drive.figures() | {"cpu_over_first": round(share, 3)})
         print(", ".join(f"{key} {value}" for key, value in row.items()))
     if args.json is not None:
-        args.json.write_text(json.dumps({"machine": describe(wp.get_device("cpu")), "rows": rows}, indent=2) + "\n")
+        args.json.write_text(
+            json.dumps({"machine": describe(wp.get_device("cpu")), "rows": rows}, indent=2) + "\n", encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":

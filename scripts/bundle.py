@@ -84,7 +84,9 @@ def own_wheel(folder: Path) -> Path:
             shutil.copy(ROOT / name, source)
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", str(folder)]
     environment = pip_environment() | {"SOURCE_DATE_EPOCH": "1704067200"}
-    built = subprocess.run([*command, str(source)], env=environment, capture_output=True, text=True, check=False)
+    built = subprocess.run(
+        [*command, str(source)], env=environment, capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
     if built.returncode:
         raise BundleError(f"could not build simwarp's wheel: {pip_reason(built.stdout + built.stderr)}")
     return next(folder.glob("simwarp-*.whl"))

@@ -89,7 +89,9 @@ def pip_install(python: Path, wheels: Path, *arguments: str) -> None:
     command = [str(python), str(pip), "--isolated", "install", "-q", "--no-index", "--no-deps", "--find-links"]
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     command += [str(wheels), "--disable-pip-version-check", "--root-user-action", "ignore", *arguments]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if line.strip()]
         errors = [line for line in lines if line.startswith("ERROR: ")]
@@ -109,7 +111,9 @@ def into_environment(folder: Path, about: dict[str, Any], files: Sequence[str]) 
         raise UsageError(f"{folder} is there and no virtual environment; name another one with --venv")
     code = "import sys; print('%d.%d' % sys.version_info[:2])"
     if not new:
-        found = subprocess.run([python, "-c", code], capture_output=True, text=True, check=False).stdout.strip()
+        found = subprocess.run(
+            [python, "-c", code], capture_output=True, encoding="utf-8", errors="replace", check=False
+        ).stdout.strip()
         if found != about["python"]:
             raise UsageError(f"{folder} has Python {found or '(broken)'}, the bundle is for {about['python']}")
     try:
@@ -118,7 +122,7 @@ def into_environment(folder: Path, about: dict[str, Any], files: Sequence[str]) 
                 # The machine's own packages take the place of those that were left out.
                 own = ["--system-site-packages"] if about["without"] else []
                 make = [sys.executable, "-m", "venv", "--without-pip", *own, str(folder)]
-                made = subprocess.run(make, capture_output=True, text=True, check=False)
+                made = subprocess.run(make, capture_output=True, encoding="utf-8", errors="replace", check=False)
                 if made.returncode:
                     raise InstallError(f"could not make {folder}: {(made.stderr or made.stdout).strip()[-300:]}")
             pip_install(python, wheels, "--requirement", str(BUNDLE / "requirements.txt"), "pip")
@@ -143,7 +147,7 @@ def into_site(folder: Path, about: dict[str, Any], files: Sequence[str]) -> None
         draft = wheels / "site"
         requirements = ["--requirement", str(BUNDLE / "requirements.txt"), f"simwarp=={about['simwarp']}"]
         pip_install(Path(sys.executable), wheels, "--target", str(draft), *requirements)
-        (draft / SITE_MARK).write_text(f"simwarp {about['simwarp']}\n")
+        (draft / SITE_MARK).write_text(f"simwarp {about['simwarp']}\n", encoding="utf-8")
         if folder.exists():
             folder.rename(wheels / "old")
         draft.rename(folder)
@@ -157,7 +161,9 @@ def start(python: Path, site: Path | None) -> str:
     """
     environment = dict(os.environ) | ({"PYTHONPATH": str(site)} if site else {})
     code = "import numpy, torch, warp, simwarp; print(torch.__version__)"
-    started = subprocess.run([python, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    started = subprocess.run(
+        [python, "-c", code], env=environment, capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
     if started.returncode == 0:
         return started.stdout.splitlines()[-1]
     why = (started.stderr.strip().splitlines() or ["no message"])[-1]

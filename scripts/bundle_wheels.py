@@ -169,7 +169,9 @@ class Shelf:
                 sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--only-binary=:all:", "--dest", draft,
                 *self.target.pip_flags(), *indexes, *wanted,
             ]  # fmt: skip
-            done = subprocess.run(command, env=pip_environment(), capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                command, env=pip_environment(), capture_output=True, encoding="utf-8", errors="replace", check=False
+            )
             if done.returncode:
                 raise WheelError(f"Python {self.target.python} on {self.target.platform}: {pip_reason(done.stderr)}")
             for wheel in Path(draft).glob("*.whl"):

@@ -109,7 +109,7 @@ def assemble(ptx: bytes, ptxas: Path) -> tuple[list[Assembled], int]:
         source, cubin = Path(folder) / "kernel.ptx", Path(folder) / "kernel.cubin"
         source.write_bytes(ptx.rstrip(b"\0"))
         command = [str(ptxas), "-v", f"-arch=sm_{ARCH}", "-o", str(cubin), str(source)]
-        report = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+        report = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=True).stderr
         size = cubin.stat().st_size
     found = []
     for part in report.split("Compiling entry function '")[1:]:
@@ -143,7 +143,9 @@ def main() -> int:
             print(f"{row.kernel:32}{row.compile_cpu_s:14.1f}{row.registers:11}{row.spilled:13}{row.code / 1e3:11.0f}",
                   flush=True)  # fmt: skip
     if options.json is not None:
-        options.json.write_text(json.dumps([dataclasses.asdict(row) for row in rows], indent=1) + "\n")
+        options.json.write_text(
+            json.dumps([dataclasses.asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8"
+        )
     return 0
 
 

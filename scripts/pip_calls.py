@@ -45,7 +45,9 @@ def offered(pip: Sequence[str], name: str, *arguments: str) -> list[str]:
         PipError: If pip says anything else.
     """
     command = [*pip, "--no-deps", "--only-binary=:all:", "--retries", "0", "--timeout", "8", *arguments, f"{name}===0"]
-    asked = subprocess.run(command, capture_output=True, text=True, env=pip_environment(), check=False)
+    asked = subprocess.run(
+        command, capture_output=True, encoding="utf-8", errors="replace", env=pip_environment(), check=False
+    )
     listed = re.search(r"\(from versions: ([^)]*)\)", asked.stderr)
     if listed is None:
         raise PipError(f"pip cannot tell what there is of {name}: {pip_reason(asked.stderr)}")

@@ -2,9 +2,11 @@
 
 Only the standard library is used, since this runs before anything is installed. Running it again changes
 nothing and downloads nothing; after an interruption it goes on from there.
+
+    python -m scripts.setup_env [FOLDER]               # the environment of a checkout, .venv
+    python -m scripts.setup_env --only-torch FOLDER    # an environment with torch alone, as images begin
 """
 
-import fcntl
 import importlib.util
 import os
 import platform
@@ -25,7 +27,8 @@ from scripts.torch_build import CONSTRAINTS, TorchError, choose, has_cuda, pinne
 ROOT = Path(__file__).resolve().parent.parent
 SUPPORTED = ((3, 11), (3, 13))
 # Everything that `python -m venv` makes before it writes pyvenv.cfg.
-VENV_FOLDERS = {"bin", "include", "lib", "lib64"}
+VENV_FOLDERS = {"bin", "include", "lib", "lib64", "Include", "Lib", "Scripts"}
+ONLY_TORCH = "--only-torch"
 STARTS = "import numpy, torch, warp, simwarp.cli"
 
 
@@ -42,7 +45,9 @@ def runs(python: Path, code: str) -> subprocess.CompletedProcess[str]:
     """Let the environment's interpreter run a line of code, out of the checkout's way."""
     command = [str(python), "-I", "-c", code]
     try:
-        return subprocess.run(command, capture_output=True, text=True, env=pip_environment(), check=False)
+        return subprocess.run(
+            command, capture_output=True, encoding="utf-8", errors="replace", env=pip_environment(), check=False
+        )
     except OSError as error:
         return subprocess.CompletedProcess(command, 1, "", str(error))
 
@@ -80,7 +85,8 @@ def fits(found: str, version: str, cuda: bool) -> bool:
 
 def drop_half_installed(folder: Path) -> None:
     """Let pip install again what was being installed when something stopped it: it writes RECORD last."""
-    for info in folder.glob("lib/python3.*/site-packages/*.dist-info"):
+    packages = ("lib/python3.*/site-packages", "Lib/site-packages")
+    for info in (info for place in packages for info in folder.glob(f"{place}/*.dist-info")):
         if not (info / "RECORD").exists():
             shutil.rmtree(info)
 
@@ -91,13 +97,18 @@ def belongs(folder: Path) -> bool:
     return all(line.endswith(f" {folder}") for line in lines if line.startswith("command ="))
 
 
+def environment_python(folder: Path) -> Path:
+    """The interpreter of an environment, made or to be made."""
+    return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
 def make_venv(folder: Path) -> Path:
     """Create the environment, or keep it if it was made here and its interpreter runs.
 
     Raises:
         SetupError: If it cannot be made, or if the folder holds anything else.
     """
-    python = folder / "bin" / "python"
+    python = environment_python(folder)
     low, high = SUPPORTED
     check = f"import sys, pip; sys.exit(not {low} <= sys.version_info[:2] <= {high})"
     if (folder / "pyvenv.cfg").is_file() and belongs(folder) and runs(python, check).returncode == 0:
@@ -114,7 +125,9 @@ def make_venv(folder: Path) -> Path:
             raise SetupError(f"{sys.executable} has no module {module} (Debian and Ubuntu: apt install {package})")
     say(1, f"virtual environment {folder.name} with Python {platform.python_version()}")
     command = [sys.executable, "-m", "venv", "--clear", str(folder)]
-    made = subprocess.run(command, env=pip_environment(), capture_output=True, text=True, check=False)
+    made = subprocess.run(
+        command, env=pip_environment(), capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
     if made.returncode:
         raise SetupError(f"could not make {folder}: {pip_reason(made.stdout + made.stderr)}")
     return python
@@ -137,7 +150,12 @@ def install_torch(python: Path, cuda: bool) -> str:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """Let a second set-up of the same checkout wait for the first."""
+    """Let a second set-up of the same checkout wait for the first; Windows has no locks of folders."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
@@ -152,7 +170,7 @@ def alone(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def set_up(folder: Path) -> None:
+def set_up(folder: Path, *, only_torch: bool = False) -> None:
     """Environment, torch, simwarp; then the mark that it is done, which names the checkout."""
     done = folder / ".setup-done"
     with suppress(NotADirectoryError):
@@ -160,6 +178,8 @@ def set_up(folder: Path) -> None:
     cuda = has_cuda()
     python = make_venv(folder)
     torch = install_torch(python, cuda)
+    if only_torch:
+        return
     say(3, "simwarp (editable), its dependencies and tools at the versions of constraints.txt")
     pip_install(python, torch, "setuptools>=77")
     # A path that type checkers and editors follow; otherwise setuptools installs an import hook, which they cannot
@@ -184,10 +204,11 @@ def main() -> int:
         text = f"needs Python 3.11 to 3.13, got {platform.python_version()}; set PYTHON=python3.12 or the like"
         print(f"setup: {text}", file=sys.stderr)
         return 1
+    words = [word for word in sys.argv[1:] if word != ONLY_TORCH]
     signal.signal(signal.SIGTERM, interrupted)
     try:
         with alone(ROOT):
-            set_up(ROOT / (sys.argv[1] if len(sys.argv) > 1 else ".venv"))
+            set_up(ROOT / (words[0] if words else ".venv"), only_torch=ONLY_TORCH in sys.argv)
     except (SetupError, TorchError, PipError) as error:
         print(f"setup: {error}", file=sys.stderr)
         return 1

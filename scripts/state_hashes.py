@@ -156,7 +156,7 @@ def main() -> int:
     only: str = options.only
     found: dict[str, str] = {}
     if only and options.output.exists():
-        found = json.loads(options.output.read_text())
+        found = json.loads(options.output.read_text(encoding="utf-8"))
 
     def wanted(name: str) -> bool:
         return name.startswith(only) or only.startswith(name)
@@ -169,10 +169,10 @@ def main() -> int:
             for name, value in part:
                 found[name] = value
                 print(f"{value}  {name}", flush=True)
-                options.output.write_text(json.dumps(found, indent=1) + "\n")
+                options.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if options.against is None:
         return 0
-    before = json.loads(options.against.read_text())
+    before = json.loads(options.against.read_text(encoding="utf-8"))
     before = before.get("hashes", before)
     differing = sorted(name for name in before.keys() | found.keys() if before.get(name) != found.get(name))
     print(f"{len(before)} hashes before, {len(differing)} differ" + "".join(f"\n  {name}" for name in differing))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import importlib
 from pathlib import Path
 
 import warp as wp
+from filelock import FileLock, Timeout
 
 from simwarp.kernels.collision.collision_stages import fused_collision
 from simwarp.kernels.dynamics.step_stages import fused_step, fused_tree_step
@@ -32,17 +32,16 @@ def compile_together() -> None:
     units += [fused_collision(faces).kernel.module for faces in (False, True)]
     units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
     # First what nobody is at, then what the others have made
-    for lock in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):
+    for waits in (False, True):
         for unit in units:
-            _load(unit, lock)
+            _load(unit, waits)
 
 
-def _load(unit: wp.Module, lock: int) -> None:
+def _load(unit: wp.Module, waits: bool) -> None:
     """Load a unit under a lock; without waiting, leave one that another worker has."""
     path = Path(str(wp.config.kernel_cache_dir)) / f"{unit.name[-60:]}.lock"
-    with path.open("w") as file:
-        try:
-            fcntl.flock(file, lock)
-        except BlockingIOError:
-            return
-        unit.load(wp.get_device("cpu"), block_dim=CPU_BLOCK)
+    try:
+        with FileLock(path, blocking=waits):
+            unit.load(wp.get_device("cpu"), block_dim=CPU_BLOCK)
+    except Timeout:
+        return

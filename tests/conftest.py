@@ -11,9 +11,13 @@ import gc
 import signal
 import tempfile
 from pathlib import Path
+from typing import Any
 
 # Tests interrupt themselves: in the background of a shell, which ignores Ctrl-C (nohup: hang-ups), they would wait on
-for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+_handlers: list[tuple[int, Any]] = [(signal.SIGINT, signal.default_int_handler)]
+if hasattr(signal, "SIGHUP"):  # Windows has none
+    _handlers.append((signal.SIGHUP, signal.SIG_DFL))
+for _number, _handler in _handlers:
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, _handler)
 

@@ -40,8 +40,8 @@ def cold_and_warm(name: str, device: str) -> tuple[Start, Start]:
 def _probe(name: str, device: str, cache: str) -> Start:
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "simwarp.bench.compiling", name, device], capture_output=True, text=True,
-            env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
+            [sys.executable, "-m", "simwarp.bench.compiling", name, device], capture_output=True, encoding="utf-8",
+            errors="replace", env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         raise ShortfallError(f"cold start of '{name}' took more than {_PATIENCE_S} s") from None

@@ -89,6 +89,7 @@ COMMANDS = {
         Command("sensor-demo", "", "one picture of what all kinds of sensors see", "simwarp.cli.sensor_demo:run"),
         Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verifying:run"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
+        Command("completions", "SHELL", "completion of words for bash, zsh, fish", "simwarp.cli.completions:run", True),
     )
 }
 

@@ -17,6 +17,7 @@ from simwarp.cli import DONE, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options, split_path
 from simwarp.cli.robots.robot_sources import Base, RobotOptions, load_file
 from simwarp.core.files import output_error
+from simwarp.core.operating_system import is_reserved
 
 LONGEST: Final = 64
 """Characters of a name: it stands in names of files and of classes."""
@@ -278,6 +279,8 @@ def check_name(name: str) -> None:
 
     if name in task_names():
         raise UsageError(f"there is a task '{name}' already; choose another name")
+    if is_reserved(module):
+        raise UsageError(f"'{name}' is a device of Windows, which takes no folder of this name; choose another name")
     if keyword.iskeyword(module) or module in FOLDERS or find_spec(module) is not None:
         raise UsageError(f"there is a Python module '{module}' already; choose another name")
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import re
@@ -20,6 +19,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
+
+from simwarp.core.operating_system import name_trouble, open_for_writing, put_in_place
 
 LONGEST_NAME: Final = 255
 """Bytes of a file name that Linux and macOS take."""
@@ -82,6 +83,8 @@ def check_output(path: str | Path, option: str = "output") -> Path:
     if len(os.fsencode(path.name)) > LONGEST_NAME:
         raise FileError(f"{option}: the name '{path.name[:40]}...' is longer than {LONGEST_NAME} bytes; shorten it")
     target = _target(path, option)
+    if (trouble := name_trouble(target.name)) and not is_special(target):
+        raise FileError(f"{option}: the name '{target.name}' {trouble}; choose another name")
     try:
         mode = target.stat().st_mode
     except FileNotFoundError:
@@ -156,10 +159,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
         if special:
             _pour(draft, path)
             return
-        with draft.open("rb") as file:
+        with draft.open("r+b") as file:  # Windows flushes only what could be written
             os.fsync(file.fileno())
         draft.chmod(_mode(target))
-        draft.replace(target)
+        put_in_place(draft, target)
     except OSError as error:
         raise output_error(path, error, draft) from error
     finally:
@@ -242,17 +245,10 @@ def _pour(draft: Path, target: Path) -> None:
 def _open_special(target: Path) -> Any:
     """Open a device or FIFO for writing; a FIFO without a reader is an error instead of an endless wait."""
     deadline = time.monotonic() + WAIT_FOR_READER
-    while True:
-        try:
-            handle = os.open(target, os.O_WRONLY | os.O_NONBLOCK)
-            break
-        except OSError as error:
-            if error.errno != errno.ENXIO:
-                raise
-            if time.monotonic() > deadline:
-                raise FileError(f"cannot write '{target}': nobody reads this FIFO; start its reader first") from None
-            time.sleep(0.02)
-    fcntl.fcntl(handle, fcntl.F_SETFL, fcntl.fcntl(handle, fcntl.F_GETFL) & ~os.O_NONBLOCK)
+    while (handle := open_for_writing(target)) is None:
+        if time.monotonic() > deadline:
+            raise FileError(f"cannot write '{target}': nobody reads this FIFO; start its reader first")
+        time.sleep(0.02)
     return os.fdopen(handle, "wb")
 
 

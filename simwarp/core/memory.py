@@ -5,13 +5,13 @@ from __future__ import annotations
 import gc
 import math
 import os
-import resource
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import warp as wp
 
+from simwarp.core import operating_system
 from simwarp.core.object_repr import bytes_text
 from simwarp.core.types import ArrayLayout, ModelError, formatted
 
@@ -29,7 +29,7 @@ def device_memory(device: Any) -> int:
     """Total bytes of a Warp device; for a CPU those of the machine."""
     if device.is_cuda:
         return int(device.total_memory)
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return operating_system.total_memory()
 
 
 def free_memory(device: Any) -> int:
@@ -94,11 +94,12 @@ def item_bytes(dtype: Any) -> int:
 
 
 def _meminfo() -> list[int]:
-    """Available memory as Linux counts it: free memory, and caches that it can drop."""
+    """Available memory: what is free, and caches that the system can drop."""
     try:
         lines = MEMINFO.read_text(encoding="ascii").splitlines()
     except OSError:
-        return []  # another system
+        available = operating_system.available_memory()
+        return [] if available is None else [available]
     return [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
 
 
@@ -131,8 +132,8 @@ def _control_groups() -> list[int]:
 
 def _process_limit() -> list[int]:
     """Memory left by the limit of this process's address space (`ulimit -v`)."""
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit == resource.RLIM_INFINITY:
+    limit = operating_system.address_space_limit()
+    if limit is None:
         return []
     pages = _first_number(Path("/proc/self/statm")) or 0
     return [limit - pages * os.sysconf("SC_PAGE_SIZE")]

@@ -1,4 +1,4 @@
-"""Signals that request a process to stop: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal.
+"""Signals that request a process to stop: Ctrl-C, SIGTERM, SIGHUP of a closed terminal, Ctrl-Break of Windows.
 
 One request often comes several times: batch systems signal every process of a job, ``timeout`` a command and then its
 whole group, ``torchrun`` forwards signals that its processes have already received. So copies within a second count as
@@ -30,7 +30,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Final
 
-HEARD: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+HEARD: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 COPIES_WITHIN: Final = 1.0
 """Time after a request in which further signals are copies of it [s]."""
 REPEAT_AFTER: Final = 0.05

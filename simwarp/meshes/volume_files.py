@@ -256,7 +256,7 @@ def _tetrahedralised(
     with tempfile.TemporaryDirectory() as folder:
         np.savez(os.path.join(folder, "surface.npz"), vertices=vertices, triangles=triangles)
         command = [sys.executable, "-P", "-c", TETRAHEDRALISE, repr(edge), repr(deviation)]
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", cwd=folder, check=False)
+        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", cwd=folder, check=False)
         if done.returncode == 0:
             with np.load(os.path.join(folder, "mesh.npz")) as found:
                 return np.asarray(found["points"], np.float64), found["elements"]

@@ -4,10 +4,18 @@ import zipfile
 from pathlib import Path
 
 
-def write_wheel(folder: Path, name: str, version: str, requires: tuple[str, ...] = (), module: str = "") -> Path:
+def write_wheel(
+    folder: Path,
+    name: str,
+    version: str,
+    requires: tuple[str, ...] = (),
+    module: str = "",
+    extras: tuple[str, ...] = (),
+) -> Path:
     """A valid wheel for any machine with one module that knows its version."""
     info = f"{name}-{version}.dist-info"
     metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
+    metadata += "".join(f"Provides-Extra: {extra}\n" for extra in extras)
     files = {
         f"{module or name}.py": f"__version__ = {version!r}\n",
         f"{info}/METADATA": metadata + "".join(f"Requires-Dist: {text}\n" for text in requires),

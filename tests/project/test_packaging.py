@@ -1,6 +1,7 @@
 """The wheel and the sdist: one top-level name, nothing missing, and they work where nothing else is."""
 
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -79,6 +80,40 @@ def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):
     run(sys.executable, "-c", BUILD, tmp_path, cwd=source)
     rebuilt = next(tmp_path.glob("*.whl"))
     assert sorted(zipfile.ZipFile(rebuilt).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+def test_a_clone_without_links_has_the_same_files(wheel, tmp_path):
+    """Where git has no symbolic links it writes their text: Windows by default."""
+    source, out = tmp_path / "source", tmp_path / "dist"
+    shutil.copytree(ROOT / "simwarp", source / "simwarp", symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("tasks", "train"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+        (source / "simwarp" / name).unlink()
+        (source / "simwarp" / name).write_text(f"../{name}", encoding="utf-8")
+    for path in ROOT.iterdir():
+        if path.is_file():
+            shutil.copy(path, source / path.name)
+    out.mkdir()
+    run(sys.executable, "-c", BUILD, out, cwd=source)
+    flat = next(out.glob("*.whl"))
+    assert sorted(zipfile.ZipFile(flat).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+def test_where_a_drive_has_no_links_at_all_folders_are_copied(tmp_path, monkeypatch):
+    (tmp_path / "setup.py").write_text((ROOT / "setup.py").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "tasks").mkdir()
+    (tmp_path / "tasks" / "__init__.py").write_text("", encoding="utf-8")
+    (tmp_path / "simwarp").mkdir()
+    (tmp_path / "simwarp" / "tasks").write_text("../tasks", encoding="utf-8")
+
+    def refuse(*_, **__):
+        raise OSError(1314, "A required privilege is not held by the client")
+
+    monkeypatch.setattr(Path, "symlink_to", refuse)
+    monkeypatch.setattr("setuptools.setup", lambda: None)
+    runpy.run_path(str(tmp_path / "setup.py"))
+    assert (tmp_path / "simwarp" / "tasks" / "__init__.py").is_file()
+    assert not (tmp_path / "simwarp" / "tasks").is_symlink()
 
 
 @pytest.fixture(scope="module")

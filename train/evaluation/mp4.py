@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import importlib
 import os
-import signal
 import subprocess
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.files import output_error, replacing
+from simwarp.core.operating_system import ended_by_file_size
 from simwarp.tasks import InputError
 
 _QUALITY = "25"
@@ -82,7 +82,7 @@ class Encoder:
         code = self._process.returncode
         if code == 0:
             return None
-        if code == -signal.SIGXFSZ or os.strerror(errno.EFBIG) in said:
+        if ended_by_file_size(code) or os.strerror(errno.EFBIG) in said:
             return OSError(errno.EFBIG, os.strerror(errno.EFBIG))
         if os.strerror(errno.ENOSPC) in said:
             return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -36,11 +36,8 @@ def append_whole(path: Path, data: bytes) -> None:
         OutputError: the disk did not take it, or the folder is gone.
     """
     try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
-        try:
-            _append(handle, data)
-        finally:
-            os.close(handle)
+        with path.open("ab", buffering=0) as file:
+            _append(file.fileno(), data)
     except OSError as error:
         raise output_error(path, error, needed=len(data)) from error
 

@@ -20,6 +20,7 @@ from typing import Final, Self
 
 from filelock import FileLock, Timeout
 
+from simwarp.core import operating_system
 from simwarp.core.files import FileError, OutputError, output_error, parse_json
 from simwarp.tasks import InputError, config_from_plain
 
@@ -82,6 +83,8 @@ def started(pid: int) -> str | None:
     try:
         if pid < 1:
             return None
+        if operating_system.WINDOWS:
+            return operating_system.process_started(pid)  # there, os.kill(pid, 0) is Ctrl-C
         os.kill(pid, 0)
     except PermissionError:
         pass  # it is somebody else's
@@ -98,7 +101,13 @@ def started(pid: int) -> str | None:
 def _started_by_ps(pid: int) -> str:
     """Return when a process was started where there is no /proc."""
     try:
-        done = subprocess.run(["ps", "-o", "lstart=", "-p", str(pid)], capture_output=True, text=True, timeout=10.0)
+        done = subprocess.run(
+            ["ps", "-o", "lstart=", "-p", str(pid)],
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=10.0,
+        )
     except (OSError, subprocess.TimeoutExpired):
         return ""
     return done.stdout.strip()
@@ -152,7 +161,7 @@ class RunLock:
         self.took_over = ""
         self._own = Writer.this()
         with _exclusive(path):
-            if text := path.read_bytes():
+            if text := _bytes(path):
                 self.took_over = self._judge(_writer_of(text), take_over)
             self._write()
 
@@ -207,14 +216,19 @@ class RunLock:
     def release(self) -> None:
         """Remove the lock, unless it is another's by now."""
         with contextlib.suppress(OSError, OutputError, InputError), _exclusive(self.path):
-            if self.is_own() or not self.path.stat().st_size:  # locking makes the file where it is gone
-                self.path.unlink()
+            if self.is_own() or not _bytes(self.path):  # locking makes the file where it is gone
+                self.path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
 def _exclusive(path: Path) -> Iterator[None]:
-    """Keep other processes from reading or changing the file inside the block; it is made if it is not there."""
-    lock = FileLock(path, timeout=_PATIENCE, poll_interval=0.01, fallback_to_soft=False)
+    """Keep other processes from reading or changing the file inside the block.
+
+    The file is locked, and made if it is not there. On Windows nobody can read a locked file, not even who locked it:
+    there, a file beside it is locked.
+    """
+    locked = path.with_suffix(".lock") if operating_system.WINDOWS else path
+    lock = FileLock(locked, timeout=_PATIENCE, poll_interval=0.01, fallback_to_soft=False)
     try:
         os.stat(path.parent)  # filelock would make the folder
         if not _is_file_or_absent(path):
@@ -230,6 +244,14 @@ def _exclusive(path: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _bytes(path: Path) -> bytes:
+    """Return what is in a file; nothing where it is not there."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return b""
 
 
 def _is_file_or_absent(path: Path) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import subprocess
 import sys
 from typing import Protocol
+
+from simwarp.core.operating_system import KILL, STOP, own_session
 
 from ..runs.run_lock import Writer
 from .plan import SweepRun
@@ -61,7 +62,7 @@ class LocalLauncher:
             return LocalJob(
                 subprocess.Popen(
                     train_command(run, self._task),
-                    stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+                    stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, **own_session(),
                 )
             )  # fmt: skip
 
@@ -77,9 +78,9 @@ class LocalJob:
         return self._process.poll()
 
     def stop(self, *, at_once: bool = False) -> None:
-        """Send SIGTERM, which a training hears even where Ctrl-C is ignored; or SIGKILL."""
+        """Send a signal that a training hears even where Ctrl-C is ignored; or one that ends it."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGKILL if at_once else signal.SIGTERM)
+            self._process.send_signal(KILL if at_once else STOP)
 
 
 class FoundJob:
@@ -96,4 +97,4 @@ class FoundJob:
         """Send it a signal, unless its number is another's by now."""
         if self._writer.is_alive():
             with contextlib.suppress(ProcessLookupError):  # it ended just now
-                os.kill(self._writer.pid, signal.SIGKILL if at_once else signal.SIGTERM)
+                os.kill(self._writer.pid, KILL if at_once else STOP)

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
+from simwarp.core.operating_system import STOPPED_UNHEARD
 from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError
 
@@ -210,7 +211,7 @@ class SweepRunner:
     def _judge(self, started: _Started, code: int) -> None:
         """Tell by its folder and its exit code what became of a run."""
         record, run = started.record, started.record.run
-        left = started.left if code in (0, _INTERRUPTED, -signal.SIGTERM) else ""
+        left = started.left if code in {0, _INTERRUPTED, *STOPPED_UNHEARD} else ""
         if code == 0 and run.config.minutes is not None and not is_done(run):
             left = left or f"its {run.config.minutes:g} min are used up"
         record.reason = left
@@ -219,7 +220,7 @@ class SweepRunner:
         elif left:
             record.state = RunState.DONE
             note_leaving(run.folder, self._rule.name, left)
-        elif code in (0, _INTERRUPTED) or (self._leaving and code == -signal.SIGTERM):  # Python had not yet begun
+        elif code in (0, _INTERRUPTED) or (self._leaving and code in STOPPED_UNHEARD):  # Python had not yet begun
             record.state = RunState.STOPPED
             record.reason = f"stopped after iteration {saved_iteration(run.folder)}"
         elif code < 0:

@@ -126,7 +126,9 @@ def _converted(file: Path) -> list[MeshPart]:
         output = os.path.join(folder, "parts.glb")
         command = [sys.executable, "-I", "-c", CONVERT.format(DEFLECTION, TURN), str(file.resolve()), output]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+            done = subprocess.run(
+                command, capture_output=True, encoding="utf-8", errors="replace", timeout=PATIENCE, check=False
+            )
         except subprocess.TimeoutExpired:
             raise ModelError(
                 f"{file.name}: must be a STEP file of solids, got one that takes over {PATIENCE:g} s; check its numbers"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -135,5 +136,6 @@ def test_limits_of_control_groups_count(tmp_path, monkeypatch, version):
 def test_systems_without_these_files(monkeypatch, tmp_path):
     monkeypatch.setattr(memory, "OWN_GROUPS", tmp_path / "none")
     monkeypatch.setattr(memory, "MEMINFO", tmp_path / "none")
+    monkeypatch.setitem(sys.modules, "psutil", None)
     assert memory._control_groups() == memory._meminfo() == []
     assert memory.free_memory(CPU) > 0
