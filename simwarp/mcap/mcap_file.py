@@ -9,7 +9,7 @@ from typing import IO, Any, Final
 
 from simwarp.core.files import output_error
 from simwarp.mcap.mcap_extra import not_installed
-from simwarp.mcap.ros_messages import MessageTypes, Template
+from simwarp.ros2.ros_messages import MessageTypes, Template
 
 try:
     from mcap.writer import CompressionType, Writer

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from simwarp.mcap.frame_names import Names, topic_word
-from simwarp.mcap.ros_messages import MessageTypes
+from simwarp.ros2.frame_names import Names, topic_word
+from simwarp.ros2.ros_messages import MessageTypes
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = MessageTypes()

@@ -9,11 +9,11 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.rotation import matrix_of
-from simwarp.mcap.frame_names import BASE, ODOM, Names
-from simwarp.mcap.ros_messages import MessageTypes, Template
-from simwarp.mcap.world_rows import row_of
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
+from simwarp.ros2.frame_names import BASE, ODOM, Names
+from simwarp.ros2.ros_messages import MessageTypes, Template
+from simwarp.ros2.world_rows import row_of
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.tracks.tracked_vehicle import AnyVehicle, TrackedVehicle
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
