@@ -109,25 +109,24 @@ def test_the_nth_command_moves_the_nth_step() -> None:
 
 
 def test_the_same_commands_repeat_a_run_bit_by_bit() -> None:
-    sent = []
-    for delay in (0.0, 3.0):
-        rig = Rig()
-        rig.answer(TORQUES)
-        if delay:  # by the clock, between a state and its command
-            look, rig.graph.always = rig.graph.always, lambda: None
-            waits = [0]
+    quick, slow = Rig(), Rig()
+    quick.answer(TORQUES)
+    slow.answer(TORQUES)
+    look, calls = slow.graph.always, [0]
 
-            def late(look: Any = look, rig: Rig = rig, waits: list[int] = waits) -> None:
-                waits[0] += 1
-                if waits[0] % 7 == 0:
-                    rig.graph.now += delay
-                    look()
+    def late() -> None:
+        """Seconds between a state and its command."""
+        calls[0] += 1
+        if calls[0] % 7 == 0:
+            slow.graph.now += 3.0
+            look()
 
-            rig.graph.always = late
-        rig.run(12)
-        sent.append(rig.graph.order)
-    assert sent[0] == sent[1]
-    assert len(sent[0]) > 12 * 5
+    slow.graph.always = late
+    quick.run(12)
+    slow.run(12)
+    assert quick.graph.order == slow.graph.order
+    assert len(quick.graph.order) > 12 * 5
+    assert slow.graph.now - quick.graph.now > 30.0
 
 
 def test_each_step_ends_with_its_state_and_the_clock() -> None:
@@ -147,7 +146,12 @@ def test_each_step_ends_with_its_state_and_the_clock() -> None:
 def test_commands_that_come_at_once_are_kept() -> None:
     rig = Rig()
     rig.join()
-    rig.graph.turns = [lambda: [rig.torque(value) for value in TORQUES[:5]] and None]
+
+    def send() -> None:
+        for value in TORQUES[:5]:
+            rig.torque(value)
+
+    rig.graph.turns = [send]
     rig.run(5)
     assert rig.bridge.steps == 5
     assert rig.sim.control.joint_force.numpy()[0, rig.sim.model.dof("hinge")] == np.float32(TORQUES[4])
@@ -172,7 +176,8 @@ def test_a_controller_that_listens_to_nothing_is_enough() -> None:
 def test_what_it_waits_for_is_a_line() -> None:
     rig = Rig()
     rig.run(1, seconds=25.0)
-    text = "waiting for /joint_commands (sensor_msgs/msg/JointState) at 0.000 s, for {} s by the clock: nobody publishes it"
+    text = "waiting for /joint_commands (sensor_msgs/msg/JointState) at 0.000 s, for {} s by the clock: "
+    text += "nobody publishes it"
     assert rig.lines == [text.format(2), text.format(12), text.format(22)]
     rig.lines.clear()
     rig.graph.others[JOINTS] = ["std_msgs/msg/Float64MultiArray"]
@@ -275,10 +280,10 @@ def test_commands_of_another_type_are_a_line() -> None:
     rig = Rig(BridgeOptions(factor=1.0), mobile=True)
     rig.graph.others["/cmd_vel"] = ["geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"]
     rig.run(10_000, seconds=20.0)
-    wanted = (
-        "/cmd_vel is published as geometry_msgs/msg/TwistStamped, and must be geometry_msgs/msg/Twist; it is not heard"
+    (line,) = rig.graph.warnings
+    assert line.startswith(
+        "/cmd_vel is published as geometry_msgs/msg/TwistStamped, and must be geometry_msgs/msg/Twist"
     )
-    assert rig.graph.warnings == [wanted]
 
 
 # ---- services and parameters -----------------------------------------------------------------------------------------
@@ -361,12 +366,10 @@ def test_the_factor_may_be_changed() -> None:
 @pytest.mark.parametrize(
     ("options", "changes", "message"),
     [
-        ({"wait_for": "/cmd_vel"}, {}, "ros2: 'arm' takes no /cmd_vel: it has no base that can be driven; it takes "
-         "/joint_commands"),
+        ({"wait_for": "/cmd_vel"}, {}, "'arm' takes no /cmd_vel: it has no base that can be driven; it takes /joint_com"),
         ({"wait_for": "/joint_command"}, {}, "takes no /joint_command: .*; did you mean '/joint_commands'?"),
-        ({}, {"commands": []}, "ros2: 'arm' takes no commands: it has no base that can be driven; leave out --lock-step"),
-        ({"rate": 10.0}, {}, "ros2: rate must be at least 50 in lock-step, where controllers wait for the state of each "
-         "step, got 10; leave it out"),
+        ({}, {"commands": []}, "'arm' takes no commands: it has no base that can be driven; leave out --lock-step"),
+        ({"rate": 10.0}, {}, "rate must be at least 50 in lock-step, where controllers wait .*, got 10; leave it out"),
     ],
 )  # fmt: skip
 def test_mistakes_are_one_line(options: Any, changes: Any, message: str) -> None:
