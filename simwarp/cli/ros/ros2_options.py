@@ -86,8 +86,6 @@ class Ros2Options(CommonOptions):
             raise UsageError(f"--seconds must be positive and at most {LONGEST:g}, got {self.seconds:g}")
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0.0):
             raise UsageError(f"--rate must be positive, got {self.rate:g}")
-        if self.seed < 0:
-            raise UsageError(f"--seed must be >= 0, got {self.seed}")
         for name in ("wait_for", "wait_timeout"):
             if getattr(self, name) and not self.lock_step:
                 raise UsageError(f"--{name.replace('_', '-')}: is of --lock-step; add it, or leave this out")

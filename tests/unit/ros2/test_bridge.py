@@ -366,7 +366,7 @@ def test_the_factor_may_be_changed() -> None:
 @pytest.mark.parametrize(
     ("options", "changes", "message"),
     [
-        ({"wait_for": "/cmd_vel"}, {}, "'arm' takes no /cmd_vel: it has no base that can be driven; it takes /joint_com"),
+        ({"wait_for": "/cmd_vel"}, {}, "'arm' takes no /cmd_vel: it has no base that can be driven; it takes /joint"),
         ({"wait_for": "/joint_command"}, {}, "takes no /joint_command: .*; did you mean '/joint_commands'?"),
         ({}, {"commands": []}, "'arm' takes no commands: it has no base that can be driven; leave out --lock-step"),
         ({"rate": 10.0}, {}, "rate must be at least 50 in lock-step, where controllers wait .*, got 10; leave it out"),
