@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -119,6 +120,7 @@ class Bridge:
         self._single, self._again, self._begun = False, False, False
         self._resting: dict[str, float] = {}
         self._wrong: set[tuple[str, str]] = set()
+        self._said: dict[str, float] = {}
         self._look_at = clock() + FIRST_LINE
         self.pace = Pace(options.factor, clock)
         rate = 1.0 / target.dt if options.rate is None else options.rate
@@ -275,8 +277,12 @@ class Bridge:
             self._resting[command.topic] = self.elapsed
 
     def _refuse(self, text: str) -> None:
+        """A message that cannot be done: a line, the same one every 5 s at most."""
         self.refused += 1
-        self._warn(text)
+        now = self._clock()
+        if now - self._said.get(text, -math.inf) >= LOOK:
+            self._said[text] = now
+            self._warn(text)
 
     def _warn(self, text: str) -> None:
         self._say(f"warning: {text}")

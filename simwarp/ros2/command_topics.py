@@ -67,15 +67,15 @@ def checked_numbers(topic: str, field: str, values: Any) -> list[float]:
 
 
 def velocity_topic(
-    move: Callable[[float, float, float], None], *, stamped: bool, sideways: bool, still: bool = True
+    move: Callable[[float, float, float], None], rest: Apply, *, stamped: bool, sideways: bool
 ) -> CommandTopic:
     """`/cmd_vel` for what moves by speeds ahead and to the left [m/s] and a turn to the left [rad/s].
 
     Args:
         move: takes them.
+        rest: what is done where no command comes any more.
         stamped: messages are TwistStamped.
         sideways: it can move to the left, too; otherwise such commands are refused.
-        still: it stands still where no command comes any more.
     """
 
     def read(message: Any) -> Apply:
@@ -87,7 +87,6 @@ def velocity_topic(
             raise CommandError(f"{CMD_VEL}: linear.y must be 0, got {left:g}; this base does not move sideways")
         return lambda: move(ahead, left, turn)
 
-    rest = (lambda: move(0.0, 0.0, 0.0)) if still else None
     return CommandTopic(CMD_VEL, TWIST_STAMPED if stamped else TWIST, read, rest)
 
 

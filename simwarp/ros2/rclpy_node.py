@@ -53,14 +53,17 @@ def rclpy_node(name: str, arguments: Sequence[str] = ()) -> Iterator[RclpyNode]:
         ModelError: there is no ROS, or no such name.
     """
     rclpy = _rclpy()
-    from rclpy.exceptions import InvalidNodeNameException, UnknownROSArgsError
+    from rclpy.exceptions import InvalidNodeNameException
     from rclpy.signals import SignalHandlerOptions
 
     context = rclpy.Context()
     try:
         rclpy.init(args=[*arguments], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    except UnknownROSArgsError as error:
-        raise ModelError(f"ros2: {' '.join(str(error).split())}; see the ROS 2 documentation of --ros-args") from None
+    except RuntimeError as error:  # of arguments that ROS does not know, or cannot read
+        text = " ".join(str(error).split())
+        raise ModelError(
+            f"ros2: --ros-args must be followed by what ROS knows, got {text}; see ros2 run --help"
+        ) from None
     try:
         try:
             made = RclpyNode(rclpy.create_node(name, context=context), context)

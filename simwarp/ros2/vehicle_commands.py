@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ from simwarp.core.types import ModelError
 from simwarp.ros2.command_topics import (
     ACKERMANN,
     ACKERMANN_STAMPED,
+    CMD_VEL,
     Apply,
     CommandError,
     CommandTopic,
@@ -103,12 +105,14 @@ class VehicleCommands:
         self.driver = TwistDriver(driven, gains)
         self._speed, self._angle = 0.0, 0.0
         self._wanted = (0.0, 0.0, 0.0, 0.0)
+        self._source = CMD_VEL
 
     def topics(self) -> list[CommandTopic]:
         """What it listens to; the first one is the usual one."""
-        found = [velocity_topic(self._twist, stamped=self._stamped, sideways=False)]
+        rests = {topic: functools.partial(self._stand, topic) for topic in (CMD_VEL, ACKERMANN)}
+        found = [velocity_topic(self._twist, rests[CMD_VEL], stamped=self._stamped, sideways=False)]
         if self.map is not None:
-            found.append(CommandTopic(ACKERMANN, ACKERMANN_STAMPED, self._read, lambda: self._drive(0.0, 0.0)))
+            found.append(CommandTopic(ACKERMANN, ACKERMANN_STAMPED, self._read, rests[ACKERMANN]))
         return found
 
     def advance(self, dt: float) -> None:
@@ -129,10 +133,15 @@ class VehicleCommands:
         if self.map is None:
             self._set(ahead, turn)
         else:
-            self._drive(ahead, self.map.angle_for(ahead, turn))
+            self._drive(CMD_VEL, ahead, self.map.angle_for(ahead, turn))
 
-    def _drive(self, speed: float, angle: float, acceleration: float = 0.0, rate: float = 0.0) -> None:
-        self._wanted = (speed, angle, acceleration, rate)
+    def _drive(self, source: str, speed: float, angle: float, acceleration: float = 0.0, rate: float = 0.0) -> None:
+        self._source, self._wanted = source, (speed, angle, acceleration, rate)
+
+    def _stand(self, topic: str) -> None:
+        """Stands still, unless another topic drives by now."""
+        if topic == self._source:
+            self._twist(0.0, 0.0, 0.0)
 
     def _set(self, first: float, second: float) -> None:
         self.driver.command[self._world, 0] = first
@@ -153,7 +162,7 @@ class VehicleCommands:
             if values[field] < 0.0:
                 raise CommandError(f"{ACKERMANN}: drive.{field} must be >= 0, got {values[field]:g}; 0 means at once")
         speed, angle, acceleration, rate = values.values()
-        return lambda: self._drive(speed, angle, acceleration, rate)
+        return lambda: self._drive(ACKERMANN, speed, angle, acceleration, rate)
 
 
 def towards(value: float, target: float, most: float) -> float:

@@ -162,7 +162,7 @@ def _speeds(speeds: Any, before: list[Callable[[], None]], stamped: bool) -> Com
             speeds[name].values[0] = value
 
     before.append(write)
-    return velocity_topic(move, stamped=stamped, sideways="left" in speeds)
+    return velocity_topic(move, lambda: move(0.0, 0.0, 0.0), stamped=stamped, sideways="left" in speeds)
 
 
 def _actions(loop: Any) -> CommandTopic:

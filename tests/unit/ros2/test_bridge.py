@@ -40,8 +40,11 @@ class Rig:
         assert joints is not None
         commands: list[CommandTopic] = [joints]
         if changes.pop("mobile", False):
-            commands.append(velocity_topic(lambda ahead, left, turn: self.moves.append(ahead), stamped=False,
-                                           sideways=False))  # fmt: skip
+
+            def move(ahead: float, left: float, turn: float) -> None:
+                self.moves.append(ahead)
+
+            commands.append(velocity_topic(move, lambda: move(0.0, 0.0, 0.0), stamped=False, sideways=False))
         fields: dict[str, Any] = {"commands": commands, "refusal": "it has no base that can be driven"}
         self.target = BridgeTarget("arm", self.sim, STEPS * DT, self._advance, self._reset, **(fields | changes))
         self.graph = RosGraph(*missing)

@@ -38,20 +38,24 @@ class Moves(list[tuple[float, float, float]]):
         self.append((ahead, left, turn))
 
 
+def no_rest() -> None:
+    """Nothing."""
+
+
 def twist(ahead: float, turn: float, left: float = 0.0) -> dict[str, Any]:
     return {"linear": {"x": ahead, "y": left}, "angular": {"z": turn}}
 
 
 def test_a_twist_moves_ahead_and_turns() -> None:
     moves = Moves()
-    applied(velocity_topic(moves, stamped=False, sideways=False), twist(1.5, -0.25))
-    applied(velocity_topic(moves, stamped=True, sideways=True), {"twist": twist(1.5, -0.25, 0.125)})
+    applied(velocity_topic(moves, no_rest, stamped=False, sideways=False), twist(1.5, -0.25))
+    applied(velocity_topic(moves, no_rest, stamped=True, sideways=True), {"twist": twist(1.5, -0.25, 0.125)})
     assert moves == [(1.5, 0.0, -0.25), (1.5, 0.125, -0.25)]
 
 
 def test_a_twist_has_the_type_of_its_topic() -> None:
     for stamped, kind in ((False, "geometry_msgs/msg/Twist"), (True, "geometry_msgs/msg/TwistStamped")):
-        topic = velocity_topic(Moves(), stamped=stamped, sideways=False)
+        topic = velocity_topic(Moves(), no_rest, stamped=stamped, sideways=False)
         assert (topic.topic, topic.kind) == ("/cmd_vel", kind)
 
 
@@ -162,7 +166,7 @@ def test_actions_have_the_length_of_an_action() -> None:
 )
 def test_wrong_twists_are_one_line(values: Any, words: str) -> None:
     moves = Moves()
-    reads: Callable[[Any], Any] = velocity_topic(moves, stamped=False, sideways=False).read
+    reads: Callable[[Any], Any] = velocity_topic(moves, no_rest, stamped=False, sideways=False).read
     with pytest.raises(CommandError, match=f"^/cmd_vel: {words}"):
         reads(message("geometry_msgs/msg/Twist", values))
     assert moves == []

@@ -174,7 +174,7 @@ def test_names_that_ros_does_not_take_are_one_line(peer: Peer) -> None:
         pass
     assert "\n" not in str(found.value)
     with (
-        pytest.raises(sw.ModelError, match=r"ros2: .*see the ROS 2 documentation of --ros-args"),
+        pytest.raises(sw.ModelError, match=r"ros2: --ros-args must be followed by what ROS knows, got .*nonsense"),
         rclpy_node("bridge", ["--ros-args", "--nonsense"]),
     ):
         pass

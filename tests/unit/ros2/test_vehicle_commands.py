@@ -93,9 +93,12 @@ def test_a_steered_vehicle_takes_twists_and_ackermann_commands() -> None:
     assert driven.wanted() == pytest.approx([2.0, made.input_for(angle)], rel=1e-6)
     driven.send("/ackermann_cmd", {"drive": {"speed": -1.0, "steering_angle": -0.1}})
     assert driven.wanted() == pytest.approx([-1.0, made.input_for(float(np.float32(-0.1)))], rel=1e-6)
-    rest = driven.topics["/ackermann_cmd"].rest
-    assert rest is not None
-    rest()
+    rests = {topic: each.rest for topic, each in driven.topics.items()}
+    assert rests["/cmd_vel"] is not None
+    assert rests["/ackermann_cmd"] is not None
+    rests["/cmd_vel"]()  # which does not drive any more
+    assert driven.wanted()[0] == -1.0
+    rests["/ackermann_cmd"]()
     assert driven.wanted() == pytest.approx([0.0, made.input_for(0.0)], abs=1e-6)
 
 
