@@ -92,32 +92,84 @@ def test_a_reset_of_a_vehicle_begins_anew(folder, command, graph):
 
 
 def test_a_task_takes_actions(folder, command, graph):
-    controlled(graph, "/actions", {"data": [0.5] * 8}, 1000)
-    words = ("ros2", "ant", "--checkpoint", "zero", "--lock-step", "--seconds", "0.4", "--json", "a.json")
-    code, _, err = command(*words)
-    assert (code, err) == (0, "")
+    states = {}
+    for value in (0.0, 0.5):
+        graph.sent.clear()
+        controlled(graph, "/actions", {"data": [value]}, 1000)
+        words = ("ros2", "pendulum", "--checkpoint", "zero", "--lock-step", "--seconds", "0.4", "--json", "a.json")
+        code, _, err = command(*words)
+        assert (code, err) == (0, "")
+        states[value] = [each.velocity[0] for each in graph.read("/joint_states")]
     content = json.loads((folder / "a.json").read_text())
     assert content["commands"] == ["/actions"]
-    assert content["steps"] == round(0.4 / 0.05) or content["steps"] > 5
-    assert len(graph.read("/odom")) == content["steps"] + 1
+    assert len(states[0.5]) == content["steps"] + 1
+    assert states[0.0][0] == states[0.5][0]
+    assert states[0.0][1] != states[0.5][1]
     assert set(graph.services) == {"reset", "pause", "step"}
     assert "seed" in graph.parameters
 
 
+def test_a_seed_draws_the_worlds_of_a_reset(folder, command, graph):
+    begun = {}
+    for seed in (3, 4):
+        graph.sent.clear()
+        controlled(graph, "/actions", {"data": [0.0]}, 1000)
+        look, done = graph.always, []
+
+        def reset_once(look=look, done=done, seed=seed):
+            look()
+            if len(graph.sent["/odom"]) == 5 and not done:
+                assert graph.set("seed", seed) == ""
+                done.append(graph.call("reset"))
+
+        graph.always = reset_once
+        words = ("ros2", "pendulum", "--checkpoint", "zero", "--lock-step", "--seconds", "0.2")
+        assert command(*words)[0] == 0
+        assert done == [(True, f"begins anew with seed {seed}; /clock goes on")]
+        begun[seed] = [each.position[0] for each in graph.read("/joint_states")][:6]
+    assert begun[3][:5] == begun[4][:5]
+    assert begun[3][5] != begun[4][5]
+
+
 def test_actions_of_another_length_are_refused(folder, command, graph):
-    controlled(graph, "/actions", {"data": [0.5] * 7}, 1)
-    words = ("ros2", "ant", "--checkpoint", "zero", "--lock-step", "--seconds", "0.4", "--wait-timeout", "0.2")
+    controlled(graph, "/actions", {"data": [0.5, 0.5]}, 1)
+    words = ("ros2", "pendulum", "--checkpoint", "zero", "--lock-step", "--seconds", "0.4", "--wait-timeout", "0.2")
     code, out, err = command(*words)
     assert (code, err.count("\n")) == (1, 1)
     assert "simwarp: ros2: waiting for /actions (std_msgs/msg/Float64MultiArray) at 0.000 s" in err
     assert err.endswith("--wait-timeout 0.2 ends it\n")
-    assert "warning: /actions: data must hold 8 numbers, got 7; give a whole action" in out
+    assert "warning: /actions: data must hold 1 numbers, got 2; give a whole action" in out
+
+
+def test_a_policy_follows_commanded_speeds(folder, command, graph):
+    controlled(graph, "/cmd_vel", {"linear": {"x": 0.5, "y": 100.0}, "angular": {"z": -0.25}}, 1000)
+    seen = []
+    import simwarp.cli.ros.ros2_targets as targets
+
+    speeds = targets._speeds
+
+    def kept(commands, before, stamped):
+        topic = speeds(commands, before, stamped)
+        before.append(lambda: seen.append({name: float(each.values[0]) for name, each in commands.items()}))
+        return topic
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(targets, "_speeds", kept)
+        words = ("ros2", "quadruped-velocity", "--checkpoint", "zero", "--lock-step", "--seconds", "0.1")
+        code, _, err = command(*words)
+    assert (code, err) == (0, "")
+    assert len(seen) == 5
+    assert {"ahead", "left", "turn"} == set(seen[0])
+    for each in seen:
+        assert each["ahead"] == 0.5
+        assert each["turn"] == -0.25
+        assert 0.0 < each["left"] < 100.0  # within what it was trained for
 
 
 def test_a_scene_takes_joint_commands_and_arguments_go_to_ros(folder, command, graph):
     graph.turns = [lambda: graph.send("/joint_commands", {"name": graph.names[:1], "effort": [0.5]})]
-    words = ("ros2", "linkage", "--real-time-factor", "0", "--seconds", "0.1", "--node", "bench")
-    graph.names = ["crank"]
+    words = ("ros2", "four-bar", "--real-time-factor", "0", "--seconds", "0.1", "--node", "bench")
+    graph.names = ["crank_pivot"]
     code, _, err = command(*words, "--ros-args", "-r", "__ns:=/lab", "--", "--json", "a.json")
     assert (code, err) == (0, "")
     assert graph.arguments == ["--ros-args", "-r", "__ns:=/lab"]
@@ -154,6 +206,6 @@ def test_mistakes_are_one_line(folder, command, monkeypatch, arguments, words):
 
 
 def test_topics_that_a_target_does_not_take_are_one_line(folder, command, graph):
-    code, _, err = command("ros2", "linkage", "--lock-step", "--wait-for", "/cmd_vel")
+    code, _, err = command("ros2", "four-bar", "--lock-step", "--wait-for", "/cmd_vel")
     assert (code, err.count("\n")) == (2, 1)
-    assert "ros2: 'linkage' takes no /cmd_vel: it has no base that can be driven; it takes /joint_commands" in err
+    assert "ros2: 'four-bar' takes no /cmd_vel: it has no base that can be driven; it takes /joint_commands" in err

@@ -220,6 +220,14 @@ def test_a_command_that_is_refused_moves_no_step() -> None:
     assert rig.lines == [f"warning: {text}" for text in rig.graph.warnings]
 
 
+def test_the_same_mistake_again_and_again_is_a_line_every_five_seconds() -> None:
+    rig = Rig(BridgeOptions(factor=1.0))
+    rig.graph.always = lambda: rig.torque(math.nan)
+    rig.run(10_000, seconds=12.0)
+    assert rig.bridge.refused > 500
+    assert len(rig.graph.warnings) == 3
+
+
 def test_another_topic_may_be_waited_for() -> None:
     rig = Rig(BridgeOptions(lock_step=True, wait_for="/cmd_vel"), mobile=True)
     drive = {"linear": {"x": 1.5}}
