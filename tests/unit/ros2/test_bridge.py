@@ -284,7 +284,7 @@ def test_a_simulation_that_is_too_slow_says_so() -> None:
     rig.run(10_000, seconds=13.0)
     assert len(rig.lines) == 2
     for line in rig.lines:
-        assert line.startswith("lags: 0.4 of real time, 1 was asked for; /clock goes as slowly"), line
+        assert line.startswith("lags: 0.40 of real time, 1 was asked for; /clock goes as slowly"), line
 
 
 def test_commands_of_another_type_are_a_line() -> None:
