@@ -53,8 +53,10 @@ class SteeringMap:
         places = [each.location[0] for each in spec.axles]
         if spec.axles[axle].location[0] < 0.5 * (max(places) + min(places)):
             angles = -angles  # wheels behind turn the other way
-        reached = np.isfinite(angles)
-        if not reached.any() or not (np.diff(angles[reached]) > 0.0).all():
+        reached = np.flatnonzero(np.isfinite(angles))
+        if len(reached) and angles[reached[-1]] < angles[reached[0]]:
+            reached = reached[::-1]
+        if len(reached) < 2 or not (np.diff(angles[reached]) > 0.0).all():
             raise ModelError(f"vehicle '{spec.name}': its steering does not reach from lock to lock; see simwarp rig")
         self._inputs, self._angles = GRID[reached], angles[reached]
         self.wheelbase = wheelbase(spec)
