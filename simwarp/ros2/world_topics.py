@@ -286,6 +286,8 @@ class _StaticFrames:
 
     def refresh(self, now: int) -> None:
         """Writes them where they are not yet written."""
+        if self._written is not None and not self._mounts:
+            return
         for index, position, rotation in self._mounts:
             self._values[index, :3], self._values[index, 3:] = position(), rotation()
         if self._written is not None and np.array_equal(self._values, self._written):
