@@ -58,6 +58,7 @@ COMMANDS = {
         Command("sweep", "TASK", "trainings over seeds and settings, compared", "simwarp.cli.training_sweep:run"),
         Command("play", "TASK", "a picture or a short video of a policy at work", "simwarp.cli.playing:run"),
         Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.view_command:run"),
+        Command("ros2", "TARGET", "topics, clock and commands of ROS 2", "simwarp.cli.ros.ros2_command:run"),
         Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluation.evaluating:run"),
         Command("export", "RUN", "a policy as an ONNX or TorchScript file, checked", "simwarp.cli.export:run"),
         Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.imitation.record:run"),

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import enum
+import struct
 import time
+import zlib
 from pathlib import Path
 from typing import IO, Any, Final
 
 from simwarp.core.files import output_error
 from simwarp.mcap.mcap_extra import not_installed
-from simwarp.mcap.ros_messages import MessageTypes, Template
+from simwarp.ros2.ros_messages import MessageTypes, Template
 
 try:
-    from mcap.writer import CompressionType, Writer
+    import lz4.frame
+    import zstandard
+    from mcap.data_stream import RecordBuilder
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, Header, Schema, Statistics, SummaryOffset
+    from mcap.writer import MCAP0_MAGIC
 except ImportError as error:
     raise not_installed(error) from None
 
@@ -39,8 +46,20 @@ class Compression(enum.Enum):
     """Smaller and slower."""
 
 
+MESSAGE: Final = struct.Struct("<BQHIQQ")
+"""Head of a message: opcode, length of what follows, channel, number, log time, publish time."""
+MESSAGE_HEAD: Final = MESSAGE.size - 9
+"""Bytes of it that count as the message's."""
+INDEX: Final = struct.Struct("<BQHI")
+"""Head of the index of a channel's messages in a chunk: opcode, length, channel, bytes of (time, place) pairs."""
+FOOTER: Final = struct.Struct("<BQQQ")
+"""Beginning of the footer that its own checksum covers: opcode, length, places of the summary and of its groups."""
+
+
 class McapFile:
-    """A file with a channel for each topic.
+    """A file with a channel for each topic, its messages in chunks (MCAP 0, https://mcap.dev/spec).
+
+    Records are the library's; messages and their index are written here, many times as fast as by its Writer.
 
     Args:
         path: of the file, which is replaced.
@@ -49,7 +68,6 @@ class McapFile:
     Attributes:
         path: of the file.
         types: of the messages.
-        messages: number that was written.
         size: bytes of all messages, before compression.
         closed: whether the file is complete.
 
@@ -59,19 +77,28 @@ class McapFile:
 
     def __init__(self, path: Path, compression: Compression) -> None:
         self.path, self.types = path, MessageTypes()
-        self.messages, self.size, self.closed = 0, 0, False
-        self._schemas: dict[str, int] = {}
+        self.size, self.closed = 0, False
+        self._compression = compression
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        self._pending, self._begun = 0, time.monotonic()
+        self._chunk, self._begun = bytearray(), time.monotonic()
+        self._places: dict[int, list[int]] = {}
+        """Time and place in the chunk of each message, by channel."""
+        self._open, self._first, self._last = False, 0, 0
+        self._chunks: list[ChunkIndex] = []
         self._stream: IO[bytes] | None = None
         try:
             self._stream = path.open("wb")
-            kind = CompressionType[compression.name]
-            # Chunks end here and not in the library, which does not hand them on to the disk
-            self._writer = Writer(self._stream, chunk_size=2**62, compression=kind)
-            self._writer.start(profile="ros2", library="simwarp")
+            self._stream.write(MCAP0_MAGIC)
+            self._append(Header("ros2", "simwarp"))
         except OSError as error:
             raise self._failed(error) from error
+
+    @property
+    def messages(self) -> int:
+        """Number that was written."""
+        return sum(self._counts.values())
 
     def channel(self, topic: str, kind: str, *, latched: bool = False) -> int:
         """A new topic with messages of a type such as `sensor_msgs/msg/Imu`; returns its number.
@@ -83,10 +110,15 @@ class McapFile:
         """
         if kind not in self._schemas:
             text = self.types.definition(kind).encode()
-            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text)
+            self._schemas[kind] = Schema(id=len(self._schemas) + 1, data=text, encoding="ros2msg", name=kind)
+            self._chunk += _bytes_of(self._schemas[kind])
+        number, schema = len(self._channels) + 1, self._schemas[kind].id
         metadata = {"offered_qos_profiles": LATCHED if latched else ""}
-        number: int = self._writer.register_channel(topic, "cdr", self._schemas[kind], metadata)
-        self._counts[number] = 0
+        self._channels[number] = Channel(
+            id=number, topic=topic, message_encoding="cdr", schema_id=schema, metadata=metadata
+        )
+        self._chunk += _bytes_of(self._channels[number])
+        self._counts[number], self._places[number] = 0, []
         return number
 
     def write(self, channel: int, template: Template, time: int) -> None:
@@ -95,37 +127,43 @@ class McapFile:
         Args:
             channel: of its topic.
             template: the message.
-            time: at which it is delivered [ns].
+            time: at which it is delivered [ns]; it never goes back.
         """
-        self._counts[channel] += 1
-        # it is copied, so that its memory may be written into again
-        data: Any = template.data
-        self._writer.add_message(channel, time, data, time, self._counts[channel])
-        self.messages += 1
-        self.size += len(template.data)
-        self._pending += len(template.data)
-        if self._pending >= CHUNK:
+        data, chunk = template.data, self._chunk
+        size = len(data)
+        self._counts[channel] = count = self._counts[channel] + 1
+        if not self._open:
+            self._open, self._first = True, time
+        self._last = time
+        self._places[channel] += (time, len(chunk))
+        chunk += MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + size, channel, count, time, time)
+        chunk += data
+        self.size += size
+        if len(chunk) >= CHUNK:
             self.flush()
 
     def tick(self) -> None:
         """Ends a chunk that has been open for long."""
-        if self._pending and time.monotonic() - self._begun > LONGEST_CHUNK:
+        if self._open and time.monotonic() - self._begun > LONGEST_CHUNK:
             self.flush()
 
     def flush(self) -> None:
         """Ends the chunk and hands it to the operating system."""
         try:
-            self._writer.flush()
+            self._end_chunk()
+            self._file().flush()
         except OSError as error:
             raise self._failed(error) from error
-        self._pending, self._begun = 0, time.monotonic()
+        self._begun = time.monotonic()
 
     def close(self) -> None:
         """Ends the file; a second call does nothing."""
         if self.closed or self._stream is None:
             return
         try:
-            self._writer.finish()
+            self._end_chunk()
+            self._append(DataEnd(0))
+            self._end_file()
             self._stream.close()
         except OSError as error:
             raise self._failed(error) from error
@@ -142,3 +180,78 @@ class McapFile:
             except OSError:
                 stream.raw.close()
         return output_error(self.path, error)
+
+    def _file(self) -> IO[bytes]:
+        assert self._stream is not None
+        return self._stream
+
+    def _append(self, record: Any) -> None:
+        self._file().write(_bytes_of(record))
+
+    def _end_chunk(self) -> None:
+        """Writes the chunk and the index of its messages."""
+        if not self._open:
+            return
+        file, chunk = self._file(), bytes(self._chunk)
+        data = _compressed(chunk, self._compression)
+        name = "" if self._compression is Compression.NONE else self._compression.value
+        place = file.tell()
+        self._append(Chunk(
+            compression=name, data=data, message_start_time=self._first, message_end_time=self._last,
+            uncompressed_crc=zlib.crc32(chunk), uncompressed_size=len(chunk),
+        ))  # fmt: skip
+        end, offsets = file.tell(), {}
+        for channel, places in self._places.items():
+            if places:
+                offsets[channel] = file.tell()
+                pairs = struct.pack(f"<{len(places)}Q", *places)
+                file.write(INDEX.pack(Opcode.MESSAGE_INDEX, INDEX.size - 9 + len(pairs), channel, len(pairs)) + pairs)
+                places.clear()
+        self._chunks.append(ChunkIndex(
+            message_start_time=self._first, message_end_time=self._last, chunk_start_offset=place,
+            chunk_length=end - place, message_index_offsets=offsets, message_index_length=file.tell() - end,
+            compression=name, compressed_size=len(data), uncompressed_size=len(chunk),
+        ))  # fmt: skip
+        self._chunk.clear()
+        self._open = False
+
+    def _end_file(self) -> None:
+        """Writes the summary, by which readers find topics and chunks, and the footer."""
+        file = self._file()
+        begin, summary, offsets = file.tell(), RecordBuilder(), []
+        statistics = Statistics(
+            attachment_count=0, channel_count=len(self._channels), channel_message_counts=self._counts,
+            chunk_count=len(self._chunks), message_count=self.messages, metadata_count=0,
+            message_start_time=self._chunks[0].message_start_time if self._chunks else 0,
+            message_end_time=self._last, schema_count=len(self._schemas),
+        )  # fmt: skip
+        groups: list[tuple[Opcode, list[Any]]] = [
+            (Opcode.SCHEMA, [*self._schemas.values()]), (Opcode.CHANNEL, [*self._channels.values()]),
+            (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, [*self._chunks]),
+        ]  # fmt: skip
+        for code, records in groups:
+            start = summary.count
+            for record in records:
+                record.write(summary)
+            offsets.append(SummaryOffset(code, begin + start, summary.count - start))
+        of_groups = begin + summary.count
+        for offset in offsets:
+            offset.write(summary)
+        data = summary.end()
+        head = FOOTER.pack(Opcode.FOOTER, 8 + 8 + 4, begin, of_groups)
+        file.write(data)
+        self._append(Footer(summary_start=begin, summary_offset_start=of_groups, summary_crc=zlib.crc32(data + head)))
+        file.write(MCAP0_MAGIC)
+
+
+def _bytes_of(record: Any) -> bytes:
+    """A record of the library, serialised."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
+
+
+def _compressed(data: bytes, compression: Compression) -> bytes:
+    if compression is Compression.LZ4:
+        return bytes(lz4.frame.compress(data))
+    return bytes(zstandard.compress(data)) if compression is Compression.ZSTD else data

@@ -41,6 +41,7 @@ VALUES = 2
 NOT_RUN = {
     r"simwarp sweep .*--launcher slurm": "needs a cluster",
     r"simwarp doctor --gpu": "needs a CUDA device",
+    r"simwarp ros2": "needs a running ROS 2; tests/unit/ros2/test_rclpy_node.py runs where it is present",
     r"simwarp drive .*--view": "serves a page until it is closed; `view --drive` is the same page",
     r"simwarp (train|eval|play|distill|view) (my-robot|my-quadruped|my-go2)": (
         "a package that was installed by pip; tests/cli/test_cli_new_task.py installs and trains one"

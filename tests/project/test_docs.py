@@ -21,7 +21,9 @@ from tests.project.page_commands import pages, python_blocks
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
-WITH_CODE = [page for page in pages() if python_blocks(page)]
+OF_ROS = "ros2.md"
+"""Its Python is a node, which needs ROS 2 and a simulation: tests/unit/ros2/test_rclpy_node.py runs it."""
+WITH_CODE = [page for page in pages() if python_blocks(page) and page.name != OF_ROS]
 """Every page that has Python: none is left out."""
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],

@@ -1,8 +1,8 @@
 """Imports go one way, and never in a circle:
 
 warp <- core <- kernels <- geometry <- model <- simulation <- actuators, kinematics, motions, analysis, vehicle,
-sensors, soil, flex, scenery, scenes <- importers, exporters, mcap, identify, viewer, planning <- tasks <- train, study
-<- bench, verify <- cli. A device half, `X_kernels.py` beside its host `X.py`, imports `core`, the engine and other
+sensors, soil, flex, scenery, scenes <- importers, exporters, ros2, mcap, identify, viewer, planning <- tasks <- train,
+study <- bench, verify <- cli. A device half, `X_kernels.py` beside its host `X.py`, imports `core`, the engine and other
 device halves. `statistics` and `search` import `core` alone. Vehicles and sensors do not import each other, nor do
 training and studies. Measurement and commands may import each other's modules, but not in a circle. Torch and trimesh
 have one file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles too.
@@ -25,7 +25,8 @@ RANKS = {
     "kernels": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "actuators": 6, "kinematics": 6,
     "motions": 6, "analysis": 6, "meshes": 3,
     "vehicle": 6, "sensors": 6, "soil": 6, "flex": 6,
-    "scenery": 6, "scenes": 6, "importers": 7, "exporters": 7, "mcap": 7, "identify": 7, "viewer": 7, "planning": 7,
+    "scenery": 6, "scenes": 6, "importers": 7, "exporters": 7, "ros2": 7, "mcap": 7, "identify": 7, "viewer": 7,
+    "planning": 7,
     "tasks": 8, "train": 9, "study": 9, "bench": 10, "verify": 10, "cli": 10, "__main__": 11,
 }  # fmt: skip
 APART = ({"vehicle", "sensors"}, {"study", "train"})

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
-import numpy as np
 import tyro
 
 from simwarp.cli import UsageError
+from simwarp.cli.drive.mounted_sensors import mounted_sensors, placed, words_of
 from simwarp.cli.options import CommonOptions
 from simwarp.mcap.mcap_extra import check_mcap_path
 from simwarp.simulation.attachments import ForceElement, Sensor
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     AnyFilm: TypeAlias = "DriveFilm | DriveSceneFilm | DriveRecord"
 
-ROOF: Final = (0.0, 0.0, 1.5)
-"""Where cameras, lidars and radars are unless it is said, from the chassis' centre of mass [m]."""
 SENSORS_HINT: Final = "(default: none)"
 
 
@@ -51,50 +49,19 @@ class RecordOptions(CommonOptions):
             check_mcap_path(self.record)
         elif self.sensors is not None:
             raise UsageError("--sensors: are recorded, and no --record names a file for them; add --record run.mcap")
-        for word in _words(self.sensors):
-            _placed(word)
-
-
-def _words(text: str | None) -> list[str]:
-    return [word.strip() for word in (text or "").split(",") if word.strip()]
-
-
-def _placed(word: str) -> tuple[str, tuple[float, ...] | None]:
-    """Name and place of a sensor.
-
-    Raises:
-        UsageError: the place is none.
-    """
-    name, found, text = word.partition("@")
-    try:
-        place = tuple(float(number) for number in text.split(":"))
-    except ValueError:
-        place = ()
-    if found and not (len(place) == 3 and np.isfinite(place).all()):
-        raise UsageError(f"--sensors: a place must be x:y:z in metres, got '{text}' of '{name}'; write {name}@0:0:1.2")
-    return name, place if found else None
+        for word in words_of(self.sensors):
+            placed(word)
 
 
 def sensors_of(maneuver: Maneuver, options: RecordOptions) -> Callable[[Any, Sequence[ForceElement]], list[Sensor]]:
     """What makes the sensors that were asked for, once the vehicle is there."""
 
     def made(vehicle: Any, elements: Sequence[ForceElement]) -> list[Sensor]:
-        words = _words(options.sensors)
-        if not words:
+        if not words_of(options.sensors):
             return []
         from simwarp.cli.view.maneuver_scene import driven_scene
-        from simwarp.core.types import pose
-        from simwarp.sensors import CameraConfig, LidarConfig, Mount, RadarConfig, load_config, make_sensor
 
-        scene, found = driven_scene(vehicle, elements, maneuver), []
-        for number, (name, place) in enumerate(map(_placed, words)):
-            config = load_config(name)
-            usual = ROOF if isinstance(config, (CameraConfig, LidarConfig, RadarConfig)) else (0.0, 0.0, 0.0)
-            mount = Mount(vehicle.parts.chassis, pose(usual if place is None else place))
-            earlier = sum(_placed(other)[0] == name for other in words[:number])
-            title = Path(name).stem if not earlier else f"{Path(name).stem}-{earlier + 1}"
-            found.append(make_sensor(config, scene, mount, name=title))
-        return found
+        return mounted_sensors(options.sensors, vehicle, driven_scene(vehicle, elements, maneuver))
 
     return made
 

@@ -94,6 +94,14 @@ class TaskLoop:
         self.returns *= ~chosen
         reset_memory(self.policy, chosen)
 
+    def restart(self, seed: int) -> None:
+        """New episodes in all worlds, drawn by a seed."""
+        for listener in self.resetting:
+            listener(None)
+        self._observations = self.task.restart(seed=seed)
+        self.returns.zero_()
+        reset_memory(self.policy)
+
     def use(self, policy: Policy) -> None:
         """Another policy from the next step on."""
         self.policy = policy

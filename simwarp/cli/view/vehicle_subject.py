@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,12 @@ import numpy as np
 from simwarp.core.types import Material, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import resolve_device
-from simwarp.sensors.scene import Visuals
+from simwarp.sensors.scene import Scene, Visuals
+from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
-from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
+from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
 from simwarp.vehicle.tracks.tracked_files import load_any_vehicle
@@ -34,12 +37,34 @@ LIVE_TRACK_SOLVER = dataclasses.replace(TRACK_SOLVER, max_iterations=30)
 """A step of tracks takes milliseconds a world: fewer iterations, and a step of the page for each."""
 
 
-def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
+@dataclasses.dataclass(frozen=True)
+class Additions:
+    """What else acts on a vehicle and measures it.
+
+    Attributes:
+        before: makes the force elements that come before the vehicle's own.
+        sensors: makes the sensors.
+        track_solver: of tracks of shoes.
+    """
+
+    before: Callable[[AnyVehicle, AnyVehicleSpec], Sequence[ForceElement]] = lambda vehicle, spec: ()
+    sensors: Callable[[AnyVehicle, Scene], Sequence[Sensor]] = lambda vehicle, scene: ()
+    track_solver: SolverOptions = LIVE_TRACK_SOLVER
+
+
+def vehicle_subject(name: str, worlds: int, device: str, additions: Additions | None = None) -> Subject:
     """A shipped vehicle, or that of a JSON file, at rest on asphalt.
+
+    Args:
+        name: of it, or path of its file.
+        worlds: how many.
+        device: of the worlds.
+        additions: to the vehicle; None: there are none.
 
     Raises:
         SpecError: the file cannot be read, or breaks a rule.
     """
+    more = Additions() if additions is None else additions
     spec = load_any_vehicle(name)
     builder = ModelBuilder()
     parts: VehicleParts | TrackedVehicleParts
@@ -56,7 +81,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     )
     vehicle: AnyVehicle
     if isinstance(parts, TrackedVehicleParts):
-        vehicle, solver, steps = TrackedVehicle(parts, model), LIVE_TRACK_SOLVER, 1
+        vehicle, solver, steps = TrackedVehicle(parts, model), more.track_solver, 1
         if vehicle.belts is not None:
             solver, steps = VEHICLE_SOLVER, round(CONTROL / DT)
             vehicle.belts.ground_friction.fill_(FRICTION)
@@ -64,7 +89,9 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
         vehicle, solver = Vehicle(parts, model, ground=ground(model.device)), VEHICLE_SOLVER
         steps = round(CONTROL / DT)
         vehicle.tires.ground_friction.fill_(FRICTION)
-    simulation = Simulation(model, DT, elements=[vehicle, *with_hand(model)], solver=solver)
+    scene = visuals.finalize(model)
+    acting = [*more.before(vehicle, spec), vehicle, *with_hand(model)]
+    simulation = Simulation(model, DT, elements=acting, sensors=more.sensors(vehicle, scene), solver=solver)
 
     def reset(mask: Mask | None) -> None:
         simulation.reset(None if mask is None else np.asarray(mask))
@@ -72,7 +99,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     shot = Shot(body=parts.chassis, target=(0.0, 0.0, 0.3), eye=(-7.0, -5.0, 3.2))
     elements: dict[str, Any] = {"vehicle": vehicle}
     return Subject(
-        spec.name, simulation, visuals.finalize(model), steps * DT, lambda: simulation.advance(steps), reset, shot,
+        spec.name, simulation, scene, steps * DT, lambda: simulation.advance(steps), reset, shot,
         elements=elements, series=joint_series(simulation),
     )  # fmt: skip
 

@@ -55,7 +55,7 @@ def find_target(name: str) -> ViewTarget:
     if name in json.loads((package / "tasks" / "built_in.json").read_text(encoding="utf-8")):
         return ViewTarget("task", name)
     shipped = package / "vehicle" / "data"
-    if (shipped / f"{name}.json").is_file() or (shipped / "tracked" / f"{name}.json").is_file():
+    if any((shipped / folder / f"{name}.json").is_file() for folder in (".", "tracked", "reduced")):
         return ViewTarget("vehicle", name)
     from simwarp.cli.listing import catalogue
 

@@ -12,7 +12,7 @@ import pytest
 import simwarp as sw
 from simwarp import sensors as s
 from simwarp.core.rotation import matrix_of
-from simwarp.mcap.sensor_topics import camera_info
+from simwarp.ros2.sensor_topics import camera_info
 from tests.unit.mcap.recordings import Read, ns, of, read_by_mcap, read_by_rosbags, stamp
 
 DT, STEPS, WORLD = 0.005, 60, 1

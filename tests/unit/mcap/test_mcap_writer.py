@@ -302,10 +302,10 @@ def test_a_missing_extra_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyP
     message = rf"recording: must have module '{name}', got none; pip install 'simwarp\[mcap\]'"
     with pytest.raises(sw.ModelError, match=message):
         sw.mcap.Writer(tmp_path / "run.mcap", simulation())
-    module = {"mcap": "mcap_file", "rosbags": "ros_messages"}[name]
+    module = {"mcap": "mcap.mcap_file", "rosbags": "ros2.ros_messages"}[name]
     monkeypatch.setitem(sys.modules, name, None)
     for inner in [each for each in sys.modules if each.startswith(f"{name}.")]:
         monkeypatch.setitem(sys.modules, inner, None)
-    monkeypatch.delitem(sys.modules, f"simwarp.mcap.{module}")
+    monkeypatch.delitem(sys.modules, f"simwarp.{module}")
     with pytest.raises(sw.ModelError, match=r"pip install 'simwarp\[mcap\]'"):
-        importlib.import_module(f"simwarp.mcap.{module}")
+        importlib.import_module(f"simwarp.{module}")

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.mcap.frame_names import OPTICAL
-from simwarp.mcap.ros_messages import MessageTypes, Template
-from simwarp.mcap.world_rows import row_of
+from simwarp.ros2.frame_names import OPTICAL
+from simwarp.ros2.ros_messages import MessageTypes, Template
+from simwarp.ros2.world_rows import row_of
 from simwarp.sensors import (
     Camera,
     ContactSensor,

@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.mcap.mcap_extra import not_installed
+from simwarp.ros2.messages_extra import not_installed
 
 try:
     from rosbags.interfaces import Nodetype
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 except ImportError as error:
     raise not_installed(error) from None
 
@@ -27,6 +27,13 @@ STAMP: Final = struct.Struct("<iI")
 """Of a time: seconds, nanoseconds."""
 SECOND: Final = 1_000_000_000
 """In nanoseconds."""
+FURTHER: Final = {
+    "ackermann_msgs/msg/AckermannDrive": (
+        "float32 steering_angle\nfloat32 steering_angle_velocity\nfloat32 speed\nfloat32 acceleration\nfloat32 jerk\n"
+    ),
+    "ackermann_msgs/msg/AckermannDriveStamped": "std_msgs/Header header\nackermann_msgs/AckermannDrive drive\n",
+}
+"""Definitions of messages that are common and no part of an installation."""
 
 Places = dict[str, tuple[np.dtype[Any], int, int]]
 """Path of a field -> dtype, first byte, count."""
@@ -41,6 +48,17 @@ class MessageTypes:
     def definition(self, kind: str) -> str:
         """Text of a message type such as `sensor_msgs/msg/Imu`, with those that it is made of."""
         return str(self._store.generate_msgdef(kind, ros_version=2)[0])
+
+    def read(self, kind: str, data: bytes) -> Any:
+        """The message that serialised bytes hold.
+
+        Raises:
+            ValueError: they hold no message of this type.
+        """
+        try:
+            return self._store.deserialize_cdr(data, kind)
+        except Exception as error:  # the library raises what its generated code meets: SerdeError, struct.error, ...
+            raise ValueError(f"{len(data)} bytes are no {kind}") from error
 
     def template(self, kind: str, values: Mapping[str, Any]) -> Template:
         """A message of fields by name, those of messages within it as mappings in turn."""
@@ -98,7 +116,10 @@ class MessageTypes:
 @functools.cache
 def _store() -> Any:
     """The library's types, which it makes code for as they are asked for: tenths of a second, once in a process."""
-    return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for kind, text in FURTHER.items():
+        store.register(get_types_from_msg(text, kind))
+    return store
 
 
 def _aligned(at: int, size: int) -> int:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from simwarp.mcap.frame_names import Names, topic_word
-from simwarp.mcap.ros_messages import MessageTypes
+from simwarp.ros2.frame_names import Names, topic_word
+from simwarp.ros2.ros_messages import MessageTypes
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = MessageTypes()
@@ -78,3 +78,43 @@ def test_words_of_topics_are_those_that_ros_takes(name: str, word: str) -> None:
 def test_names_differ() -> None:
     names = Names("map")
     assert [names("map"), names("a"), names("a"), names("a_2")] == ["map_2", "a", "a_2", "a_2_2"]
+
+
+LATER = [store for store in Stores if store.name.startswith("ROS2_") and store.name > "ROS2_HUMBLE"]
+USED = [*KINDS, "geometry_msgs/msg/Twist", "std_msgs/msg/Float64MultiArray"]
+
+
+@pytest.mark.parametrize("store", LATER, ids=lambda store: store.name)
+def test_later_distributions_have_the_same_definitions(store: Stores) -> None:
+    later = get_typestore(store)
+    for kind in USED:
+        # fields, those of messages within it included; comments and constants may differ
+        pending, seen = [kind], set()
+        while pending:
+            name = pending.pop()
+            if name in seen:
+                continue
+            seen.add(name)
+            assert later.get_msgdef(name).fields == STORE.get_msgdef(name).fields, name
+            for _, description in STORE.get_msgdef(name).fields:
+                inner: Any = description
+                while isinstance(inner[1], tuple) and isinstance(inner[1][0], tuple):
+                    inner = inner[1][0]
+                if inner[0].name == "NAME":
+                    pending.append(inner[1])
+        assert len(seen) > (kind == "nav_msgs/msg/Odometry") * 8
+
+
+def test_bytes_that_are_no_message_are_an_error() -> None:
+    for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(range(20))):
+        with pytest.raises(ValueError, match=rf"{len(data)} bytes are no geometry_msgs/msg/Twist"):
+            TYPES.read("geometry_msgs/msg/Twist", data)
+
+
+def test_an_ackermann_command_reads_back() -> None:
+    kind = "ackermann_msgs/msg/AckermannDriveStamped"
+    template = TYPES.template(kind, {"header": {"frame_id": "base_link"}, "drive": {"speed": 1.5}})
+    template.numbers("drive.steering_angle")[...] = -0.25
+    message = TYPES.read(kind, bytes(template.data))
+    assert (message.header.frame_id, message.drive.speed, message.drive.steering_angle) == ("base_link", 1.5, -0.25)
+    assert len(template.data) == 4 + 8 + 4 + 10 + 2 + 5 * 4  # two bytes align the numbers
