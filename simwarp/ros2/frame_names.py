@@ -8,7 +8,7 @@ from typing import Final
 MAP: Final = "map"
 """The world: x east or as its origin says, z up."""
 ODOM: Final = "odom"
-"""Where bodies are told: the world again, for a simulation knows where they are."""
+"""Where poses of bodies are: the world again, for a simulation knows where they are."""
 BASE: Final = "base_link"
 """Frame of the body that the others go along with."""
 OPTICAL: Final = (-0.5, 0.5, -0.5, 0.5)

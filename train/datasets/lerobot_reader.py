@@ -46,7 +46,7 @@ def read_lerobot(folder: Path, task_name: str) -> Trajectories:
 
 
 def _read(folder: Path, groups: Any, about: dict[str, Any], where: str) -> Trajectories:
-    features = [_feature(group, told) for group, told in groups.items()]
+    features = [_feature(group, described) for group, described in groups.items()]
     info = read_json(folder / layout.INFO, "file of a dataset")
     episodes = _episodes(folder, int(info["total_episodes"]))
     total = sum(int(row["length"]) for row in episodes)
@@ -72,10 +72,10 @@ def _read(folder: Path, groups: Any, about: dict[str, Any], where: str) -> Traje
     return found
 
 
-def _feature(group: str, told: Any) -> Feature:
-    shape = tuple(int(length) for length in told["shape"])
-    key = str(told["feature"])
-    return Feature(group, key, shape, str(np.dtype(told["dtype"])), key.startswith("observation.images."))
+def _feature(group: str, described: Any) -> Feature:
+    shape = tuple(int(length) for length in described["shape"])
+    key = str(described["feature"])
+    return Feature(group, key, shape, str(np.dtype(described["dtype"])), key.startswith("observation.images."))
 
 
 def _episodes(folder: Path, total: int) -> list[dict[str, Any]]:
