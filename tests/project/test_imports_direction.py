@@ -2,10 +2,11 @@
 
 warp <- core <- kernels <- geometry <- model <- simulation <- actuators, kinematics, motions, analysis, vehicle,
 sensors, soil, flex, scenery, scenes <- importers, exporters, ros2, mcap, identify, viewer, planning <- tasks <-
-train, study <- bench, verify <- cli. A device half, `X_kernels.py` beside its host `X.py`, imports `core`, the engine and other
-device halves. `statistics` and `search` import `core` alone. Vehicles and sensors do not import each other, nor do
-training and studies. Measurement and commands may import each other's modules, but not in a circle. Torch and trimesh
-have one file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles too.
+train, study <- bench, verify <- cli. A device half, `X_kernels.py` beside its host `X.py`, imports `core`, the engine
+and other device halves. `statistics` and `search` import `core` alone. Vehicles and sensors do not import each other,
+nor do training and studies. Measurement and commands may import each other's modules, but not in a circle. Torch and
+trimesh have one file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles
+too.
 """
 
 import ast
