@@ -147,13 +147,15 @@ def _with(document: Any, keys: Keys, value: Any) -> Any:
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """A number, list or table times a factor: of pairs (x, y) the second numbers, of a map its last block."""
+    """A number, list or table times a factor: of pairs (x, y) the second numbers, of rows all, of a map its last block."""
     if is_number(value):
         return float(value) * factor
     if not any(isinstance(item, (list, tuple)) for item in value):
         return [float(item) * factor for item in value]
     if all(isinstance(item, (list, tuple)) and len(item) == 2 and all(map(is_number, item)) for item in value):
         return [[item[0], float(item[1]) * factor] for item in value]
+    if all(isinstance(item, (list, tuple)) and all(map(is_number, item)) for item in value):
+        return [[float(number) * factor for number in item] for item in value]
     *places, block = value
     return [*places, [[float(item) * factor for item in row] for row in block]]
 
