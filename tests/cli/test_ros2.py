@@ -74,7 +74,8 @@ def test_a_vehicle_in_lock_step_repeats_bit_by_bit(folder, command, graph):
 
 def test_a_reset_of_a_vehicle_begins_anew(folder, command, graph):
     controlled(graph, "/cmd_vel", TWIST, 1000)
-    look, done = graph.always, []
+    look = graph.always
+    done: list[int] = []
 
     def reset_once():
         look()
@@ -114,7 +115,8 @@ def test_a_seed_draws_the_worlds_of_a_reset(folder, command, graph):
     for seed in (3, 4):
         graph.sent.clear()
         controlled(graph, "/actions", {"data": [0.0]}, 1000)
-        look, done = graph.always, []
+        look = graph.always
+        done: list[int] = []
 
         def reset_once(look=look, done=done, seed=seed):
             look()

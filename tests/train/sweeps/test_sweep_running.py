@@ -447,7 +447,7 @@ def test_a_run_that_is_there_is_ended_and_kept_the_next_time(tmp_path):
             progress(run, [5.0] * 6 + [7.0] * 10)
         return poll()
 
-    job.poll = polled
+    job.poll = polled  # type: ignore[method-assign]
     runner, watcher = sweep([run], Scripts(seed0=job), rule=rule("mean_reward>=7"))
     assert job.stops == [False]
     assert (states(runner), watcher.lines[-1]) == ({0: RunState.DONE}, (0, "done", "reached after 11 s"))

@@ -32,7 +32,11 @@ class RosGraph:
         turns: called one after the other, one whenever the bridge lets the node handle something.
         always: called at each of these.
         warnings: lines.
+        name, arguments: with which a command opened it.
     """
+
+    name: str
+    arguments: Any
 
     def __init__(self, *missing: str) -> None:
         self.now = 100.0
