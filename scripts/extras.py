@@ -60,7 +60,9 @@ TRIALS = {
     "plot": Trial(("tests/unit/exporters/test_run_report.py", "tests/unit/exporters/test_vehicle_sheet.py")),
     "wandb": Trial(("tests/train/runs/test_training_loggers.py",)),
     "parquet": Trial(("tests/unit/exporters/test_run_tables.py",)),
-    "mcap": Trial(("tests/unit/mcap",), ("mcap-ros2-support",)),
+    "mcap": Trial(("tests/unit/mcap", "tests/unit/ros2"), ("mcap-ros2-support",)),
+    "minari": Trial(("tests/train/datasets",), ("minari",)),
+    "lerobot": Trial(("tests/train/datasets",), ("minari",)),
     "fit": Trial(("tests/unit/identify/test_fit_laws.py",)),
     "sweep": Trial(("tests/train/sweeps", "tests/unit/search")),
     "sb3": Trial(("tests/tasks/adapters/test_sb3_adapter.py",)),
@@ -222,15 +224,17 @@ def try_extra(extra: str, at: str, wheel: Path, folder: Path, arguments: Sequenc
 
 
 def options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line; unknown arguments go to pytest."""
+    """Read the command line; what follows `--` goes to pytest."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    end = words.index("--") if "--" in words else len(words)
     parser = argparse.ArgumentParser(description="Try extras at their floor or ceiling.", allow_abbrev=False)
     parser.add_argument("extra", choices=[*TRIALS, "all"])
     parser.add_argument("--at", choices=["floor", "ceiling"], required=True)
     parser.add_argument("--wheel", type=Path, help="instead of one that is built from the checkout")
     parser.add_argument("--folder", type=Path, help="for environments, which are kept; otherwise they are removed")
     parser.add_argument("--json", type=Path, help="file for the outcomes")
-    parsed, parsed_rest = parser.parse_known_args(arguments)
-    parsed.pytest = parsed_rest
+    parsed = parser.parse_args(words[:end])
+    parsed.pytest = words[end + 1 :]
     return parsed
 
 

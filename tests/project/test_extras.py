@@ -134,4 +134,4 @@ def test_the_command_line_names_the_extras(capsys):
     with pytest.raises(SystemExit):
         extras.options(["vewer", "--at", "floor"])
     assert re.search(r"invalid choice: '?vewer'?", capsys.readouterr().err)
-    assert extras.options(["mcap", "--at", "floor", "-k", "x"]).pytest == ["-k", "x"]
+    assert extras.options(["mcap", "--at", "floor", "--", "-k", "x"]).pytest == ["-k", "x"]
