@@ -59,6 +59,7 @@ POLICY = ("--checkpoint", "good/fast.pt")
 SHORT = ("--task.max-episode-steps", "4")
 BASES = (
     Base("list"),
+    Base("completions", ("bash",)),
     Base("train", ("fast",), TRAINING),
     Base("train", ("pendulum",), TRAINING),
     Base("distill", ("fast",), (("--teacher", "good/fast.pt"), *TRAINING[:-1])),

@@ -1,7 +1,6 @@
 """The wheel and the sdist: one top-level name, nothing missing, and they work where nothing else is."""
 
 import os
-import runpy
 import shutil
 import subprocess
 import sys
@@ -99,19 +98,23 @@ def test_a_clone_without_links_has_the_same_files(wheel, tmp_path):
     assert sorted(zipfile.ZipFile(flat).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
-def test_where_a_drive_has_no_links_at_all_folders_are_copied(tmp_path, monkeypatch):
+def test_where_a_drive_has_no_links_at_all_folders_are_copied(tmp_path):
     (tmp_path / "setup.py").write_text((ROOT / "setup.py").read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "tasks").mkdir()
     (tmp_path / "tasks" / "__init__.py").write_text("", encoding="utf-8")
     (tmp_path / "simwarp").mkdir()
     (tmp_path / "simwarp" / "tasks").write_text("../tasks", encoding="utf-8")
 
-    def refuse(*_, **__):
-        raise OSError(1314, "A required privilege is not held by the client")
-
-    monkeypatch.setattr(Path, "symlink_to", refuse)
-    monkeypatch.setattr("setuptools.setup", lambda: None)
-    runpy.run_path(str(tmp_path / "setup.py"))
+    # In a process of its own: setuptools cannot be imported behind Python's own distutils
+    without = f"""
+import runpy, pathlib, setuptools
+def refuse(*_, **__):
+    raise OSError(1314, "A required privilege is not held by the client")
+pathlib.Path.symlink_to = refuse
+setuptools.setup = lambda: None
+runpy.run_path({str(tmp_path / "setup.py")!r})
+"""
+    subprocess.run([sys.executable, "-c", without], check=True)
     assert (tmp_path / "simwarp" / "tasks" / "__init__.py").is_file()
     assert not (tmp_path / "simwarp" / "tasks").is_symlink()
 

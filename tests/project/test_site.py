@@ -111,7 +111,7 @@ def test_yaml_can_be_read(path):
 def test_the_workflow_runs_what_make_offers():
     workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
     jobs = workflow["jobs"]
-    assert set(jobs) == {"tests", "lint", "docs", "wheel"}
+    assert set(jobs) == {"tests", "lint", "docs", "wheel", "extras", "image"}
     python = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
     assert python == ">=3.11,<3.14"
     assert jobs["tests"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]

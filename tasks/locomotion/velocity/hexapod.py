@@ -39,7 +39,6 @@ class HexapodVelocity(QuadrupedVelocity):
     """As :class:`QuadrupedVelocity`, with 18 joints: hips, femurs, tibias, each of legs 1 to 6."""
 
     summary: ClassVar[str] = "hexapod: six legs follow commanded velocities and turns, 18 position drives"
-    instruction: ClassVar[str] = "Walk with the commanded velocity and turn at the commanded rate."
     config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
     action_size: int = 18
     training: ClassVar[Mapping[str, Any]] = {

@@ -26,6 +26,7 @@ LeggedT = TypeVar("LeggedT", bound=VelocityConfig)
 class LeggedTask(Task[LeggedT]):
     """A robot on legs. A subclass names its parts and writes `robot`, observations, rewards and ends."""
 
+    instruction: ClassVar[str] = "Walk with the commanded velocity and turn at the commanded rate."
     trunk: ClassVar[str]
     """Body that carries the legs, x forward; the shape of this name must not touch anything."""
     feet: ClassVar[Sequence[str]]

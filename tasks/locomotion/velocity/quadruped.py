@@ -26,7 +26,6 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     """
 
     summary: ClassVar[str] = "quadruped: four legs follow commanded velocities and turns, 12 position drives"
-    instruction: ClassVar[str] = "Walk with the commanded velocity and turn at the commanded rate."
     config_type: ClassVar[type[TaskConfig]] = VelocityConfig
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {

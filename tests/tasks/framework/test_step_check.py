@@ -149,5 +149,5 @@ def test_a_task_in_torch_may_do_what_it_likes_else():
 
 def test_rounds_are_counted_by_step():
     report = check_step(task_of("pendulum", None, decimation=3), steps=4)
-    places = [count for place, count in report.launches.items() if place.endswith(" step_worlds")]
+    places = [count for place, count in report.launches.items() if place.endswith(" step_trees")]
     assert max(places) == 3.0  # one launch for each physics step

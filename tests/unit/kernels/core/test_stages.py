@@ -33,8 +33,8 @@ from tests.unit.kernels.core.toy_stages import NUMBERS, TOY_MEMORY, Options, Sta
 WORLDS = 5
 
 
-def pack_toy(name: str, only: Set[str] | None = None) -> wp.Function:
-    function: wp.Function = slot_function(name, "toy", ToyScratch, NUMBERS, TOY_MEMORY, only=only)
+def pack_toy(name: str, only: Set[str] | None = None, *, inline: bool | None = None) -> wp.Function:
+    function: wp.Function = slot_function(name, "toy", ToyScratch, NUMBERS, TOY_MEMORY, only=only, inline=inline)
     return function
 
 
@@ -99,15 +99,19 @@ def test_a_kernel_has_the_arguments_of_its_functions_alone():
 def test_a_kernel_of_one_stage_finds_what_the_stage_and_what_it_calls_ask_for():
     assert attributes_of(Toy.publish) == {"number", "value"}
     assert attributes_of(Toy.publish_sum) == {"number", "value", "other", "colour"}, "the last in native code"
-    asked: list[tuple[str, Set[str] | None]] = []
+    asked: list[tuple[str, Set[str] | None, bool | None]] = []
 
-    def part(name: str, only: Set[str] | None = None) -> wp.Function:
-        asked.append((name, only))
-        return pack_toy(name, only)
+    def part(name: str, only: Set[str] | None = None, *, inline: bool | None = None) -> wp.Function:
+        asked.append((name, only, inline))
+        return pack_toy(name, only, inline=inline)
 
     room = dataclasses.replace(toy_room(), locals={"numbers": StageLocal(pack_toy("pack_toy"), "scratch", part)})
     separate_kernel(toy_stages()[1], room)
-    assert asked == [("numbers_for_square", {"number"})]
+    fused_kernel("toy", toy_stages(), room)
+    assert asked == [
+        ("numbers_for_square", {"number"}, None),
+        ("numbers_for_toy", {"number", "squares", "value"}, False),
+    ]
 
 
 GPU_STAGES = {stage.name: stage for stage in step_stages(stages_for_cuda_check())}
