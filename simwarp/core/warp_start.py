@@ -20,7 +20,7 @@ from simwarp.core.thread_captures import record_per_thread
 
 COMPILING_SHOWS: Final = 0.5
 """Time between two looks for kernels that are compiled [s]."""
-COMPILING: Final = "compiling kernels, once per machine: 2 to 6 minutes"
+COMPILING: Final = "compiling kernels, once per machine: half a minute to 3 minutes"
 LINES_APART: Final = 30.0
 """Time between two lines of kernels that are compiled [s]."""
 

@@ -147,7 +147,7 @@ def _with(document: Any, keys: Keys, value: Any) -> Any:
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """A number, list or table times a factor: of pairs (x, y) the second numbers, of other rows all, of a map the block."""
+    """A number, list or table times a factor: of pairs (x, y) the second, of other rows all, of a map the block."""
     if is_number(value):
         return float(value) * factor
     if not any(isinstance(item, (list, tuple)) for item in value):
