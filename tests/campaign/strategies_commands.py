@@ -77,6 +77,7 @@ BASES = (
     Base("doctor"),
     Base("drive", ("sedan",), (("--maneuver", "good/short.csv"), ("--dt", "0.01")), runs=False),
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
+    Base("drive", ("sedan",), (("--maneuver", "reference-accel"), ("--road", "iso8608:C:1")), runs=False),
     Base("fit", ("good/fit.toml",), (("--iterations", "1"),), runs=False),
     Base("trim", ("sedan",), (("--ride-height", "design"), ("--toe", "0.1")), runs=False),
     Base("reduce", ("sedan",), (("--rows", "3"), ("--columns", "3"), ("--output", "reduced.json")), runs=False),
