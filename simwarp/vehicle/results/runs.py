@@ -84,6 +84,7 @@ class SetUpOptions(TypedDict, total=False):
     wheel_bodies: bool
     own_tires: bool
     road: RoadSurface | None
+    driven: bool
 
 
 @overload
@@ -122,6 +123,7 @@ def set_up(
     wheel_bodies: bool = True,
     own_tires: bool = False,
     road: RoadSurface | None = None,
+    driven: bool = True,
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -142,6 +144,7 @@ def set_up(
         wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
         own_tires: True if the tires of every world have numbers and a friction of their own (`Vehicle`, `randomised`).
         road: of `simwarp.vehicle.roads`, below a manoeuvre on level ground; None: a plane.
+        driven: False: nobody drives, and `vehicle.input` is there to be written; the driver is the vehicle itself.
 
     Raises:
         SpecError: the vehicle, the step, the friction or the road cannot be used.
@@ -185,7 +188,10 @@ def set_up(
             terrain = road_ground(model, road, friction=friction)
         vehicle = Vehicle(parts, model, ground=terrain, randomised=own_tires)
         _prepare(vehicle, maneuver, friction)
-    driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
+    if driven:
+        driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
+    else:
+        driver, acting = vehicle, [vehicle, *elements(vehicle)]
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     simulation = Simulation(
         model, dt, elements=acting, solver=solver or (TRACK_SOLVER if chains else VEHICLE_SOLVER),
