@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
+import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -33,11 +36,23 @@ BASE_UNITS = {
 """Exponents of SI units in the units of variables."""
 
 
+def keep(names: dict[str, Any]) -> None:
+    """One more reference to the names of an FMU's script, which nobody gives back.
+
+    The library of pythonfmu 0.7 looks for the class among them, and gives back one reference more than it took: without
+    this the names of a script without functions are freed while they are in use.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(names))
+
+
 class VehicleSlave(Fmi2Slave):
     """A vehicle on level ground, driven by the inputs of the importing tool."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
+        script = sys.modules.get(type(self).__module__)
+        if script is not None:
+            keep(vars(script))  # of the next instance
         name, self._variables = read_interface(self.resources)
         self.description = f"vehicle '{name}' of simwarp {version('simwarp')}; it needs Python with simwarp"
         self.author = "simwarp"
@@ -107,6 +122,11 @@ class VehicleSlave(Fmi2Slave):
             return True
         self.log(f"the vehicle broke down before t = {current_time + step_size:g} s", Fmi2Status.error)
         return False
+
+    def terminate(self) -> None:
+        """Lets the simulation go, as long as its libraries are there: tools may never free the instance."""
+        del self._setup, self._recorder
+        gc.collect()
 
     def _write(self) -> None:
         """The inputs, as a driver writes them."""

@@ -36,7 +36,9 @@ DRIVEN: Final = {"throttle", "brake", "steer", "t_s"}
 """Columns that are inputs."""
 SCRIPT: Final = '''"""The vehicle of this FMU; what it does is in simwarp.exporters."""
 
-from simwarp.exporters.fmu_slave import VehicleSlave
+from simwarp.exporters.fmu_slave import VehicleSlave, keep
+
+keep(globals())
 
 
 class {name}(VehicleSlave):
@@ -111,7 +113,8 @@ def _heavier(spec: AnyVehicleSpec, factor: float) -> AnyVehicleSpec:
     """Every component of the chassis by a factor."""
     parts = []
     for part in spec.chassis.components:
-        inertia, products = (tuple(factor * value for value in values) for values in (part.inertia, part.products))
+        (a, b, c), (d, e, f) = part.inertia, part.products
+        inertia, products = (factor * a, factor * b, factor * c), (factor * d, factor * e, factor * f)
         parts.append(dataclasses.replace(part, mass=factor * part.mass, inertia=inertia, products=products))
     return dataclasses.replace(spec, chassis=dataclasses.replace(spec.chassis, components=tuple(parts)))
 

@@ -48,6 +48,7 @@ for step in range(plan["steps"]):
     fmu.doStep(currentCommunicationPoint=step * plan["step"], communicationStepSize=plan["step"])
     rows.append(fmu.getReal([numbers[name] for name in outputs]))
 fmu.terminate()
+fmu.freeInstance()
 np.save(result, np.array(rows))
 """
 SCRIPT = "t_s,steering,throttle,braking\n0,0,0,1\n0.1,0,0,1\n0.1,0,0.8,0\n0.5,0,0.8,0\n0.5,0.3,0.8,0\n1.0,0.3,0.8,0\n"

@@ -102,7 +102,8 @@ def shares(along: npt.NDArray[np.float64], across: npt.NDArray[np.float64]) -> n
 def _waves(seed: int) -> npt.NDArray[np.complex64]:
     """(rows, waves) complex amplitudes along every row of nodes, of class A."""
     step = 1.0 / (NODES[0] * SPACING[0])
-    along, across = step * _columns(), scipy.fft.fftfreq(NODES[1], SPACING[1])
+    along = np.asarray(step * _columns(), np.float64)
+    across = np.asarray(scipy.fft.fftfreq(NODES[1], SPACING[1]), np.float64)
     density = displacement_spectrum(along, RoadClass.A) * step
     # a wave with the amplitude c makes |c|² / 2 of the variance; c is twice what stands in the transform
     size = np.sqrt(0.25 * density * shares(along, across)) * (NODES[0] * NODES[1])

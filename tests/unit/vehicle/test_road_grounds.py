@@ -23,7 +23,7 @@ def look_down(
     below_tire: wp.array[float], seen: wp.array[float], grip: wp.array[float],
 ):  # fmt: skip
     point = wp.tid()  # type: ignore[misc]
-    x = points[point]  # type: ignore[index]
+    x = points[point]
     below_tire[point] = ground_below(0, x, wp.vec3(), 1.0, terrain, assets).arm[2]  # type: ignore[index]
     seen[point] = closest_hit(0, start_of_ray(0, x, scene), wp.vec3(0.0, 0.0, -1.0), 100.0, scene, assets).t  # type: ignore[index]
     grip[point] = friction_at(0, x, friction, terrain)  # type: ignore[index]
@@ -42,7 +42,7 @@ def queried(road, points, *, friction=0.9, below_soil=False):
     scene.place(simulation.state, tables)
     at = np.column_stack([points, np.full(len(points), ABOVE)])
     below_tire, seen, grip = (wp.zeros(len(points), dtype=float, device="cpu") for _ in range(3))
-    base = wp.array([friction], dtype=float, device="cpu")
+    base: wp.array = wp.array([friction], dtype=float, device="cpu")
     wp.launch(
         look_down, dim=len(points), device="cpu",
         inputs=[wp.array(at, dtype=wp.vec3d, device="cpu"), terrain, tables, model.assets, base],
