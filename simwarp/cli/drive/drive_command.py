@@ -133,10 +133,8 @@ class DriveOptions(RecordOptions):
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
     friction_patch: Annotated[tyro.conf.UseAppendAction[tuple[Patch, ...]], tyro.conf.arg(metavar=PATCH)] = ()
     """Another friction on a rectangle of the road [m], x ahead and y to the left of the start; may be repeated."""
-    road: Annotated[
-        str | None, tyro.conf.arg(metavar="iso8608:CLASS[:SEED]|FILE.json", help_behavior_hint=ROAD_HINT)
-    ] = None
-    """A random road of ISO 8608, of a class from A (very good) to H, or bitmaps of height, friction and soil."""
+    road: Annotated[str | None, tyro.conf.arg(metavar="iso8608:CLASS[:SEED]|FILE", help_behavior_hint=ROAD_HINT)] = None
+    """A random road of ISO 8608, of a class from A (very good) to H; a .json file of bitmaps, or a .crg file."""
     dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None

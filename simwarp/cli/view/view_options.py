@@ -47,7 +47,7 @@ class ViewOptions(CommonOptions):
     keys: Literal["smooth", "chrono"] = "smooth"
     """Of driving: a held key moves its input to the end, or steps its target as Chrono's driver does."""
     road: str | None = None
-    """Below a vehicle: a random road of ISO 8608, iso8608:CLASS[:SEED], or a .json file of bitmaps."""
+    """Below a vehicle: a random road of ISO 8608, iso8608:CLASS[:SEED], or a .json or .crg file."""
     base: Literal["fixed", "floating"] | None = None
     """Of a URDF: its root link is welded to the world, or floats."""
     allow: tuple[str, ...] = ()

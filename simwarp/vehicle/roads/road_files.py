@@ -12,6 +12,7 @@ from PIL import Image
 
 from simwarp.core.constraints import Positive
 from simwarp.core.files import FileError, check_input
+from simwarp.vehicle.roads.open_crg import ENDING, load_crg
 from simwarp.vehicle.roads.random_roads import MOST_NODES
 from simwarp.vehicle.roads.road_profiles import RoadClass
 from simwarp.vehicle.roads.road_surface import RoadSurface, random_road
@@ -19,7 +20,7 @@ from simwarp.vehicle.spec.parts import Spec, SpecError, refuse
 from simwarp.vehicle.spec.vehicle_files import read_spec
 
 RANDOM: Final = "iso8608"
-FORM: Final = "iso8608:CLASS, iso8608:CLASS:SEED or a .json file"
+FORM: Final = "iso8608:CLASS, iso8608:CLASS:SEED, a .json or a .crg file"
 """Of a road on the command line."""
 Window = tuple[tuple[float, float], tuple[float, float]]
 
@@ -57,15 +58,17 @@ class RoadFile(Spec):
 
 
 def load_road(path: str | Path) -> RoadSurface:
-    """The road of a JSON file with its bitmaps.
+    """The road of a JSON file with its bitmaps, or of an OpenCRG file.
 
     Args:
-        path: of the JSON file.
+        path: of the file, .json or .crg.
 
     Raises:
         SpecError: a file cannot be read or used; names it, the rule, the value and the remedy.
     """
     file = Path(path)
+    if file.suffix == ENDING:
+        return load_crg(file)
     found = read_spec(RoadFile, file)
     heights = _values(file, "height", found.height, deep=True).astype(np.float32)
     friction = None if found.friction is None else _values(file, "friction", found.friction)
@@ -127,7 +130,7 @@ def check_road_word(word: str) -> tuple[RoadClass, int] | Path:
     Raises:
         SpecError: it is neither.
     """
-    if word.endswith(".json"):
+    if word.endswith((".json", ENDING)):
         return Path(word)
     first, *rest = word.split(":")
     if first != RANDOM or not 1 <= len(rest) <= 2:
