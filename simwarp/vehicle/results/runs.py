@@ -13,6 +13,7 @@ from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import rotate
 from simwarp.core.types import WORLD, Material, Pose, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
+from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.solver_options import SolverOptions
@@ -156,25 +157,10 @@ def set_up(
     if isinstance(spec, TrackedVehicleSpec):
         if on_soil:
             raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
-        tracked = add_tracked_vehicle(builder, spec, at=_start_pose(spec, maneuver, road))
-        if spec.on_belts and maneuver.crossing is not None:
-            rule = "must be driven shoe by shoe, got belts, which meet no shapes; take the vehicle with chains"
-            raise SpecError(f"maneuver: {maneuver.name}: {rule}")
-        if road is None:
-            add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
-        else:
-            check_own_ground(maneuver)
-            if road.friction is not None:
-                rule = "of one friction below tracks, got a map of friction; leave it out"
-                raise SpecError(f"road: must be {rule}")
-            add_road(builder, road, friction=friction)
-        model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-        below = None
-        if spec.on_belts:
-            below = ground(model.device, rotation=rotation) if road is None else road_ground(model, road)
-        vehicle = TrackedVehicle(tracked, model, ground=below)
-        if vehicle.belts is not None:
-            vehicle.belts.ground_friction.fill_(friction)
+        model, vehicle = _tracks_on_ground(
+            builder, spec, maneuver, friction, road,
+            lambda: builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised)),
+        )  # fmt: skip
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
@@ -198,6 +184,34 @@ def set_up(
         joint_reactions=chains or joint_reactions, sensors=sensors(vehicle, acting),
     )  # fmt: skip
     return Setup(simulation, vehicle, driver, maneuver)
+
+
+def _tracks_on_ground(
+    builder: ModelBuilder, spec: TrackedVehicleSpec, maneuver: Maneuver, friction: float, road: RoadSurface | None,
+    finished: Callable[[], Model],
+) -> tuple[Model, TrackedVehicle]:  # fmt: skip
+    """A tracked vehicle with its ground, in the model that `finished` makes of the builder."""
+    rotation = _lean(maneuver)
+    tracked = add_tracked_vehicle(builder, spec, at=_start_pose(spec, maneuver, road))
+    if spec.on_belts and maneuver.crossing is not None:
+        rule = "must be driven shoe by shoe, got belts, which meet no shapes; take the vehicle with chains"
+        raise SpecError(f"maneuver: {maneuver.name}: {rule}")
+    if road is None:
+        add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
+    else:
+        check_own_ground(maneuver)
+        if road.friction is not None:
+            rule = "of one friction below tracks, got a map of friction; leave it out"
+            raise SpecError(f"road: must be {rule}")
+        add_road(builder, road, friction=friction)
+    model = finished()
+    below = None
+    if spec.on_belts:
+        below = ground(model.device, rotation=rotation) if road is None else road_ground(model, road)
+    vehicle = TrackedVehicle(tracked, model, ground=below)
+    if vehicle.belts is not None:
+        vehicle.belts.ground_friction.fill_(friction)
+    return model, vehicle
 
 
 def add_on_road(
