@@ -32,6 +32,7 @@ TARGETS: Final[dict[str, tuple[str, ...]]] = {
     "bench": ("scenes", "vehicles", "tasks"),
     "drive": ("vehicles",),
     "trim": ("vehicles",),
+    "export-fmu": ("vehicles",),
     "reduce": ("vehicles",),
     "rig": ("rigs",),
     "completions": ("shells",),

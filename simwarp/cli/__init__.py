@@ -73,6 +73,7 @@ COMMANDS = {
         Command(
             "drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive.drive_command:run"
         ),
+        Command("export-fmu", "VEHICLE", "a vehicle as an FMU for other simulators", "simwarp.cli.fmu_command:run"),
         Command("fit", "CONFIG", "parameters of a model from recorded runs", "simwarp.cli.fit_command:run"),
         Command("trim", "VEHICLE", "how a vehicle stands; springs and tie rods for it", "simwarp.cli.trim_command:run"),
         Command(

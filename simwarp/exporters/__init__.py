@@ -14,5 +14,6 @@ from simwarp.exporters.mjcf_joints import FileJoint
 from simwarp.exporters.mjcf_writer import Mjcf, mjcf_of, save_mjcf
 from simwarp.exporters.scene_files import save_scene
 from simwarp.exporters.scene_recording import SceneRecording
+from simwarp.exporters.vehicle_fmu import save_fmu
 
-__all__ = ["FileJoint", "Mjcf", "SceneRecording", "mjcf_of", "save_mjcf", "save_scene"]
+__all__ = ["FileJoint", "Mjcf", "SceneRecording", "mjcf_of", "save_fmu", "save_mjcf", "save_scene"]

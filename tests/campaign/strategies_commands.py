@@ -78,8 +78,10 @@ BASES = (
     Base("doctor"),
     Base("drive", ("sedan",), (("--maneuver", "good/short.csv"), ("--dt", "0.01")), runs=False),
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
+    Base("drive", ("sedan",), (("--maneuver", "reference-accel"), ("--road", "iso8608:C:1")), runs=False),
     Base("fit", ("good/fit.toml",), (("--iterations", "1"),), runs=False),
     Base("trim", ("sedan",), (("--ride-height", "design"), ("--toe", "0.1")), runs=False),
+    Base("export-fmu", ("sedan",), (("--dt", "0.002"), ("--output", "sedan.fmu")), runs=False),
     Base("reduce", ("sedan",), (("--rows", "3"), ("--columns", "3"), ("--output", "reduced.json")), runs=False),
     Base("rig", ("steering", "sedan"), (("--points", "5"), ("--device", "cpu"))),
     Base("rig", ("tire", "sedan"), (("--points", "5"), ("--loads", "4000")), runs=False),
@@ -114,6 +116,7 @@ ENDINGS = {
     ("export", "output"): ".ts",
     ("trim", "output"): ".json",
     ("reduce", "output"): ".json",
+    ("export-fmu", "output"): ".fmu",
 }
 """Options that name a file to write, and its ending."""
 

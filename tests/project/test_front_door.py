@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.actuators", "simwarp.analysis", "simwarp.motions", "simwarp.vehicle", "simwarp.sensors",
     "simwarp.planning", "simwarp.identify", "simwarp.study", "simwarp.scenery", "simwarp.vehicle.rigs",
+    "simwarp.vehicle.roads",
     "simwarp.importers", "simwarp.exporters", "simwarp.soil", "simwarp.flex",
     "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.tasks.locomotion", "simwarp.tasks.locomotion.velocity",

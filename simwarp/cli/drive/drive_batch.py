@@ -32,7 +32,7 @@ SHOWN_RESULTS: Final = 4
 """Results in the columns of a table; the others are in --json."""
 ALONE: Final = (
     "soil", "soil_normal", "spacing", "channels", "csv", "output", "report", "chains", "video", "export_scene",
-    "record", "sensors",
+    "record", "sensors", "road",
 )  # fmt: skip
 """Options of one run, which a batch of many does not have."""
 

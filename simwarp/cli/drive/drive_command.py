@@ -21,7 +21,14 @@ from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.drive.drive_batch import ALONE, Batch, batch_variants, parse_values, run_batch, verdict_table
 from simwarp.cli.drive.drive_films import RecordOptions, films_of, sensors_of
 from simwarp.cli.drive.drive_progress import ManeuverBar
-from simwarp.cli.drive.drive_road import METAVAR as PATCH, Patch, check_patches, with_patches
+from simwarp.cli.drive.drive_road import (
+    METAVAR as PATCH,
+    Patch,
+    check_patches,
+    check_road_option,
+    road_below,
+    with_patches,
+)
 from simwarp.cli.drive.drive_titles import UNITS, choices_of_run, named_options, title_of_run
 from simwarp.cli.drive.study_options import StudyOptions
 from simwarp.cli.options import FLAT, parse_options, require_subject, split_subject
@@ -45,6 +52,7 @@ from simwarp.vehicle.results.named_channels import channels_of, wants_reactions
 from simwarp.vehicle.results.results import results
 from simwarp.vehicle.results.run_result import Result
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
+from simwarp.vehicle.roads.road_surface import RoadSurface, road_ground
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.tires.soil_tires import SoilTires
@@ -94,6 +102,7 @@ BUMP_HINT: Final = "(default: by the tires)"
 DWELL_HINT: Final = "(default: until the roll rate is below 1.5°/s)"
 SPACING_HINT: Final = "(default: 0.05, or half the width of narrower wheels)"
 SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
+ROAD_HINT: Final = "(default: a plane)"
 NORMAL_HINT: Final = "(default: ground)"
 """Defaults of the options that are not given, for the help."""
 
@@ -124,6 +133,8 @@ class DriveOptions(RecordOptions):
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
     friction_patch: Annotated[tyro.conf.UseAppendAction[tuple[Patch, ...]], tyro.conf.arg(metavar=PATCH)] = ()
     """Another friction on a rectangle of the road [m], x ahead and y to the left of the start; may be repeated."""
+    road: Annotated[str | None, tyro.conf.arg(metavar="iso8608:CLASS[:SEED]|FILE", help_behavior_hint=ROAD_HINT)] = None
+    """A random road of ISO 8608, of a class from A (very good) to H; a .json file of bitmaps, or a .crg file."""
     dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
     """Time step."""
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
@@ -319,6 +330,7 @@ def _check(name: str, options: DriveOptions) -> None:
         rule = "a shipped one or a JSON file, got a .csv file; drive its inputs by --maneuver"
         raise UsageError(f"vehicle '{name}': must be {rule} {name}")
     check_patches(options.friction_patch)
+    check_road_option(options.road)
     options.check_record()
     if options.output is not None:
         check_run_file(options.output, "--output")
@@ -388,7 +400,10 @@ def _on_tracks(spec: TrackedVehicleSpec, options: DriveOptions) -> TrackedVehicl
 
 def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions) -> None:
     """Names, units and meanings of all channels, for people and for scripts."""
-    setup = set_up(spec, what, device="cpu", elements=lambda v: _soil(v, options), on_soil=options.soil is not None)
+    road = road_below(what, options.road, options.soil)
+    setup = set_up(
+        spec, what, device="cpu", elements=lambda v: _soil(v, options, road), on_soil=_on_soil(options, road), road=road
+    )
     known = channels_of(setup.simulation, setup.vehicle)
     for channel in known:
         line = f"{channel.name}  [{channel.unit}]  {channel.meaning}"
@@ -398,10 +413,11 @@ def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, opti
 
 def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
+    road = road_below(what, options.road, options.soil)
     setup = set_up(
         spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
-        elements=lambda vehicle: _soil(vehicle, options), on_soil=options.soil is not None,
-        joint_reactions=wants_reactions(options.patterns), sensors=sensors_of(what, options),
+        elements=lambda vehicle: _soil(vehicle, options, road), on_soil=_on_soil(options, road),
+        joint_reactions=wants_reactions(options.patterns), sensors=sensors_of(what, options), road=road,
     )  # fmt: skip
     drive = Drive(setup, channels=options.patterns)
     outcome = Outcome(Run({}), what, 0, 0.0)
@@ -442,16 +458,23 @@ def _sampled(chains: ChainRecord, what: Maneuver, progress: Callable[[float], No
     return advance
 
 
-def _soil(vehicle: AnyVehicle, options: DriveOptions) -> list[Soil]:
+def _on_soil(options: DriveOptions, road: RoadSurface | None) -> bool:
+    """Whether a soil is chosen, or the road has some."""
+    return options.soil is not None or (road is not None and bool(road.soils))
+
+
+def _soil(vehicle: AnyVehicle, options: DriveOptions, road: RoadSurface | None) -> list[Soil]:
     """The soil below a vehicle; none below tracks, and tires that need none."""
     if isinstance(vehicle, TrackedVehicle):
         return []
-    if options.soil is None and not isinstance(vehicle.tires, SoilTires):
+    if not _on_soil(options, road) and not isinstance(vehicle.tires, SoilTires):
         return []
     given: dict[str, Any] = {} if options.spacing is None else {"spacing": options.spacing}
+    if road is not None:
+        given |= {"ground": road_ground(vehicle.model, road)} | road.soil_options()
     if options.soil_normal is not None:
         given["pressure_normal"] = options.soil_normal
-    return [soil_under(vehicle, options.soil or "mid", **given)]
+    return [soil_under(vehicle, **{"soil": options.soil or "mid"} | given)]
 
 
 def _page(setup: Setup[AnyVehicle], title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
@@ -549,6 +572,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         "soil": options.soil,
         "soil_normal": options.soil_normal,
         "friction": options.friction,
+        "road": options.road,
         "friction_patches": [list(patch) for patch in options.friction_patch],
         "dt": options.dt,
         "worlds": options.worlds,

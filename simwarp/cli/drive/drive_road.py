@@ -1,4 +1,4 @@
-"""Patches of friction on the road of `simwarp drive`, from the command line."""
+"""The road of `simwarp drive` from the command line: random ones, files, and patches of friction."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import Final, TypeAlias
 
 from simwarp.cli import UsageError
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
-from simwarp.vehicle.results.road import CELL
+from simwarp.vehicle.results.road import CELL, check_own_ground, road_window
 from simwarp.vehicle.results.runs import FRICTION
+from simwarp.vehicle.roads.road_files import check_road_word, road_of
+from simwarp.vehicle.roads.road_surface import RoadSurface
+from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 
 Patch: TypeAlias = tuple[float, float, float, float, float]
@@ -67,3 +70,41 @@ def with_patches(
         FrictionPatch(x=(x0, x1), y=(y0, y1), factor=value / friction) for x0, x1, y0, y1, value in patches
     )  # fmt: skip
     return dataclasses.replace(maneuver, patches=(*maneuver.patches, *laid))
+
+
+def check_road_option(word: str | None) -> None:
+    """Refuses what names no road.
+
+    Raises:
+        UsageError: names the option, the rule, the value and the remedy.
+    """
+    if word is None:
+        return
+    try:
+        check_road_word(word)
+    except SpecError as error:
+        raise UsageError(f"--{error}") from None
+
+
+def road_below(maneuver: Maneuver, word: str | None, soil: str | None) -> RoadSurface | None:
+    """The road that a manoeuvre is driven on; None: its plane.
+
+    Args:
+        maneuver: with its extent.
+        word: of `check_road_option`; None: there is none.
+        soil: that is chosen for the whole ground.
+
+    Raises:
+        UsageError: the road cannot be read, or names soils beside a chosen one.
+        SpecError: the manoeuvre has a ground of its own.
+    """
+    if word is None:
+        return None
+    check_own_ground(maneuver)
+    try:
+        road = road_of(word, road_window(maneuver))
+    except SpecError as error:
+        raise UsageError(f"--road: {str(error).removeprefix('road: ')}") from None
+    if road.soils and soil is not None:
+        raise UsageError(f"--soil: the road '{word}' has soils of its own; leave --soil out")
+    return road

@@ -44,6 +44,10 @@ class RunOptions(Protocol):
         """Rectangles with another one."""
 
     @property
+    def road(self) -> str | None:
+        """In place of a plane."""
+
+    @property
     def dt(self) -> float:
         """Time step [s]."""
 
@@ -85,6 +89,8 @@ def title_of_run(spec: AnyVehicleSpec, options: RunOptions, what: Maneuver) -> s
         parts.append(f"soil {options.soil}")
     if options.soil_normal is not None:
         parts.append(f"pressure along the {options.soil_normal}")
+    if options.road is not None:
+        parts.append(f"road {options.road}")
     if options.friction != REFERENCE_FRICTION:
         parts.append(f"friction {options.friction:g}")
     parts += [f"friction {patch[4]:g} on a patch" for patch in options.friction_patch]
@@ -96,7 +102,7 @@ def title_of_run(spec: AnyVehicleSpec, options: RunOptions, what: Maneuver) -> s
 def choices_of_run(spec: AnyVehicleSpec, options: RunOptions) -> dict[str, str]:
     """What was chosen, for files: options of the manoeuvre with their units, parts, ground and step."""
     found = {key: f"{value:g}{UNITS[key]}" for key, value in options.chosen.items()}
-    for kind in ("tire", "powertrain", "driveline", "soil", "soil_normal"):
+    for kind in ("tire", "powertrain", "driveline", "soil", "soil_normal", "road"):
         if getattr(options, kind) is not None:
             found[kind] = str(getattr(options, kind))
     if "tire" not in found and not isinstance(spec, TrackedVehicleSpec):

@@ -32,8 +32,8 @@ from simwarp.vehicle.rigs.four_post import (
 from simwarp.vehicle.rigs.full_car_plots import draw_responses, draw_roads, draw_tilt
 from simwarp.vehicle.rigs.post_rig import SLIDING
 from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus, count_of
-from simwarp.vehicle.rigs.road_profiles import RoadClass
 from simwarp.vehicle.rigs.tilt_table import run_tilt_table
+from simwarp.vehicle.roads.road_profiles import ROAD_CLASSES, RoadClass
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
@@ -70,7 +70,7 @@ class FullCarOptions(RigOptions):
     grip: float = SLIDING
     """Of posts that move, over that of a tire's usual road: little lets patches slide aside as rolling wheels do, much
     holds them."""
-    roads: tuple[RoadClass, ...] = tuple(RoadClass)
+    roads: tuple[RoadClass, ...] = ROAD_CLASSES
     """Classes of the roads."""
     speeds: Annotated[tuple[float, ...], tyro.conf.arg(metavar="m/s ...")] = (15.0,)
     """Over the roads."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.results.runs import START_REACH
+from simwarp.vehicle.roads.road_files import road_of
+from simwarp.vehicle.roads.road_surface import add_road, road_ground
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.tracks.tracked_construction import TrackedVehicleParts, add_tracked_vehicle
@@ -33,6 +36,8 @@ DT = 1e-3
 CONTROL = 1.0 / 50.0
 """Time of one step of the page [s]."""
 FRICTION = 0.9
+ROAD_WINDOW: Final = ((-150.0, 150.0), (-50.0, 50.0))
+"""Of random roads: first and last x and y [m]."""
 LIVE_TRACK_SOLVER = dataclasses.replace(TRACK_SOLVER, max_iterations=30)
 """A step of tracks takes milliseconds a world: fewer iterations, and a step of the page for each."""
 
@@ -52,7 +57,9 @@ class Additions:
     track_solver: SolverOptions = LIVE_TRACK_SOLVER
 
 
-def vehicle_subject(name: str, worlds: int, device: str, additions: Additions | None = None) -> Subject:
+def vehicle_subject(
+    name: str, worlds: int, device: str, additions: Additions | None = None, *, road: str | None = None
+) -> Subject:  # fmt: skip
     """A shipped vehicle, or that of a JSON file, at rest on asphalt.
 
     Args:
@@ -60,19 +67,25 @@ def vehicle_subject(name: str, worlds: int, device: str, additions: Additions | 
         worlds: how many.
         device: of the worlds.
         additions: to the vehicle; None: there are none.
+        road: below it, as `simwarp drive` takes it; None: a plane.
 
     Raises:
-        SpecError: the file cannot be read, or breaks a rule.
+        SpecError: a file cannot be read, or breaks a rule.
     """
     more = Additions() if additions is None else additions
     spec = load_any_vehicle(name)
+    below = None if road is None else road_of(road, ROAD_WINDOW)
+    lift = 0.0 if below is None else below.highest(START_REACH)
     builder = ModelBuilder()
     parts: VehicleParts | TrackedVehicleParts
     if isinstance(spec, TrackedVehicleSpec):
-        parts = add_tracked_vehicle(builder, spec)
+        parts = add_tracked_vehicle(builder, spec, at=pose((0.0, 0.0, spec.start_height + lift)))
     else:
-        parts = add_vehicle(builder, spec, at=pose((0.0, 0.0, spec.start_height)))
-    builder.add_shape_plane(name="ground", material=Material(friction=FRICTION))
+        parts = add_vehicle(builder, spec, at=pose((0.0, 0.0, spec.start_height + lift)))
+    if below is None:
+        builder.add_shape_plane(name="ground", material=Material(friction=FRICTION))
+    else:
+        add_road(builder, below, friction=FRICTION)
     visuals = Visuals(builder)
     show_body(visuals, parts)
     paint(visuals, tile=5.0)
@@ -81,12 +94,14 @@ def vehicle_subject(name: str, worlds: int, device: str, additions: Additions | 
     )
     vehicle: AnyVehicle
     if isinstance(parts, TrackedVehicleParts):
-        vehicle, solver, steps = TrackedVehicle(parts, model), more.track_solver, 1
+        belt_ground = road_ground(model, below) if below is not None and parts.spec.on_belts else None
+        vehicle, solver, steps = TrackedVehicle(parts, model, ground=belt_ground), more.track_solver, 1
         if vehicle.belts is not None:
             solver, steps = VEHICLE_SOLVER, round(CONTROL / DT)
             vehicle.belts.ground_friction.fill_(FRICTION)
     else:
-        vehicle, solver = Vehicle(parts, model, ground=ground(model.device)), VEHICLE_SOLVER
+        terrain = ground(model.device) if below is None else road_ground(model, below, friction=FRICTION)
+        vehicle, solver = Vehicle(parts, model, ground=terrain), VEHICLE_SOLVER
         steps = round(CONTROL / DT)
         vehicle.tires.ground_friction.fill_(FRICTION)
     scene = visuals.finalize(model)

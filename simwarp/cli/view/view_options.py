@@ -46,6 +46,8 @@ class ViewOptions(CommonOptions):
     """Drive by hand at once: the page's keys and gamepad, the camera behind the vehicle."""
     keys: Literal["smooth", "chrono"] = "smooth"
     """Of driving: a held key moves its input to the end, or steps its target as Chrono's driver does."""
+    road: str | None = None
+    """Below a vehicle: a random road of ISO 8608, iso8608:CLASS[:SEED], or a .json or .crg file."""
     base: Literal["fixed", "floating"] | None = None
     """Of a URDF: its root link is welded to the world, or floats."""
     allow: tuple[str, ...] = ()
@@ -98,6 +100,10 @@ def check_view_options(options: ViewOptions) -> None:
 
         check_view_record(options.record)
     options.check(record=options.record, record_trajectories=trajectories)
+    if options.road is not None:
+        from simwarp.cli.drive.drive_road import check_road_option
+
+        check_road_option(options.road)
     if options.seconds is not None and not 0.0 < options.seconds <= LONGEST:
         raise UsageError(f"seconds must be positive and at most {LONGEST:g}, got {options.seconds:g}")
     if options.worlds is not None and not 1 <= options.worlds <= 65536:

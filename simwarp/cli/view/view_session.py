@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from simwarp.cli import DONE, INTERRUPTED
+from simwarp.cli import DONE, INTERRUPTED, UsageError
 from simwarp.cli.options import parse_options
 from simwarp.cli.view.subject_page import open_view, say
 from simwarp.cli.view.view_options import ViewOptions, announce, check_view_options
@@ -33,12 +33,14 @@ def show(target: ViewTarget, arguments: list[str], server: WebServer | None) -> 
 
 def _plain_view(target: ViewTarget, options: ViewOptions, server: WebServer | None) -> LiveView:
     check_view_options(options)
+    if options.road is not None and target.kind != "vehicle":
+        raise UsageError(f"--road: is below vehicles, got the {target.kind} '{target.name}'; leave it out")
     say(options, f"building '{target.name}' ...")
     worlds, device = options.worlds, options.device
     if target.kind == "vehicle":
         from simwarp.cli.view.vehicle_subject import vehicle_subject
 
-        subject = vehicle_subject(target.name, worlds or 1, device)
+        subject = vehicle_subject(target.name, worlds or 1, device, road=options.road)
     elif target.kind == "scene":
         from simwarp.cli.view.model_subjects import scene_subject
 

@@ -12,6 +12,8 @@ import warp as wp
 from simwarp.core.types import ShapeType
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
+from simwarp.vehicle.roads.road_files import Window
+from simwarp.vehicle.roads.road_surface import RoadSurface
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.parameter_vector import MODELS
@@ -25,30 +27,64 @@ ROAD_AHEAD: Final = 50.0
 """Before the origin and behind the bump [m], beside what the manoeuvre covers."""
 ROAD_SIDE: Final = 20.0
 """To either side of a bump [m]."""
+STRAIGHT_LENGTH: Final = 900.0
+"""Ahead, of random roads below manoeuvres without steering [m]."""
+TURN_REACH: Final = 150.0
+"""To all sides, of random roads below manoeuvres with steering [m]."""
 MOST_CELLS: Final = 200_000
 """Of a height field along the road."""
 CELL: Final = 0.25
 """Of a map of friction [m]."""
 
 
-def check_road(maneuver: Maneuver, spec: VehicleSpec, on_soil: bool) -> None:
-    """Refuses bumps and patches of friction below tires that do not read them.
+def check_road(maneuver: Maneuver, spec: VehicleSpec, on_soil: bool, road: RoadSurface | None = None) -> None:
+    """Refuses bumps and patches of friction below tires that do not read them, and two grounds at once.
 
     Args:
         maneuver: with its road.
         spec: of the vehicle with its tires.
         on_soil: True if it drives on soil.
+        road: in place of the manoeuvre's plane.
 
     Raises:
-        SpecError: there is a bump or a patch, and a tire is no force law on a road.
+        SpecError: there is a bump, a patch or a map of friction, and a tire is no force law on a road; or the manoeuvre
+            has a ground of its own beside the road.
     """
-    if maneuver.bump is None and not maneuver.patches:
+    if road is not None:
+        check_own_ground(maneuver)
+    if maneuver.bump is None and not maneuver.patches and (road is None or road.friction is None):
         return
     template = next((axle.tire.template for axle in spec.axles if axle.tire.template not in MODELS), None)
     template = "soil" if template is None and on_soil else template
     if template is not None:
         rule = f"must be driven on tires that are force laws, got {template}; leave out --tire and --soil"
         raise SpecError(f"maneuver: {maneuver.name}: {rule}")
+
+
+def check_own_ground(maneuver: Maneuver) -> None:
+    """Refuses manoeuvres with a ground of their own, where a road is given.
+
+    Raises:
+        SpecError: it has a slope, a bump, patches of friction, or something lies across its way.
+    """
+    own = {
+        "a slope": maneuver.slope, "a bump": maneuver.bump, "patches of friction": maneuver.patches,
+        "an obstacle": maneuver.crossing,
+    }  # fmt: skip
+    found = next((name for name, value in own.items() if value), None)
+    if found is not None:
+        raise SpecError(f"road: must be driven by a manoeuvre on level ground, got {maneuver.name} with {found}")
+
+
+def road_window(maneuver: Maneuver) -> Window:
+    """First and last x and y of the ground that a manoeuvre needs below random roads [m].
+
+    Straight ones go far ahead, others turn to any side. Beyond the border there is no ground.
+    """
+    turns = maneuver.follow is not None or any(value for _, value in maneuver.script.steering)
+    if not turns:
+        return (-ROAD_AHEAD, STRAIGHT_LENGTH), (-ROAD_SIDE, ROAD_SIDE)
+    return (-TURN_REACH, TURN_REACH), (-TURN_REACH, TURN_REACH)
 
 
 def add_bump(builder: ModelBuilder, maneuver: Maneuver) -> int:

@@ -13,6 +13,7 @@ from simwarp.core.object_repr import Readable
 from simwarp.core.rotation import rotate
 from simwarp.core.types import WORLD, Material, Pose, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
+from simwarp.model.model import Model
 from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.solver_options import SolverOptions
@@ -23,7 +24,8 @@ from simwarp.vehicle.driving.intervention import Intervening, no_intervention
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
-from simwarp.vehicle.results.road import add_bump, check_road, tire_ground
+from simwarp.vehicle.results.road import add_bump, check_own_ground, check_road, tire_ground
+from simwarp.vehicle.roads.road_surface import FRICTION, RoadSurface, add_road, road_ground
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
@@ -37,10 +39,10 @@ SAMPLE_TIME = 0.01
 """Between the rows of a record [s]."""
 
 REFERENCE_FRICTION = 0.9
-FRICTION = (1.0e-4, 10.0)
-"""Least and most of a ground."""
 REFERENCE_DT = 1.0e-3
 
+START_REACH: Final = 5.0
+"""To all sides of the origin, where a vehicle stands as a run begins [m]."""
 GROUND_LENGTH: Final = 50.0
 GROUND_WIDTH: Final = 20.0
 """Half lengths of the ground on either side of a trench [m]."""
@@ -82,6 +84,8 @@ class SetUpOptions(TypedDict, total=False):
     joint_reactions: bool
     wheel_bodies: bool
     own_tires: bool
+    road: RoadSurface | None
+    driven: bool
 
 
 @overload
@@ -119,6 +123,8 @@ def set_up(
     variants: Sequence[Maneuver] = (),
     wheel_bodies: bool = True,
     own_tires: bool = False,
+    road: RoadSurface | None = None,
+    driven: bool = True,
 ) -> Setup[AnyVehicle]:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -138,9 +144,11 @@ def set_up(
         variants: manoeuvres of the single worlds, for their drivers on paths and interventions; see `set_up_variants`.
         wheel_bodies: False: without the bodies that show the wheels of a reduced vehicle (`add_vehicle`).
         own_tires: True if the tires of every world have numbers and a friction of their own (`Vehicle`, `randomised`).
+        road: of `simwarp.vehicle.roads`, below a manoeuvre on level ground; None: a plane.
+        driven: False: nobody drives, and `vehicle.input` is there to be written; the driver is the vehicle itself.
 
     Raises:
-        SpecError: the vehicle, the step or the friction cannot be used.
+        SpecError: the vehicle, the step, the friction or the road cannot be used.
     """
     _check(dt, friction)
     rotation = _lean(maneuver)
@@ -149,27 +157,27 @@ def set_up(
     if isinstance(spec, TrackedVehicleSpec):
         if on_soil:
             raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
-        tracked = add_tracked_vehicle(builder, spec, at=_start_pose(spec, maneuver))
-        if spec.on_belts and maneuver.crossing is not None:
-            rule = "must be driven shoe by shoe, got belts, which meet no shapes; take the vehicle with chains"
-            raise SpecError(f"maneuver: {maneuver.name}: {rule}")
-        add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
-        model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-        below = ground(model.device, rotation=rotation) if spec.on_belts else None
-        vehicle = TrackedVehicle(tracked, model, ground=below)
-        if vehicle.belts is not None:
-            vehicle.belts.ground_friction.fill_(friction)
+        model, vehicle = _tracks_on_ground(
+            builder, spec, maneuver, friction, road,
+            lambda: builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised)),
+        )  # fmt: skip
         if maneuver.gyration and isinstance(spec.driveline, SimpleTrackDriveline):
             vehicle.gyration.fill_(1)
     else:
         parts, asset = add_on_road(
-            builder, spec, maneuver, friction=friction, on_soil=on_soil, wheel_bodies=wheel_bodies
+            builder, spec, maneuver, friction=friction, on_soil=on_soil, wheel_bodies=wheel_bodies, road=road
         )  # fmt: skip
         model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
-        terrain = tire_ground(maneuver, model.device, rotation, asset)
+        if road is None:
+            terrain = tire_ground(maneuver, model.device, rotation, asset)
+        else:
+            terrain = road_ground(model, road, friction=friction)
         vehicle = Vehicle(parts, model, ground=terrain, randomised=own_tires)
         _prepare(vehicle, maneuver, friction)
-    driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
+    if driven:
+        driver, acting = _acting(vehicle, variants or (maneuver,), elements(vehicle))
+    else:
+        driver, acting = vehicle, [vehicle, *elements(vehicle)]
     chains = isinstance(vehicle, TrackedVehicle) and vehicle.belts is None
     simulation = Simulation(
         model, dt, elements=acting, solver=solver or (TRACK_SOLVER if chains else VEHICLE_SOLVER),
@@ -178,9 +186,37 @@ def set_up(
     return Setup(simulation, vehicle, driver, maneuver)
 
 
+def _tracks_on_ground(
+    builder: ModelBuilder, spec: TrackedVehicleSpec, maneuver: Maneuver, friction: float, road: RoadSurface | None,
+    finished: Callable[[], Model],
+) -> tuple[Model, TrackedVehicle]:  # fmt: skip
+    """A tracked vehicle with its ground, in the model that `finished` makes of the builder."""
+    rotation = _lean(maneuver)
+    tracked = add_tracked_vehicle(builder, spec, at=_start_pose(spec, maneuver, road))
+    if spec.on_belts and maneuver.crossing is not None:
+        rule = "must be driven shoe by shoe, got belts, which meet no shapes; take the vehicle with chains"
+        raise SpecError(f"maneuver: {maneuver.name}: {rule}")
+    if road is None:
+        add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
+    else:
+        check_own_ground(maneuver)
+        if road.friction is not None:
+            rule = "of one friction below tracks, got a map of friction; leave it out"
+            raise SpecError(f"road: must be {rule}")
+        add_road(builder, road, friction=friction)
+    model = finished()
+    below = None
+    if spec.on_belts:
+        below = ground(model.device, rotation=rotation) if road is None else road_ground(model, road)
+    vehicle = TrackedVehicle(tracked, model, ground=below)
+    if vehicle.belts is not None:
+        vehicle.belts.ground_friction.fill_(friction)
+    return model, vehicle
+
+
 def add_on_road(
     builder: ModelBuilder, spec: VehicleSpec, maneuver: Maneuver, *, friction: float, on_soil: bool = False,
-    wheel_bodies: bool = True,
+    wheel_bodies: bool = True, road: RoadSurface | None = None,
 ) -> tuple[VehicleParts, int]:  # fmt: skip
     """Adds a vehicle on wheels at the start of a manoeuvre, with its ground and bump, as `set_up` does.
 
@@ -191,6 +227,7 @@ def add_on_road(
         friction: of the ground below tires that are shapes.
         on_soil: True if soil is the ground.
         wheel_bodies: as of `set_up`.
+        road: as of `set_up`.
 
     Returns:
         The vehicle's parts, and the asset of the road's bump (-1: none).
@@ -201,13 +238,16 @@ def add_on_road(
     if maneuver.drawbar is not None:
         spec.require_linkages("a drawbar test")
     driven = spec if maneuver.drawbar is None else with_locks(spec)
-    start = _start_pose(spec, maneuver)
+    start = _start_pose(spec, maneuver, road)
     parts = add_vehicle(
         builder, driven, at=start, speed=maneuver.initial_speed, gear=maneuver.held_gear, wheel_bodies=wheel_bodies
     )
-    if not on_soil and any(side.meets_shapes for side in parts.sides):
+    if road is not None:
+        sinks = on_soil or any(axle.tire.template == "soil-rigid" for axle in spec.axles)
+        add_road(builder, road, friction=friction, below_soil=sinks)
+    elif not on_soil and any(side.meets_shapes for side in parts.sides):
         add_ground(builder, None, _lean(maneuver), Material(friction=friction))
-    check_road(maneuver, parts.spec, on_soil)
+    check_road(maneuver, parts.spec, on_soil, road)
     return parts, add_bump(builder, maneuver)
 
 
@@ -217,10 +257,11 @@ def _lean(maneuver: Maneuver) -> Array:
     return np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
 
 
-def _start_pose(spec: AnyVehicleSpec, maneuver: Maneuver) -> Pose:
-    """Of the vehicle's frame of reference."""
+def _start_pose(spec: AnyVehicleSpec, maneuver: Maneuver, road: RoadSurface | None) -> Pose:
+    """Of the vehicle's frame of reference; on a road above the highest place below it."""
     rotation = _lean(maneuver)
-    place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
+    x, y, z = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
+    place = (x, y, z if road is None else z + road.highest(START_REACH))
     return pose(rotate(rotation, np.array(place)), rotation)
 
 

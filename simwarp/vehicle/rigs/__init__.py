@@ -17,7 +17,6 @@ from simwarp.vehicle.rigs.four_post import (
     run_four_post_roads,
 )
 from simwarp.vehicle.rigs.rig_rows import RigRows, RowStatus
-from simwarp.vehicle.rigs.road_profiles import RoadClass, RoadProfile, displacement_spectrum, road_profile
 from simwarp.vehicle.rigs.steering_rig import SteeringCurve, run_steering_rig
 from simwarp.vehicle.rigs.suspension_curves import (
     SuspensionCurve,
@@ -28,6 +27,7 @@ from simwarp.vehicle.rigs.suspension_curves import (
 from simwarp.vehicle.rigs.suspension_rig import run_suspension_rig
 from simwarp.vehicle.rigs.tilt_table import TiltTable, run_tilt_table
 from simwarp.vehicle.rigs.tire_rig import TireCurves, TireForces, TireSweep, run_tire_rig, tire_forces
+from simwarp.vehicle.roads.road_profiles import RoadClass, RoadProfile, displacement_spectrum, road_profile
 
 __all__ = [
     "ComplianceCurve",

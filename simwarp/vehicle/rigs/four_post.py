@@ -18,7 +18,7 @@ import numpy.typing as npt
 from simwarp.core.object_repr import Readable, Row, plural
 from simwarp.vehicle.rigs.post_rig import SLIDING, PostRig
 from simwarp.vehicle.rigs.rig_rows import Progress, Reasons, RigRows, RowStatus, Statuses
-from simwarp.vehicle.rigs.road_profiles import RoadClass, RoadProfile, road_profile
+from simwarp.vehicle.roads.road_profiles import ROAD_CLASSES, RoadClass, RoadProfile, road_profile
 from simwarp.vehicle.spec.parts import Array, SpecError
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
@@ -277,7 +277,7 @@ class _SineFit:
 class RoadSweep:
     """Roads of a four-post rig: each class at each speed is a world."""
 
-    roads: tuple[RoadClass, ...] = tuple(RoadClass)
+    roads: tuple[RoadClass, ...] = ROAD_CLASSES
     speeds: tuple[float, ...] = (15.0,)
     """[m/s]."""
     duration: float = 20.0

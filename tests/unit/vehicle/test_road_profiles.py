@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import coherence, welch
 
 from simwarp.vehicle.rigs import RoadClass, displacement_spectrum, road_profile
-from simwarp.vehicle.rigs.road_profiles import BAND, track_correlation
+from simwarp.vehicle.roads.road_profiles import BAND, track_correlation
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 LENGTH, SPACING, SEGMENT = 20_000.0, 0.1, 4096

@@ -29,18 +29,25 @@ BAND: Final = (0.011, 2.83)
 
 
 class RoadClass(enum.Enum):
-    """Classes of ISO 8608, from very good to very poor roads."""
+    """Classes of ISO 8608: A to E from very good to very poor roads, F to H ground without a road."""
 
     A = "A"
     B = "B"
     C = "C"
     D = "D"
     E = "E"
+    F = "F"
+    G = "G"
+    H = "H"
 
     @property
     def roughness(self) -> float:
         """G_d(n_0): spectral density at 0.1 1/m [m³]."""
-        return SMOOTHEST * 4.0 ** "ABCDE".index(self.value)
+        return SMOOTHEST * 4.0 ** "ABCDEFGH".index(self.value)
+
+
+ROAD_CLASSES: Final = (RoadClass.A, RoadClass.B, RoadClass.C, RoadClass.D, RoadClass.E)
+"""Those that roads have: F to H are unpaved ground."""
 
 
 def displacement_spectrum(frequency: npt.ArrayLike, road: RoadClass) -> Array:

@@ -1,0 +1,107 @@
+"""`simwarp drive --road`: a level road is a plane, its map of friction is friction, soils lie where they are drawn, and
+wrong roads are refused in one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from simwarp import cli
+
+STRAIGHT = "t_s,steering,throttle,braking\n0,0,0,1\n0.5,0,0,1\n0.5,0,1,0\n1.5,0,1,0\n1.5,0,0,1\n2.5,0,0,1\n"
+
+
+@pytest.fixture
+def drive(capfd, tmp_path, monkeypatch):
+    """Run the command in a folder of its own with a script and the bitmaps of a level road."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "inputs.csv").write_text(STRAIGHT)
+    np.save("level.npy", np.zeros((3, 9)))
+    np.save("slippery.npy", np.full((2, 2), 0.3))
+    np.save("soil.npy", np.array([[0, 1]]))
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = cli.main(["drive", *arguments])
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
+
+
+def write_road(name, **further):
+    content = {"origin": [-20.0, -10.0], "size": [80.0, 20.0], "height": {"pixels": "level.npy"}, **further}
+    with open(name, "w") as file:
+        json.dump(content, file)
+    return name
+
+
+def final(drive, *arguments):
+    code, _, err = drive("hmmwv-reduced", "--maneuver", "inputs.csv", "--json", "a.json", *arguments)
+    assert (code, err) == (0, "")
+    with open("a.json") as file:
+        return json.load(file)["final"]
+
+
+def test_a_level_road_is_a_plane(drive):
+    plane = final(drive)
+    road = final(drive, "--road", write_road("road.json"))
+    assert plane["x_m"] > 1.0
+    # other kernels ask for the ground, in float32: microns a step, of which springs and brakes make no more
+    for name in ("x_m", "z_m", "speed_mps", "Fz_FL_N"):
+        assert road[name] == pytest.approx(plane[name], rel=1e-3, abs=1e-3), name
+
+
+def test_a_map_of_friction_is_friction(drive):
+    plane = final(drive, "--friction", "0.3")
+    road = final(drive, "--road", write_road("road.json", friction={"pixels": "slippery.npy"}))
+    grips = final(drive, "--road", write_road("grips.json"))
+    assert road["x_m"] == pytest.approx(plane["x_m"], abs=2e-3)
+    assert abs(road["x_m"] - grips["x_m"]) > 0.05
+
+
+def test_a_random_road_lifts_the_vehicle(drive):
+    level, rough = final(drive), final(drive, "--road", "iso8608:D:3")
+    # class D: 3 cm between crests and troughs of a few metres
+    assert 1e-3 < abs(rough["z_m"] - level["z_m"]) < 0.3
+    assert rough["pitch_rad"] != pytest.approx(level["pitch_rad"], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_soils_of_a_road_sink_as_they_do_alone(drive):
+    """Standing on the first soil's half of the map."""
+    road = write_road("road.json", soil="soil.npy", soils=["mid", "hard"], origin=[-6.0, -10.0], size=[80.0, 20.0])
+    options = ("hmmwv", "--maneuver", "inputs.csv", "--duration", "0.5", "--tire", "soil-rigid", "--json", "a.json")
+    found = []
+    for arguments in (("--road", road), ("--soil", "mid")):
+        code, _, err = drive(*options, *arguments)
+        assert (code, err) == (0, "")
+        with open("a.json") as file:
+            found.append(json.load(file)["final"]["sink_FL_m"])
+    assert found[0] > 0.005
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--road", "iso8608:K"), "--road: must be of a class from A to H, got 'K'"),
+        (("--road", "iso8608:C:x"), "--road: must be of a seed"),
+        (("--road", "gravel"), "--road: must be iso8608:CLASS"),
+        (("--road", "none.json"), "--road: none.json: cannot be read"),
+        (("--road", "iso8608:C", "--maneuver", "slope-hold"), "level ground, got slope-hold with a slope"),
+        (("--road", "iso8608:C", "--speeds", "5,6", "--maneuver", "iso-3888-1"), "--road: is of one run"),
+        (("--road", "empty.json"), "height: "),
+        (("--road", "short.json"), "at least 5 m to all sides of the origin"),
+        (("--road", "soils.json", "--soil", "mid", "--tire", "soil-rigid"), "--soil: the road 'soils.json' has soils"),
+    ],
+)
+def test_wrong_roads_are_refused_in_one_line(drive, arguments, message):
+    with open("empty.json", "w") as file:
+        json.dump({"origin": [0.0, 0.0], "size": [1.0, 1.0]}, file)
+    write_road("short.json", origin=[-1.0, -1.0])
+    write_road("soils.json", soils=["mid"])
+    code, _, err = drive("hmmwv", *arguments)
+    assert code == 2
+    assert message in err
+    assert len(err.strip().splitlines()) == 1
