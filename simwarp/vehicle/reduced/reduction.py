@@ -16,6 +16,7 @@ from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, merged
 from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
+    BeamAxle,
     DifferentialDrive,
     PinnedAxle,
     RigidSuspension,
@@ -88,7 +89,7 @@ def _check(spec: VehicleSpec, rows: int, columns: int) -> None:
         suspension = axle.suspension
         if isinstance(suspension, TabulatedSuspension):
             raise SpecError(f"axles[{index}]: must be a linkage, got tables: {name} is reduced already")
-        if isinstance(suspension, (SolidAxle, PinnedAxle)):
+        if isinstance(suspension, (SolidAxle, BeamAxle, PinnedAxle)):
             rule = "independent or rigid to be reduced"
             raise SpecError(f"axles[{index}]: must be {rule}, got the template '{suspension.template}' of {name}")
         if axle.tire.template not in MODELS:

@@ -13,6 +13,7 @@ from typing import Final, Protocol
 
 from simwarp.vehicle.spec.drivetrain_parts import (
     Driveline,
+    MultiAxleDriveline,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
     SimpleDriveline,
@@ -109,12 +110,12 @@ def _check_driven_axles(spec: Assembled) -> None:
             if not -1 <= axle < count:
                 rule = f"the index of an axle, {_indices(count)}, or -1 for the last"
                 raise refuse("driveline.axle", rule, axle)
-        case SimpleDriveline(axles=axles) | ShaftsDriveline4WD(axles=axles):
+        case SimpleDriveline(axles=axles) | ShaftsDriveline4WD(axles=axles) | MultiAxleDriveline(axles=axles):
             for place, axle in enumerate(axles):
                 if not 0 <= axle < count:
                     raise refuse(f"driveline.axles[{place}]", f"the index of an axle, {_indices(count)}", axle)
-            if axles[0] == axles[1]:
-                raise refuse("driveline.axles", "two different axles", axles)
+            if len(set(axles)) < len(axles):
+                raise refuse("driveline.axles", "different axles", axles)
 
 
 def _indices(count: int) -> str:

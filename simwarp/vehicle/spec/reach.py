@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3
 from simwarp.vehicle.spec.plausibility import lengths
 from simwarp.vehicle.spec.suspension_parts import (
@@ -24,6 +25,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     SingleWishbone,
     SolidAxle,
     Suspension,
+    ThreeLink,
     TrailingArm,
 )
 from simwarp.vehicle.spec.vehicle_parts import Axle
@@ -51,6 +53,8 @@ HELD_BY: Final[dict[type, tuple[str, ...]]] = {
     MultiLink: ("trailing_link_chassis", "trailing_link_upright"),
     SolidAxle: ("axle_tube", "upper_link_axle", "lower_link_axle", "knuckle_upper", "knuckle_lower"),
     TrailingArm: ("pivot", "spindle"),
+    ThreeLink: ("arm_chassis", "upper_rod_arm", "lower_rod_arm", "spindle"),
+    BeamAxle: ("axle_tube", "spindle"),
 }  # fmt: skip
 """Points of the part that holds the foot of a drop link, or other parts whose centres of mass lie on it."""
 
