@@ -29,16 +29,20 @@ from simwarp.core.types import formatted
 from simwarp.core.wording import shortened
 from simwarp.importers.chrono_axles import AXLES, Points, hung_on_chassis, with_points
 from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
+from simwarp.importers.chrono_generic import GENERIC
 from simwarp.importers.chrono_json import Node, of_matrix
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
 from simwarp.vehicle.spec.parts import inertia_matrix
+from simwarp.vehicle.spec.plausibility import is_point
 from simwarp.vehicle.spec.vehicle_spec import (
+    ZERO,
     AntirollBar,
     Axle,
     Brake,
     Chassis,
     RigidPart,
+    Spec,
     SpecError,
     SteeringMount,
     VehicleSpec,
@@ -48,6 +52,8 @@ from simwarp.vehicle.spec.vehicle_spec import (
 T = TypeVar("T")
 
 WHEELBASE_TOLERANCE = 0.02
+NEAR_GROUND = 0.1
+"""Of a tire's radius: how far from the ground a wheel may start."""
 
 
 def load_chrono_vehicle(
@@ -103,6 +109,7 @@ def load_chrono_vehicle(
         engine=None if engine is None else files.part("Engine", ENGINES, engine),
         transmission=None if transmission is None else files.part("Transmission", TRANSMISSIONS, transmission),
         wheelbase=wheelbase(node, axles),
+        start_height=start_height(axles),
     )
     node.finish()
     return spec
@@ -201,17 +208,37 @@ def read_axles(node: Node, files: Files, tire: str | Path | Sequence[str | Path]
 
 
 def read_axle(node: Node, files: Files, tire: str | Path) -> Axle:
-    """One axle; left and right must be alike."""
+    """One axle; left and right must be alike. A frame that is farther from its wheels than a radius moves to them."""
+    x, y, z = node.vector("Suspension Location")
+    suspension = files.part("Suspension", SUSPENSIONS | AXLES | GENERIC, node.text("Suspension Input File"))
+    fitted = files.part("Tire", TIRES, tire, files.root)
+    behind = suspension.spindle.com[0]
+    if abs(behind) > fitted.radius:
+        x, suspension = x + behind, shifted(suspension, -behind)
     return node.make(
         Axle,
-        location=node.vector("Suspension Location"),
-        suspension=files.part("Suspension", SUSPENSIONS | AXLES, node.text("Suspension Input File")),
+        location=(x, y, z),
+        suspension=suspension,
         wheel=both_sides(node, files, "Wheel", {"Wheel": wheel}),
-        tire=files.part("Tire", TIRES, tire, files.root),
+        tire=fitted,
         brake=read_brake(node, files),
         steering=node.whole("Steering Index") if "Steering Index" in node else None,
         antiroll_bar=read_antiroll_bar(node, files),
     )
+
+
+def shifted(part: T, ahead: float) -> T:
+    """A description with all its places moved along x [m]."""
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(part):  # type: ignore[arg-type]
+        value: Any = getattr(part, field.name)
+        if isinstance(value, Spec):
+            changes[field.name] = shifted(value, ahead)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Spec):
+            changes[field.name] = tuple(shifted(each, ahead) for each in value)
+        elif isinstance(value, tuple) and len(value) == len(ZERO) and is_point(field.name):
+            changes[field.name] = (value[0] + ahead, value[1], value[2])
+    return dataclasses.replace(part, **changes)  # type: ignore[type-var]
 
 
 def links_on_chassis(node: Node, files: Files) -> Points:
@@ -282,6 +309,14 @@ def wheelbase(node: Node, axles: Sequence[Axle]) -> float | None:
     return None
 
 
+def start_height(axles: Sequence[Axle]) -> float:
+    """Half a metre, as in Chrono's programs, unless that leaves the lowest wheel clearly off the ground or in it."""
+    usual: float = VehicleSpec.start_height
+    bottoms = [(axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius, axle) for axle in axles]
+    bottom, lowest = min(bottoms, key=lambda pair: pair[0])
+    return usual if abs(usual + bottom) <= NEAR_GROUND * lowest.tire.radius else -bottom
+
+
 # ---- chassis ---------------------------------------------------------------------------------------------------------
 
 
@@ -301,9 +336,25 @@ def chassis(node: Node, links: Points = ()) -> Chassis:  # type: ignore[assignme
         node.skip("Contact")
         remedy = "add_chassis_box adds a box that stands for the vehicle in contacts"
         warnings.warn(f"{node.place.file}: Contact: left out; {remedy}", stacklevel=2)
+    components = [as_a_body(node, part) for part in components]
     if components:
         components[-1] = with_points(node, components[-1], links)
     return node.make(Chassis, components=tuple(components))
+
+
+def as_a_body(node: Node, part: RigidPart) -> RigidPart:
+    """A component whose largest moment of inertia is at most the sum of the others, as that of any body is."""
+    moments, axes = np.linalg.eigh(inertia_matrix(part))
+    most = float(moments[0] + moments[1])
+    if moments[2] <= most:
+        return part
+    found, rule = f"{moments[2]:.6g} kg·m²", "no body's: above the sum of the others"
+    warnings.warn(
+        f"{node.place.file}: Components: a moment of inertia of {found} is {rule}, which it is lowered to, {most:.6g}",
+        stacklevel=2,
+    )
+    moments[2] = most
+    return of_matrix(node, part.mass, np.array(part.com), axes @ np.diag(moments) @ axes.T)
 
 
 def turned_part(node: Node) -> RigidPart:

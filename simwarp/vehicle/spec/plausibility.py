@@ -164,11 +164,12 @@ def lengths(part: Spec, key: str) -> Iterator[tuple[str, float, object]]:
             elif name in CURVES_OVER_LENGTH:
                 size = max(abs(x) for x, _ in value)
                 yield where, size, f"one with x up to {size:g}"
-            elif len(value) == 3 and isinstance(value[0], (int, float)) and _is_point(name):
+            elif len(value) == 3 and isinstance(value[0], (int, float)) and is_point(name):
                 yield where, math.hypot(*value), value
 
 
-def _is_point(name: str) -> bool:
+def is_point(name: str) -> bool:
+    """Whether a field of this name that holds three numbers is a place."""
     return not (name.endswith("inertia") or name in ("products", "momentum", "moment") or "axis" in name)
 
 

@@ -150,6 +150,8 @@ def _motion(suspension: Suspension) -> Callable[[Array, float], Array]:
             back, tip, axis = suspension.arm_chassis, suspension.spindle.com, suspension.arm_axis
         case TrailingArm():
             back, tip, axis = suspension.pivot, suspension.spindle.com, suspension.pivot_axis
+        case ThreeLink():  # both rods lie across, so that the arm swings about its ball nearly as about y
+            back, tip, axis = suspension.arm_chassis, suspension.spindle.com, (0.0, 1.0, 0.0)
         case _:
             return lambda point, travel: np.asarray(point + np.array((0.0, 0.0, travel)))
     unit = np.array(axis) / np.linalg.norm(axis)
