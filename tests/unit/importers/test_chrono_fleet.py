@@ -174,7 +174,6 @@ def edited(folder: Path, changes: dict[str, Any], file: str) -> Path:
     return folder
 
 
-LEAF = "mtv/suspension/FMTV_ToeBarLeafSpringAxle.json"
 FRONT = "truck/json/truck_FrontSolidThreeLinkAxle.json"
 TRUCK = "truck/json/truck_Vehicle.json"
 SPRING = {"Location Chassis": [0.0, 0.529, 0.26], "Location Axle": [0.0, 0.529, 0.06], "Spring Coefficient": 420000.0}
