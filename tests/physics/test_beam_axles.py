@@ -229,5 +229,5 @@ def test_arms_are_across_their_hinges():
 
 
 def test_an_axle_is_driven_once():
-    with pytest.raises(SpecError, match=r"driveline.axles: must be different axles, got \(1, 1\)"):
-        dataclasses.replace(truck(leaves(), leaves()), driveline=MultiAxleDriveline(axles=(1, 1)))
+    with pytest.raises(SpecError, match=r"driveline.axles: must be different axles, got \(1, 2, 1\)"):
+        dataclasses.replace(truck(leaves(), leaves(), leaves()), driveline=MultiAxleDriveline(axles=(1, 2, 1)))

@@ -115,7 +115,8 @@ def _check_driven_axles(spec: Assembled) -> None:
                 if not 0 <= axle < count:
                     raise refuse(f"driveline.axles[{place}]", f"the index of an axle, {_indices(count)}", axle)
             if len(set(axles)) < len(axles):
-                raise refuse("driveline.axles", "different axles", axles)
+                rule = "two different axles" if len(axles) == 2 else "different axles"
+                raise refuse("driveline.axles", rule, axles)
 
 
 def _indices(count: int) -> str:
