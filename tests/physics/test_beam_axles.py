@@ -11,6 +11,9 @@ import pytest
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.driving.reachable_speeds import shaft_speed
+from simwarp.vehicle.reduced.reduction import reduce_vehicle
+from simwarp.vehicle.rigs.standing_loads import driven_axles
 from simwarp.vehicle.spec.drivetrain_parts import MultiAxleDriveline
 from simwarp.vehicle.spec.mirroring import mirrored
 from simwarp.vehicle.spec.variants import with_options
@@ -226,6 +229,17 @@ def test_mistakes_are_named(name):
 def test_arms_are_across_their_hinges():
     with pytest.raises(SpecError, match="axle_point: must be at the y of chassis_point, 0 m"):
         TriangularArm(chassis_point=(0.8, 0.0, 0.2), axle_point=(0.0, 0.1, 0.2))
+
+
+def test_the_drive_shaft_turns_with_all_driven_axles():
+    """At the mean of the wheels behind it, over the ratio; reduced vehicles have no such driveline."""
+    spec = truck(leaves(), leaves(), leaves())
+    spec = dataclasses.replace(spec, driveline=MultiAxleDriveline(axles=(0, 1, 2), gear_ratio=0.25))
+    assert shaft_speed(spec, 10.0) == pytest.approx(10.0 / spec.axles[0].tire.radius / 0.25)
+    assert driven_axles(spec) == (0, 1, 2)
+    two = dataclasses.replace(truck(leaves(), leaves()), driveline=MultiAxleDriveline(axles=(0, 1)))
+    with pytest.raises(SpecError, match="driveline: must be a template for one or two axles to be reduced, got 'simp"):
+        reduce_vehicle(two)
 
 
 def test_an_axle_is_driven_once():

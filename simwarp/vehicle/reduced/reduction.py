@@ -18,6 +18,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     BeamAxle,
     DifferentialDrive,
+    MultiAxleDriveline,
     PinnedAxle,
     RigidSuspension,
     SolidAxle,
@@ -85,6 +86,9 @@ def _check(spec: VehicleSpec, rows: int, columns: int) -> None:
         raise SpecError(f"axles: must be two to be reduced, got {len(spec.axles)} of {name}")
     if isinstance(spec.driveline, DifferentialDrive):
         raise SpecError(f"driveline: must have an engine or none to be reduced, got the motors per side of {name}")
+    if isinstance(spec.driveline, MultiAxleDriveline):
+        rule = "a template for one or two axles to be reduced"
+        raise SpecError(f"driveline: must be {rule}, got '{spec.driveline.template}' of {name}; take 'simple'")
     for index, axle in enumerate(spec.axles):
         suspension = axle.suspension
         if isinstance(suspension, TabulatedSuspension):
