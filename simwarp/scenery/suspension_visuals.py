@@ -79,12 +79,13 @@ LINKS: Final[dict[type, tuple[tuple[str, str], ...]]] = {
         ("upper_link_chassis", "upper_link_axle"), ("lower_link_chassis", "lower_link_axle"),
         ("draglink_chassis", "draglink_knuckle"),
     ),
-    TrailingArm: (("pivot", HUB),),
+    TrailingArm: (("pivot", HUB),), BeamAxle: (),
     ThreeLink: (
         ("arm_chassis", HUB), ("upper_rod_chassis", "upper_rod_arm"), ("lower_rod_chassis", "lower_rod_arm"),
     ),
 }  # fmt: skip
-"""Ends of the links of one side, by the names of their points; those that a description leaves out are not there."""
+"""Ends of the links of one side, by the names of their points; those that a description leaves out are not there.
+Of a beam axle, whose links are no fields of its own, `_beam_bars` knows them."""
 UPRIGHTS: Final[dict[type, tuple[str, ...]]] = {
     DoubleWishbone: ("upper_arm_upright", "lower_arm_upright", "tierod_upright"),
     DoubleWishboneReduced: ("upper_arm_upright", "lower_arm_upright", "tierod_upright"),

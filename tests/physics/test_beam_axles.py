@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from simwarp.model.builder import ModelBuilder
+from simwarp.scenery.suspension_visuals import BarKind, suspension_bars
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.reachable_speeds import shaft_speed
@@ -229,6 +230,22 @@ def test_mistakes_are_named(name):
 def test_arms_are_across_their_hinges():
     with pytest.raises(SpecError, match="axle_point: must be at the y of chassis_point, 0 m"):
         TriangularArm(chassis_point=(0.8, 0.0, 0.2), axle_point=(0.0, 0.1, 0.2))
+
+
+def test_what_leads_and_steers_a_beam_is_drawn():
+    """Two rods, an arm, a drag link and both arms of the bell crank, where they lie; as many of them as there are."""
+    spec = truck(linked(**KNUCKLE, bell_crank=CRANK, crossed_tierods=True), leaves())
+    front = spec.axles[0]
+    drawn = {
+        (tuple(bar.start.round(9).tolist()), tuple(bar.end.round(9).tolist()))
+        for bar in suspension_bars(front)
+        if bar.kind is BarKind.LINK
+    }
+    ends = [(ROD.chassis_point, ROD.axle_point), (ARM.chassis_point, ARM.axle_point),
+            (KNUCKLE["draglink_chassis"], CRANK.draglink), (CRANK.pivot, CRANK.tierod)]  # fmt: skip
+    for start, end in ends:
+        assert tuple(tuple(np.add(front.location, point).round(9).tolist()) for point in (start, end)) in drawn
+    assert len(drawn) == 2 + 1 + 1 + 2 + 1  # and the tie rod across
 
 
 def test_the_drive_shaft_turns_with_all_driven_axles():
