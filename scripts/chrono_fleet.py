@@ -6,6 +6,7 @@ stands between `<!-- files of vehicles -->` and `<!-- end of files -->`.
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 import warnings
@@ -87,10 +88,9 @@ def table(root: Path) -> str:
 
 def main() -> int:
     """Write the page; exit code 0."""
-    if len(sys.argv) != 2:
-        print("usage: python -m scripts.chrono_fleet FOLDER", file=sys.stderr)
-        return 2
-    made = table(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="Chrono's data/vehicle")
+    made = table(parser.parse_args().folder)
     page = PAGE.read_text(encoding="utf-8")
     PAGE.write_text(BLOCK.sub(lambda match: f"{match[1]}{made}{match[2]}", page), encoding="utf-8")
     return 0
