@@ -20,6 +20,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     EngineShafts,
     EngineSimple,
     ManualShafts,
+    MultiAxleDriveline,
     PitmanArm,
     RackPinion,
     RigidPart,
@@ -180,10 +181,17 @@ def simple_driveline(node: Node, axles: tuple[int, ...]) -> SimpleDriveline:
     )
 
 
+def simple_multi_axle(node: Node, axles: tuple[int, ...]) -> MultiAxleDriveline:
+    """SimpleDrivelineXWD: equal shares, without a bevel gear; its torque does not act back on the chassis either."""
+    bias = node.number("Differential Max Bias")
+    return node.make(MultiAxleDriveline, axles=axles, max_bias=bias, reaction=0.0)
+
+
 DRIVELINES: dict[str, Callable[[Node, tuple[int, ...]], Driveline]] = {
     "ShaftsDriveline2WD": shafts_2wd,
     "ShaftsDriveline4WD": shafts_4wd,
     "SimpleDriveline": simple_driveline,
+    "SimpleDrivelineXWD": simple_multi_axle,
 }
 
 

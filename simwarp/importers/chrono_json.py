@@ -8,6 +8,9 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, cast
 
+import numpy as np
+import numpy.typing as npt
+
 from simwarp.core.constraints import Meaning
 from simwarp.core.schema import Place
 from simwarp.core.types import formatted
@@ -64,7 +67,7 @@ class Node:
         self.value: dict[str, Any] = value
         self.place = place
         self.known: set[str] = set()
-        self.children: list[Node] = []
+        self.children: dict[tuple[str, int], Node] = {}
 
     @classmethod
     def of_file(cls, path: Path) -> Node:
@@ -87,16 +90,16 @@ class Node:
 
     def child(self, key: str) -> Node:
         """An object within this one."""
-        node = Node(self.get(key, "an object"), self.place.at(key))
-        self.children.append(node)
-        return node
+        if (key, -1) not in self.children:
+            self.children[key, -1] = Node(self.get(key, "an object"), self.place.at(key))
+        return self.children[key, -1]
 
     def each(self, key: str) -> Iterator[Node]:
         """The objects of a list."""
         for index, item in enumerate(self._held(key, OBJECTS, "a list of objects")):
-            node = Node(item, self.place.at(key).at(index))
-            self.children.append(node)
-            yield node
+            if (key, index) not in self.children:
+                self.children[key, index] = Node(item, self.place.at(key).at(index))
+            yield self.children[key, index]
 
     def text(self, key: str) -> str:
         """A text."""
@@ -185,8 +188,20 @@ class Node:
             if key not in self.known and key not in VISUAL:
                 known = ", ".join(sorted(self.known)) or "none"
                 raise self.place.at(key).error(f"unknown key{nearest(key, self.known)}; known: {known}")
-        for node in self.children:
+        for node in self.children.values():
             node.finish()
+
+
+def of_matrix(node: Node, mass: float, com: npt.NDArray[np.float64], inertia: npt.NDArray[np.float64]) -> RigidPart:
+    """A part from its matrix of inertia."""
+    x, y, z = (float(v) for v in com)
+    return node.make(
+        RigidPart,
+        mass=float(mass),
+        com=(x, y, z),
+        inertia=(float(inertia[0, 0]), float(inertia[1, 1]), float(inertia[2, 2])),
+        products=(float(inertia[0, 1]), float(inertia[0, 2]), float(inertia[1, 2])),
+    )
 
 
 def finite(value: Any, wanted: str, place: Place) -> float:

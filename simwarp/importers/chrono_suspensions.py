@@ -37,13 +37,15 @@ DEGRESSIVE_SPEEDS = np.linspace(-2.0, 2.0, 81)
 """Speeds at which the law of a degressive damper is sampled [m/s]."""
 
 
-def force_line(node: Node, other: str, *, damper: bool = False) -> ForceLine:
-    """A spring, a shock or both between the key "Location Chassis" and the key `other`.
+def force_line(
+    node: Node, other: str, *, damper: bool = False, chassis: str = "Location Chassis"
+) -> ForceLine:  # fmt: skip
+    """A spring, a shock or both between the keys `chassis` and `other`.
 
     The old key "Curve Data" is a curve of damping where `damper` is set, of stiffness otherwise.
     """
     fields: dict[str, Any] = {
-        "chassis_point": node.vector("Location Chassis"),
+        "chassis_point": node.vector(chassis),
         "arm_point": node.vector(other),
         "preload": node.number("Preload", "N", 0.0),
         "stiffness": node.number("Spring Coefficient", "N/m", 0.0),

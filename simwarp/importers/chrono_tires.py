@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,9 @@ def common(node: Node) -> dict[str, Any]:
     found = {}
     if "Coefficient of Friction" in node:
         found["reference_friction"] = node.number("Coefficient of Friction")
-    if "Rolling Resistance Coefficient" in node:
-        found["rolling_resistance"] = node.number("Rolling Resistance Coefficient")
+    for key in ("Rolling Resistance Coefficient", "Rolling Resistance Coefficients"):
+        if key in node:
+            found["rolling_resistance"] = node.number(key)
     return found
 
 
@@ -89,6 +91,10 @@ def rill(template: str, node: Node, root: Path) -> Tire:
     """TMeasyTire and TMsimpleTire."""
     design = node.child("Design")
     radius = design.number("Unloaded Radius [m]", "m")
+    if "Roundness of Cross Section" in design:
+        roundness = design.number("Roundness of Cross Section")
+        if roundness != 0.0:
+            warnings.warn(f"{design.place.file}: Roundness of Cross Section: left out, treads are flat", stacklevel=2)
     parameters = {
         **rated(node),
         **measured(node, radius, simple=template == "tmsimple"),

@@ -16,6 +16,7 @@ use are left out; any other unknown key is an error that names the file.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -26,17 +27,22 @@ import numpy as np
 
 from simwarp.core.types import formatted
 from simwarp.core.wording import shortened
+from simwarp.importers.chrono_axles import AXLES, Points, hung_on_chassis, with_points
 from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
-from simwarp.importers.chrono_json import Node
+from simwarp.importers.chrono_generic import GENERIC
+from simwarp.importers.chrono_json import Node, of_matrix
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
 from simwarp.vehicle.spec.parts import inertia_matrix
+from simwarp.vehicle.spec.plausibility import is_point
 from simwarp.vehicle.spec.vehicle_spec import (
+    ZERO,
     AntirollBar,
     Axle,
     Brake,
     Chassis,
     RigidPart,
+    Spec,
     SpecError,
     SteeringMount,
     VehicleSpec,
@@ -46,6 +52,8 @@ from simwarp.vehicle.spec.vehicle_spec import (
 T = TypeVar("T")
 
 WHEELBASE_TOLERANCE = 0.02
+NEAR_GROUND = 0.1
+"""Of a tire's radius: how far from the ground a wheel may start."""
 
 
 def load_chrono_vehicle(
@@ -69,6 +77,16 @@ def load_chrono_vehicle(
     Raises:
         SpecError: a file that cannot be read, an unknown key or template, or a value that breaks a rule.
     """
+    node = Node.of_file(Path(vehicle_json))
+    expect(node, "Vehicle", ("WheeledVehicle",))
+    if "Vehicle" in node:
+        return whole_vehicle(node, Path(vehicle_json), engine, transmission, tire, root)
+    for key in ("Rear Chassis", "Subchassis"):
+        if key in node:
+            raise node.place.at(key).error(
+                "must be absent, for a vehicle has one chassis here; use a file without it, or take it out and hang "
+                "its axles on the chassis"
+            )
     node, chassis_file, files = open_vehicle(Path(vehicle_json), "WheeledVehicle", root)
     # What Chrono declares for its path-following drivers; ours follow from the geometry.
     node.skip("Minimum Turning Radius", "Maximum Steering Angle (deg)", "Maximum Steering Angle")
@@ -84,16 +102,48 @@ def load_chrono_vehicle(
     spec = node.make(
         VehicleSpec,
         name=node.text("Name") if "Name" in node else Path(vehicle_json).stem,
-        chassis=files.part("Chassis", {"RigidChassis": chassis}, chassis_file),
+        chassis=files.part("Chassis", {"RigidChassis": chassis}, chassis_file, links_on_chassis(node, files)),
         axles=axles,
         steerings=steerings,
         driveline=read_driveline(node, files) if "Driveline" in node else None,
         engine=None if engine is None else files.part("Engine", ENGINES, engine),
         transmission=None if transmission is None else files.part("Transmission", TRANSMISSIONS, transmission),
         wheelbase=wheelbase(node, axles),
+        start_height=start_height(axles),
     )
     node.finish()
     return spec
+
+
+def whole_vehicle(
+    node: Node, path: Path, engine: str | Path | None, transmission: str | Path | None,
+    tire: str | Path | Sequence[str | Path] | None, root: str | Path | None,
+) -> VehicleSpec:  # fmt: skip
+    """A file that names a vehicle's file and its tires. Its older powertrain is left out: give engine and transmission.
+
+    Chrono's own are partly out of date: a vehicle's file that is not where they say is looked for beside them.
+    """
+    node.skip("Zombie")
+    parts = {key: node.child(key) for key in ("Vehicle", "Tire", "Powertrain") if key in node}
+    for part in parts.values():
+        part.skip(*(key for key in part.value if key.endswith("Visualization Type")))
+    named = parts["Vehicle"].text("Input File")
+    inside = [folder / named for folder in ((Path(root),) if root else path.resolve().parents)]
+    found = next((file for file in inside if os.path.isfile(file)), path.parent / Path(named).name)
+    if not os.path.isfile(found):
+        rule = f"must be the file of a vehicle, but {formatted(named)} is in no folder above it, nor beside it"
+        raise parts["Vehicle"].place.at("Input File").error(f"{rule}; give root=, Chrono's data/vehicle")
+    if "Powertrain" in parts and engine is None:
+        parts["Powertrain"].text("Input File")
+        remedy = "give engine= and transmission=, files of their own"
+        warnings.warn(f"{path.name}: Powertrain: left out; {remedy}", stacklevel=3)
+    own = parts["Tire"].text("Input File") if "Tire" in parts else None
+    spec = load_chrono_vehicle(
+        found, engine=engine, transmission=transmission, tire=own if tire is None else tire, root=root
+    )
+    parts.get("Powertrain", node).skip("Input File")
+    node.finish()
+    return dataclasses.replace(spec, name=node.text("Name")) if "Name" in node else spec
 
 
 def open_vehicle(path: Path, template: str, root: str | Path | None) -> tuple[Node, str, Files]:
@@ -158,17 +208,46 @@ def read_axles(node: Node, files: Files, tire: str | Path | Sequence[str | Path]
 
 
 def read_axle(node: Node, files: Files, tire: str | Path) -> Axle:
-    """One axle; left and right must be alike."""
+    """One axle; left and right must be alike. A frame that is farther from its wheels than a radius moves to them."""
+    x, y, z = node.vector("Suspension Location")
+    suspension = files.part("Suspension", SUSPENSIONS | AXLES | GENERIC, node.text("Suspension Input File"))
+    fitted = files.part("Tire", TIRES, tire, files.root)
+    behind = suspension.spindle.com[0]
+    if abs(behind) > fitted.radius:
+        x, suspension = x + behind, shifted(suspension, -behind)
     return node.make(
         Axle,
-        location=node.vector("Suspension Location"),
-        suspension=files.part("Suspension", SUSPENSIONS, node.text("Suspension Input File")),
+        location=(x, y, z),
+        suspension=suspension,
         wheel=both_sides(node, files, "Wheel", {"Wheel": wheel}),
-        tire=files.part("Tire", TIRES, tire, files.root),
+        tire=fitted,
         brake=read_brake(node, files),
         steering=node.whole("Steering Index") if "Steering Index" in node else None,
         antiroll_bar=read_antiroll_bar(node, files),
     )
+
+
+def shifted(part: T, ahead: float) -> T:
+    """A description with all its places moved along x [m]."""
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(part):  # type: ignore[arg-type]
+        value: Any = getattr(part, field.name)
+        if isinstance(value, Spec):
+            changes[field.name] = shifted(value, ahead)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Spec):
+            changes[field.name] = tuple(shifted(each, ahead) for each in value)
+        elif isinstance(value, tuple) and len(value) == len(ZERO) and is_point(field.name):
+            changes[field.name] = (value[0] + ahead, value[1], value[2])
+    return dataclasses.replace(part, **changes)  # type: ignore[type-var]
+
+
+def links_on_chassis(node: Node, files: Files) -> Points:
+    """Masses of links that hang on the chassis, of all axles."""
+    found: Points = []
+    for axle in node.each("Axles"):
+        suspension = files.node(axle.text("Suspension Input File"))
+        found += hung_on_chassis(suspension, axle.vector("Suspension Location"))
+    return found
 
 
 def read_brake(node: Node, files: Files) -> Brake | None:
@@ -230,11 +309,22 @@ def wheelbase(node: Node, axles: Sequence[Axle]) -> float | None:
     return None
 
 
+def start_height(axles: Sequence[Axle]) -> float:
+    """Half a metre, as in Chrono's programs, unless that leaves the lowest wheel clearly off the ground or in it."""
+    usual: float = VehicleSpec.start_height
+    bottoms = [(axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius, axle) for axle in axles]
+    bottom, lowest = min(bottoms, key=lambda pair: pair[0])
+    return usual if abs(usual + bottom) <= NEAR_GROUND * lowest.tire.radius else -bottom
+
+
 # ---- chassis ---------------------------------------------------------------------------------------------------------
 
 
-def chassis(node: Node) -> Chassis:
-    """RigidChassis: components in axes of the vehicle; voids are taken out of one merged component."""
+def chassis(node: Node, links: Points = ()) -> Chassis:  # type: ignore[assignment]
+    """RigidChassis: components in axes of the vehicle; voids are taken out of one merged component.
+
+    The last component bears what links of the suspensions leave to the chassis.
+    """
     components: list[RigidPart] = []
     voids: list[RigidPart] = []
     for component in node.each("Components"):
@@ -246,19 +336,25 @@ def chassis(node: Node) -> Chassis:
         node.skip("Contact")
         remedy = "add_chassis_box adds a box that stands for the vehicle in contacts"
         warnings.warn(f"{node.place.file}: Contact: left out; {remedy}", stacklevel=2)
+    components = [as_a_body(node, part) for part in components]
+    if components:
+        components[-1] = with_points(node, components[-1], links)
     return node.make(Chassis, components=tuple(components))
 
 
-def of_matrix(node: Node, mass: float, com: np.ndarray, inertia: np.ndarray) -> RigidPart:
-    """A part from its matrix of inertia."""
-    x, y, z = (float(v) for v in com)
-    return node.make(
-        RigidPart,
-        mass=float(mass),
-        com=(x, y, z),
-        inertia=(float(inertia[0, 0]), float(inertia[1, 1]), float(inertia[2, 2])),
-        products=(float(inertia[0, 1]), float(inertia[0, 2]), float(inertia[1, 2])),
+def as_a_body(node: Node, part: RigidPart) -> RigidPart:
+    """A component whose largest moment of inertia is at most the sum of the others, as that of any body is."""
+    moments, axes = np.linalg.eigh(inertia_matrix(part))
+    most = float(moments[0] + moments[1])
+    if moments[2] <= most:
+        return part
+    found, rule = f"{moments[2]:.6g} kg·m²", "no body's: above the sum of the others"
+    warnings.warn(
+        f"{node.place.file}: Components: a moment of inertia of {found} is {rule}, which it is lowered to, {most:.6g}",
+        stacklevel=2,
     )
+    moments[2] = most
+    return of_matrix(node, part.mass, np.array(part.com), axes @ np.diag(moments) @ axes.T)
 
 
 def turned_part(node: Node) -> RigidPart:

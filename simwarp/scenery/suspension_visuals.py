@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from simwarp.core.rotation import frame_from_axis
 from simwarp.core.types import Vec3, pose
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.parts import ForceLine
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
@@ -22,6 +23,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     RigidSuspension,
     SingleWishbone,
     SolidAxle,
+    ThreeLink,
     TrailingArm,
 )
 
@@ -77,9 +79,13 @@ LINKS: Final[dict[type, tuple[tuple[str, str], ...]]] = {
         ("upper_link_chassis", "upper_link_axle"), ("lower_link_chassis", "lower_link_axle"),
         ("draglink_chassis", "draglink_knuckle"),
     ),
-    TrailingArm: (("pivot", HUB),),
+    TrailingArm: (("pivot", HUB),), BeamAxle: (),
+    ThreeLink: (
+        ("arm_chassis", HUB), ("upper_rod_chassis", "upper_rod_arm"), ("lower_rod_chassis", "lower_rod_arm"),
+    ),
 }  # fmt: skip
-"""Ends of the links of one side, by the names of their points; those that a description leaves out are not there."""
+"""Ends of the links of one side, by the names of their points; those that a description leaves out are not there.
+Of a beam axle, whose links are no fields of its own, `_beam_bars` knows them."""
 UPRIGHTS: Final[dict[type, tuple[str, ...]]] = {
     DoubleWishbone: ("upper_arm_upright", "lower_arm_upright", "tierod_upright"),
     DoubleWishboneReduced: ("upper_arm_upright", "lower_arm_upright", "tierod_upright"),
@@ -87,9 +93,10 @@ UPRIGHTS: Final[dict[type, tuple[str, ...]]] = {
     MacPhersonStrut: ("lower_arm_upright", "strut_upright", "tierod_upright"),
     MultiLink: ("upper_arm_upright", "lateral_upright", "trailing_link_upright", "tierod_upright"),
     SolidAxle: ("knuckle_upper", "knuckle_lower"),
+    BeamAxle: ("knuckle_upper", "knuckle_lower"),
 }
 """Points that an upright joins with the centre of its wheel."""
-BEAMS: Final = (SolidAxle, PinnedAxle, RigidSuspension)
+BEAMS: Final = (SolidAxle, BeamAxle, PinnedAxle, RigidSuspension)
 """Suspensions whose wheels a beam joins."""
 
 
@@ -97,10 +104,12 @@ def suspension_bars(axle: Axle) -> list[Bar]:
     """Links, uprights, springs and dampers of both sides of an axle; none of a suspension that is reduced to tables."""
     found = [bar for side in (1.0, -1.0) for bar in _side_bars(axle, side)]
     suspension = axle.suspension
-    across = "tierod_knuckle" if isinstance(suspension, SolidAxle) else "tierod_chassis"
+    across = "tierod_knuckle" if isinstance(suspension, (SolidAxle, BeamAxle)) else "tierod_chassis"
     pairs = [(HUB, BarKind.UPRIGHT)] if isinstance(suspension, BEAMS) else []
     if axle.steering is not None:  # what both tie rods hang on
         pairs.append((across, BarKind.LINK))
+    if isinstance(suspension, BeamAxle):
+        found += _beam_bars(axle, suspension)
     for name, kind in pairs:
         ends = [_point(axle, name, side) for side in (1.0, -1.0)]
         if ends[0] is not None and ends[1] is not None:
@@ -152,6 +161,22 @@ def _side_bars(axle: Axle, side: float) -> list[Bar]:
         Bar(_placed(axle, line.chassis_point, side), _placed(axle, line.arm_point, side), BarKind.SPRING)
         for line in lines
     ]
+
+
+def _beam_bars(axle: Axle, spec: BeamAxle) -> list[Bar]:
+    """What leads and steers a beam."""
+    ends = [
+        (rod.chassis_point, rod.axle_point, side)
+        for rod in spec.rods
+        for side in ((1.0, -1.0) if rod.mirrored else (1.0,))
+    ]
+    if spec.arm is not None:
+        ends.append((spec.arm.chassis_point, spec.arm.axle_point, 1.0))
+    if spec.draglink is not None and spec.draglink_chassis is not None:
+        ends.append((spec.draglink_chassis, spec.draglink, 1.0))
+    if spec.bell_crank is not None:
+        ends += [(spec.bell_crank.pivot, point, 1.0) for point in (spec.bell_crank.draglink, spec.bell_crank.tierod)]
+    return [Bar(_placed(axle, start, side), _placed(axle, end, side), BarKind.LINK) for start, end, side in ends]
 
 
 def _point(axle: Axle, name: str, side: float) -> Array | None:

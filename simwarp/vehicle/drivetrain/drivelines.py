@@ -13,6 +13,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.spec.vehicle_spec import (
     DifferentialDrive,
     Driveline,
+    MultiAxleDriveline,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
     SimpleDriveline,
@@ -83,6 +84,11 @@ def add_driveline(
                 (rear[0].turn, rear[1].turn, 1.0 - share, spec.rear_gear_ratio, spec.rear_max_bias),
             )
             driven = tuple(axle for axle in axles if axle[2] > 0.0)
+            return DrivelineParts(split=driven, wheel_reaction=spec.reaction)
+        case MultiAxleDriveline():
+            share = 1.0 / len(spec.axles)
+            pairs = [sides[axle] for axle in spec.axles]
+            driven = tuple((left.turn, right.turn, share, spec.gear_ratio, spec.max_bias) for left, right in pairs)
             return DrivelineParts(split=driven, wheel_reaction=spec.reaction)
         case DifferentialDrive():
             return _motor_per_side(builder, prefix, spec, sides)

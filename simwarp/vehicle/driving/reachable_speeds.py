@@ -18,6 +18,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     EngineMap,
     EngineShafts,
     EngineSimple,
+    MultiAxleDriveline,
     Points,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
@@ -45,6 +46,8 @@ def shaft_speed(spec: VehicleSpec, speed: float) -> float:
             front, rear = line.axles
             share = line.front_torque_fraction
             return share * behind(front, line.front_gear_ratio) + (1.0 - share) * behind(rear, line.rear_gear_ratio)
+        case MultiAxleDriveline() as line:
+            return sum(behind(axle, line.gear_ratio) for axle in line.axles) / len(line.axles)
     return 0.0
 
 

@@ -16,7 +16,9 @@ from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, merged
 from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
+    BeamAxle,
     DifferentialDrive,
+    MultiAxleDriveline,
     PinnedAxle,
     RigidSuspension,
     SolidAxle,
@@ -84,11 +86,14 @@ def _check(spec: VehicleSpec, rows: int, columns: int) -> None:
         raise SpecError(f"axles: must be two to be reduced, got {len(spec.axles)} of {name}")
     if isinstance(spec.driveline, DifferentialDrive):
         raise SpecError(f"driveline: must have an engine or none to be reduced, got the motors per side of {name}")
+    if isinstance(spec.driveline, MultiAxleDriveline):
+        rule = "a template for one or two axles to be reduced"
+        raise SpecError(f"driveline: must be {rule}, got '{spec.driveline.template}' of {name}; take 'simple'")
     for index, axle in enumerate(spec.axles):
         suspension = axle.suspension
         if isinstance(suspension, TabulatedSuspension):
             raise SpecError(f"axles[{index}]: must be a linkage, got tables: {name} is reduced already")
-        if isinstance(suspension, (SolidAxle, PinnedAxle)):
+        if isinstance(suspension, (SolidAxle, BeamAxle, PinnedAxle)):
             rule = "independent or rigid to be reduced"
             raise SpecError(f"axles[{index}]: must be {rule}, got the template '{suspension.template}' of {name}")
         if axle.tire.template not in MODELS:

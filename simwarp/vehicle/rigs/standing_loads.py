@@ -13,6 +13,7 @@ from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.rigs.tire_rig import static_deflection
 from simwarp.vehicle.spec.drivetrain_parts import (
     DifferentialDrive,
+    MultiAxleDriveline,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
     SimpleDriveline,
@@ -73,7 +74,7 @@ def driven_axles(spec: VehicleSpec) -> tuple[int, ...]:
             return tuple(axle for axle, share in zip(line.axles, shares, strict=True) if share > 0.0)
         case ShaftsDriveline2WD() as line:
             return (line.axle % len(spec.axles),)
-        case ShaftsDriveline4WD() as line:
+        case ShaftsDriveline4WD() | MultiAxleDriveline() as line:
             return line.axles
 
 

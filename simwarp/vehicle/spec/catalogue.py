@@ -7,6 +7,7 @@ from simwarp.vehicle.spec.variants import KINDS, option_names
 from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_vehicle
 
 _SUSPENSIONS = {
+    "beam-axle": "a beam axle",
     "double-wishbone": "double wishbones",
     "double-wishbone-reduced": "double wishbones (reduced)",
     "macpherson-strut": "MacPherson struts",
@@ -16,6 +17,7 @@ _SUSPENSIONS = {
     "single-wishbone": "single wishbones",
     "solid-axle": "a solid axle",
     "tabulated": "tables of suspensions (reduced)",
+    "three-link": "trailing arms on three links",
     "trailing-arm": "trailing arms",
 }
 

@@ -131,6 +131,20 @@ class SimpleDriveline(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class MultiAxleDriveline(Spec):
+    """Splits the torque equally among any number of axles with biasing differentials, without shafts of its own."""
+
+    template: Literal["simple-multi-axle"] = "simple-multi-axle"
+    axles: Annotated[tuple[int, ...], MinLen(1)]
+    gear_ratio: Positive = 1.0
+    """Wheel speed per drive shaft speed."""
+    max_bias: Positive = 1.0
+    """Of the differentials between the wheels of an axle."""
+    reaction: float = 1.0
+    """Share of the wheels' driving torque that acts back on the chassis; 1 closes the balance (docs/vehicles.md)."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class DifferentialDrive(Spec):
     """An electric motor on each side turns all wheels of that side; different speeds steer. There is neither engine,
     transmission nor steering.
@@ -162,7 +176,8 @@ class DifferentialDrive(Spec):
 
 
 Driveline: TypeAlias = Annotated[
-    ShaftsDriveline2WD | ShaftsDriveline4WD | SimpleDriveline | DifferentialDrive, Tagged("template")
+    ShaftsDriveline2WD | ShaftsDriveline4WD | SimpleDriveline | MultiAxleDriveline | DifferentialDrive,
+    Tagged("template"),
 ]
 
 

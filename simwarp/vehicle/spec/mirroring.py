@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.drivetrain_parts import AutomaticShafts, ShaftsDriveline2WD, ShaftsDriveline4WD
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
@@ -131,8 +132,31 @@ def _suspension(index: int, suspension: Suspension) -> Suspension:
                     "holds the left knuckle, and nothing describes one on the right"
                 )
             return dataclasses.replace(suspension, axle_tube=mirrored_part(suspension.axle_tube))
+        case BeamAxle():
+            return _beam(index, suspension)
         case PinnedAxle():
             return dataclasses.replace(
                 suspension, axle_tube=mirrored_part(suspension.axle_tube), pin=flipped(suspension.pin)
             )
     return suspension
+
+
+def _beam(index: int, spec: BeamAxle) -> BeamAxle:
+    """What is not mirrored within it is reflected; a drag link to a knuckle changes the side that it holds."""
+    if spec.bell_crank is not None:
+        raise SpecError(
+            f"axles[{index}].suspension.bell_crank: must be absent to mirror the vehicle: its tie rod holds the left "
+            "knuckle, and nothing describes one on the right"
+        )
+    rods = tuple(
+        rod
+        if rod.mirrored
+        else dataclasses.replace(rod, chassis_point=flipped(rod.chassis_point), axle_point=flipped(rod.axle_point))
+        for rod in spec.rods
+    )
+    ends: dict[str, Any] = {
+        name: flipped(getattr(spec, name))
+        for name in ("draglink_chassis", "draglink_knuckle")
+        if getattr(spec, name) is not None
+    }
+    return dataclasses.replace(spec, axle_tube=mirrored_part(spec.axle_tube), rods=rods, **ends)

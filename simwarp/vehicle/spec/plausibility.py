@@ -13,6 +13,7 @@ from typing import Final, Protocol
 
 from simwarp.vehicle.spec.drivetrain_parts import (
     Driveline,
+    MultiAxleDriveline,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
     SimpleDriveline,
@@ -109,12 +110,13 @@ def _check_driven_axles(spec: Assembled) -> None:
             if not -1 <= axle < count:
                 rule = f"the index of an axle, {_indices(count)}, or -1 for the last"
                 raise refuse("driveline.axle", rule, axle)
-        case SimpleDriveline(axles=axles) | ShaftsDriveline4WD(axles=axles):
+        case SimpleDriveline(axles=axles) | ShaftsDriveline4WD(axles=axles) | MultiAxleDriveline(axles=axles):
             for place, axle in enumerate(axles):
                 if not 0 <= axle < count:
                     raise refuse(f"driveline.axles[{place}]", f"the index of an axle, {_indices(count)}", axle)
-            if axles[0] == axles[1]:
-                raise refuse("driveline.axles", "two different axles", axles)
+            if len(set(axles)) < len(axles):
+                rule = "two different axles" if len(axles) == 2 else "different axles"
+                raise refuse("driveline.axles", rule, axles)
 
 
 def _indices(count: int) -> str:
@@ -163,11 +165,12 @@ def lengths(part: Spec, key: str) -> Iterator[tuple[str, float, object]]:
             elif name in CURVES_OVER_LENGTH:
                 size = max(abs(x) for x, _ in value)
                 yield where, size, f"one with x up to {size:g}"
-            elif len(value) == 3 and isinstance(value[0], (int, float)) and _is_point(name):
+            elif len(value) == 3 and isinstance(value[0], (int, float)) and is_point(name):
                 yield where, math.hypot(*value), value
 
 
-def _is_point(name: str) -> bool:
+def is_point(name: str) -> bool:
+    """Whether a field of this name that holds three numbers is a place."""
     return not (name.endswith("inertia") or name in ("products", "momentum", "moment") or "axis" in name)
 
 

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.parts import Array, RigidPart, SpecError, Vec3
 from simwarp.vehicle.spec.plausibility import lengths
 from simwarp.vehicle.spec.suspension_parts import (
@@ -24,6 +25,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     SingleWishbone,
     SolidAxle,
     Suspension,
+    ThreeLink,
     TrailingArm,
 )
 from simwarp.vehicle.spec.vehicle_parts import Axle
@@ -51,6 +53,8 @@ HELD_BY: Final[dict[type, tuple[str, ...]]] = {
     MultiLink: ("trailing_link_chassis", "trailing_link_upright"),
     SolidAxle: ("axle_tube", "upper_link_axle", "lower_link_axle", "knuckle_upper", "knuckle_lower"),
     TrailingArm: ("pivot", "spindle"),
+    ThreeLink: ("arm_chassis", "upper_rod_arm", "lower_rod_arm", "spindle"),
+    BeamAxle: ("axle_tube", "spindle"),
 }  # fmt: skip
 """Points of the part that holds the foot of a drop link, or other parts whose centres of mass lie on it."""
 
@@ -146,6 +150,8 @@ def _motion(suspension: Suspension) -> Callable[[Array, float], Array]:
             back, tip, axis = suspension.arm_chassis, suspension.spindle.com, suspension.arm_axis
         case TrailingArm():
             back, tip, axis = suspension.pivot, suspension.spindle.com, suspension.pivot_axis
+        case ThreeLink():  # both rods lie across, so that the arm swings about its ball nearly as about y
+            back, tip, axis = suspension.arm_chassis, suspension.spindle.com, (0.0, 1.0, 0.0)
         case _:
             return lambda point, travel: np.asarray(point + np.array((0.0, 0.0, travel)))
     unit = np.array(axis) / np.linalg.norm(axis)

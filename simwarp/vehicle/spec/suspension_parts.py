@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Annotated, Literal, TypeAlias
 
-from simwarp.core.constraints import Angle, Direction, Inertia, NotNegative, Point, Positive, Tagged
+from simwarp.core.constraints import Direction, Inertia, NotNegative, Point, Positive, Tagged
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle, Lean
 from simwarp.vehicle.spec.parts import (
     Bushing,
     ForceLine,
@@ -17,9 +17,6 @@ from simwarp.vehicle.spec.parts import (
     refuse,
 )
 from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
-
-Lean: TypeAlias = Annotated[float, Angle(0.25 * math.pi)]
-"""Camber or toe [rad]."""
 
 TIEROD = ("tierod_chassis", "tierod_upright")
 
@@ -241,6 +238,30 @@ class TrailingArm(Spec):
     axle_inertia: Positive
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ThreeLink(Spec):
+    """A trailing arm on a ball carries the spindle; two massless rods from it to the chassis lead it."""
+
+    template: Literal["three-link"] = "three-link"
+    camber: Lean = 0.0
+    toe: Lean = 0.0
+    spindle: RigidPart
+    arm: RigidPart
+    arm_chassis: Point
+    upper_rod_chassis: Point
+    upper_rod_arm: Point
+    lower_rod_chassis: Point
+    lower_rod_arm: Point
+    springs: tuple[ForceLine, ...]
+    """Between chassis and arm."""
+    axle_inertia: Positive
+
+    def check(self) -> None:
+        """Rods have a length, and with the ball they span the arm."""
+        check_apart(self, ("upper_rod_chassis", "upper_rod_arm"), ("lower_rod_chassis", "lower_rod_arm"))
+        check_triangle(self, "arm_chassis", "upper_rod_arm", "lower_rod_arm")
+
+
 Suspension: TypeAlias = Annotated[
     DoubleWishbone
     | DoubleWishboneReduced
@@ -251,6 +272,8 @@ Suspension: TypeAlias = Annotated[
     | RigidSuspension
     | PinnedAxle
     | TrailingArm
+    | ThreeLink
+    | BeamAxle
     | TabulatedSuspension,
     Tagged("template"),
 ]

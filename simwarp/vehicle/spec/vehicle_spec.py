@@ -13,6 +13,7 @@ from typing import Annotated
 
 from simwarp.core.constraints import MinLen
 from simwarp.core.object_repr import Names, Readable, Row, plural
+from simwarp.vehicle.spec.beam_axle_parts import AxleRod, BeamAxle, BellCrank, TriangularArm
 from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
     AutomaticMap,
@@ -24,6 +25,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     EngineShafts,
     EngineSimple,
     ManualShafts,
+    MultiAxleDriveline,
     PitmanArm,
     RackPinion,
     RotaryArm,
@@ -62,6 +64,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     SingleWishbone,
     SolidAxle,
     Suspension,
+    ThreeLink,
     TrailingArm,
 )
 from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
@@ -75,6 +78,9 @@ __all__ = [
     "AutomaticMap",
     "AutomaticShafts",
     "Axle",
+    "AxleRod",
+    "BeamAxle",
+    "BellCrank",
     "Brake",
     "Bushing",
     "Chassis",
@@ -91,6 +97,7 @@ __all__ = [
     "MacPhersonStrut",
     "ManeuverDefaults",
     "ManualShafts",
+    "MultiAxleDriveline",
     "MultiLink",
     "PinnedAxle",
     "PitmanArm",
@@ -110,9 +117,11 @@ __all__ = [
     "SteeringMount",
     "Suspension",
     "TabulatedSuspension",
+    "ThreeLink",
     "Tire",
     "TrailingArm",
     "Transmission",
+    "TriangularArm",
     "Vec3",
     "VehicleSpec",
     "Wheel",
@@ -208,8 +217,8 @@ class VehicleSpec(Readable, Spec):
         if not all(tables) or len(tables) != 2:
             found = ", ".join(axle.suspension.template for axle in self.axles)
             raise SpecError(f"axles: must be two of tables or none, got {found}; tables are those of a whole vehicle")
-        if isinstance(self.driveline, DifferentialDrive):
-            raise refuse("driveline", "one with an engine beside tables", self.driveline.template)
+        if isinstance(self.driveline, (DifferentialDrive, MultiAxleDriveline)):
+            raise refuse("driveline", "one of an engine and up to two axles beside tables", self.driveline.template)
 
     def _check_wheelbase(self) -> None:
         if self.wheelbase is None:

@@ -15,6 +15,7 @@ import numpy as np
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import pose
 from simwarp.meshes.mesh_specification import FlexibleMesh
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tabulated_suspension import TabulatedSuspension
 from simwarp.vehicle.spec.vehicle_spec import (
@@ -28,6 +29,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     SingleWishbone,
     SolidAxle,
     Suspension,
+    ThreeLink,
     TrailingArm,
 )
 from simwarp.vehicle.suspensions.antiroll_bar import add_antiroll_bar
@@ -38,9 +40,10 @@ from simwarp.vehicle.suspensions.independent_suspensions import (
     macpherson_strut,
     multi_link,
     single_wishbone,
+    three_link,
     trailing_arm,
 )
-from simwarp.vehicle.suspensions.rigid_axles import pinned_axle, solid_axle
+from simwarp.vehicle.suspensions.rigid_axles import beam_axle, pinned_axle, solid_axle
 from simwarp.vehicle.tires.flexible_tires import TEMPLATE as FLEXIBLE, TireShell
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE, add_rigid_tire
 
@@ -90,6 +93,8 @@ def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: in
     match axle.suspension:
         case SolidAxle() as spec:
             holders = solid_axle(frame, left, right, spec, chassis, tierod_body)
+        case BeamAxle() as spec:
+            holders = beam_axle(frame, left, right, spec, chassis, tierod_body)
         case PinnedAxle() as spec:
             holders = pinned_axle(frame, spec, chassis)
         case spec:
@@ -103,6 +108,7 @@ def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: in
 LINKAGES: Final[dict[type, Callable[[Frame, Any, int, int], AttachmentBodies]]] = {
     DoubleWishbone: double_wishbone, DoubleWishboneReduced: double_wishbone_reduced, SingleWishbone: single_wishbone,
     MacPhersonStrut: macpherson_strut, MultiLink: multi_link, TrailingArm: trailing_arm,
+    ThreeLink: three_link,
 }  # fmt: skip
 """What builds one side of a suspension: frame, description, chassis, body of the tie rod."""
 

@@ -12,6 +12,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     MacPhersonStrut,
     MultiLink,
     SingleWishbone,
+    ThreeLink,
     TrailingArm,
 )
 from simwarp.vehicle.suspensions.corner import (
@@ -147,5 +148,15 @@ def trailing_arm(frame: Frame, spec: TrailingArm, chassis: int, tierod_body: int
     frame.builder.add_joint_revolute(
         f"{frame.name}.arm.hinge", chassis, arm, axis=frame.turning(spec.pivot_axis), anchor=frame.at(spec.pivot)
     )
+    add_lines(frame, spec.springs, chassis, arm)
+    return AttachmentBodies(arm, arm)
+
+
+def three_link(frame: Frame, spec: ThreeLink, chassis: int, tierod_body: int) -> AttachmentBodies:
+    """The arm swings about its ball as far as both rods let it; nothing steers it."""
+    arm = frame.add_body("arm", spec.arm)
+    add_ball(frame, "arm.ball", chassis, arm, spec.arm_chassis)
+    add_rod(frame, "upper_rod", chassis, arm, spec.upper_rod_chassis, spec.upper_rod_arm)
+    add_rod(frame, "lower_rod", chassis, arm, spec.lower_rod_chassis, spec.lower_rod_arm)
     add_lines(frame, spec.springs, chassis, arm)
     return AttachmentBodies(arm, arm)

@@ -7,6 +7,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.parts import Array, Vec3
 from simwarp.vehicle.spec.vehicle_spec import (
     DoubleWishbone,
@@ -51,6 +52,9 @@ def kingpin_axis(
         case SolidAxle() as spec if spec.draglink_chassis is not None:
             start = carrier(spec.knuckle_lower)
             direction = carrier(spec.knuckle_upper) - start
+        case BeamAxle(knuckle_lower=lower, knuckle_upper=upper) if lower is not None and upper is not None:
+            start = carrier(lower)
+            direction = carrier(upper) - start
         case _:
             return np.full((states, 3), np.nan), np.full((states, 3), np.nan)
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -9,6 +9,7 @@ import numpy as np
 from simwarp.core.rotation import matrix_of, quat_conjugate, rotate
 from simwarp.core.types import WORLD, Pose
 from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.parts import Array, ForceLine
 from simwarp.vehicle.spec.vehicle_spec import (
     DoubleWishbone,
@@ -18,12 +19,14 @@ from simwarp.vehicle.spec.vehicle_spec import (
     SingleWishbone,
     SolidAxle,
     Suspension,
+    ThreeLink,
     TrailingArm,
 )
 
 LOWER_ENDS: Final[dict[type, str]] = {
     DoubleWishbone: "left.lower_arm", DoubleWishboneReduced: "left.upright", SingleWishbone: "left.arm",
     MacPhersonStrut: "left.upright", MultiLink: "left.trailing_link", SolidAxle: "tube", TrailingArm: "left.arm",
+    ThreeLink: "left.arm", BeamAxle: "tube",
 }  # fmt: skip
 """Body of the left side that holds the lower ends of the lines, behind the axle's name."""
 
