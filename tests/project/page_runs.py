@@ -46,6 +46,7 @@ NOT_RUN = {
     r"simwarp (train|eval|play|distill|view) (my-robot|my-quadruped|my-go2)": (
         "a package that was installed by pip; tests/cli/test_cli_new_task.py installs and trains one"
     ),
+    r"simwarp drive .*road\.json": "the reader's own bitmaps; tests/cli/test_drive_roads.py has such",
     r"simwarp fit (?!--list)": "the reader's own logs; tests/cli/test_fit.py fits some",
     r"simwarp train my_task\.py": "the reader's own files; tests/train/networks/test_any_observations.py has such",
     r"simwarp \w+ mine\.py": "needs Go2's own MJCF file, which its reader downloads",
