@@ -66,7 +66,7 @@ def unspecified_text(call):
         return "text" in given or "universal_newlines" in given
     if name == "TextIOWrapper":
         return True
-    if name != "open" or owner in ("os", "tarfile", "webbrowser", "Image", "zipfile"):
+    if name != "open" or owner in ("os", "tarfile", "webbrowser", "Image", "RoadSurface", "zipfile"):
         return False
     place = 1 if isinstance(call.func, ast.Name) or owner in ("io", "gzip") else 0
     mode = given.get("mode", call.args[place] if len(call.args) > place else ast.Constant("r"))

@@ -22,7 +22,7 @@ def look_down(
     points: wp.array[wp.vec3d], terrain: TerrainTables, scene: RayScene, assets: Assets, friction: wp.array[float],
     below_tire: wp.array[float], seen: wp.array[float], grip: wp.array[float],
 ):  # fmt: skip
-    point = wp.tid()  # type: ignore[misc]
+    point = wp.tid()
     x = points[point]
     below_tire[point] = ground_below(0, x, wp.vec3(), 1.0, terrain, assets).arm[2]  # type: ignore[index]
     seen[point] = closest_hit(0, start_of_ray(0, x, scene), wp.vec3(0.0, 0.0, -1.0), 100.0, scene, assets).t  # type: ignore[index]
