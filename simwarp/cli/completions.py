@@ -40,7 +40,7 @@ def _targets(content: dict[str, Any], command: str) -> str:
     return " ".join(dict.fromkeys(word for kind in kinds for word in content["words"][kind]))
 
 
-def _takes_task(content: dict[str, Any], command: str) -> bool:
+def _has_task(content: dict[str, Any], command: str) -> bool:
     return "tasks" in content["commands"][command]["words"]
 
 
@@ -50,7 +50,7 @@ def _words(content: dict[str, Any]) -> str:
     targets = "\n".join(f"      {name}) echo {found} ;;" for name in commands if (found := _targets(content, name)))
     options = "\n".join(f"    {name}) echo {' '.join(entry['options'])} ;;" for name, entry in commands.items())
     tasks = "\n".join(f"    {name}) echo {' '.join(entry)} ;;" for name, entry in content["tasks"].items())
-    taking = "|".join(name for name in commands if _takes_task(content, name))
+    taking = "|".join(name for name in commands if _has_task(content, name))
     return f"""\
 _simwarp_words() {{
   # number of the word, command, target, beginning of the word
@@ -110,7 +110,7 @@ def _fish(content: dict[str, Any]) -> str:
         if found := _targets(content, name):
             lines.append(f"complete -c simwarp -n '{after}; and test (count (commandline -opc)) -eq 2' -a '{found}'")
         lines += [f"complete -c simwarp -n '{after}' -l {option[2:]}" for option in entry["options"]]
-    taking = " ".join(name for name in commands if _takes_task(content, name))
+    taking = " ".join(name for name in commands if _has_task(content, name))
     for task, options in content["tasks"].items():
         after = f"__fish_seen_subcommand_from {taking}; and __fish_seen_subcommand_from {task}"
         lines += [f"complete -c simwarp -n '{after}' -l {option[2:]}" for option in options]
