@@ -36,9 +36,14 @@ def write_road(name, **further):
     return name
 
 
+def remarks(err):
+    """Lines of standard error, but for those that a first run compiles."""
+    return [line for line in err.splitlines() if "compiling kernels" not in line]
+
+
 def final(drive, *arguments):
     code, _, err = drive("hmmwv-reduced", "--maneuver", "inputs.csv", "--json", "a.json", *arguments)
-    assert code == 0, err  # a first run says that it compiles
+    assert (code, remarks(err)) == (0, [])
     with open("a.json") as file:
         return json.load(file)["final"]
 
@@ -75,7 +80,7 @@ def test_soils_of_a_road_sink_as_they_do_alone(drive):
     found = []
     for arguments in (("--road", road), ("--soil", "mid")):
         code, _, err = drive(*options, *arguments)
-        assert code == 0, err
+        assert (code, remarks(err)) == (0, [])
         with open("a.json") as file:
             found.append(json.load(file)["final"]["sink_FL_m"])
     assert found[0] > 0.005

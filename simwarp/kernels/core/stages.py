@@ -54,7 +54,8 @@ class StageLocal:
     Attributes:
         function: the device function.
         argument: its name.
-        part: makes a function of a name that finds only the attributes of some names; None: the whole is found.
+        part: makes a function of a name that finds only the attributes of some names, inlined as `inline=` says
+            (`wp.func`); None: the whole is found.
     """
 
     function: Any

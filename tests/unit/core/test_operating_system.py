@@ -151,6 +151,7 @@ def test_a_file_that_stays_open_is_one_line_and_stays_as_it_is(on_windows, held,
 def test_a_device_is_written_to_where_there_is_no_nonblock(monkeypatch):
     monkeypatch.delattr(os, "O_NONBLOCK")
     write_file(os.devnull, "x")
+    assert Path(os.devnull).is_char_device()  # no file has taken its place
 
 
 def test_ctrl_break_is_heard_where_it_is():
