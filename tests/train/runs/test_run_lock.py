@@ -148,7 +148,8 @@ def test_of_processes_that_find_the_same_lock_one_at_a_time_is_inside(tmp_path, 
         process.join(60.0)
     assert [process.exitcode for process in processes] == [0, 0, 0]
     assert [held.value for held in counts] == [10, 10, 10]
-    assert [path.name for path in tmp_path.iterdir() if path.name != "writer.lock"] == []
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left <= ({"writer.lock"} if windows else set())
 
 
 def test_a_lock_that_another_process_replaced_at_the_last_moment_is_looked_at_anew(tmp_path, dead, monkeypatch):
