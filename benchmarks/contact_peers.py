@@ -93,7 +93,7 @@ def measure(name: str, device: str, seconds: float, peers: bool) -> dict[str, An
     machine = describe(wp.get_device(device))
     rows = [measure_scene(scene, count, device, None, seconds) for count in WORLDS[name]]
     measures = peer_measures(name) if peers else []
-    others = [one(scene, count, None, seconds) for one in measures for count in WORLDS[name]]
+    others = [one(scene, count, device, None, seconds) for one in measures for count in WORLDS[name]]
     result: dict[str, Any] = {
         "scene": name,
         "kind": "scene",

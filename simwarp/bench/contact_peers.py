@@ -1,7 +1,8 @@
-"""Other engines on scenes with contacts, from the same starts and under the same motion, on the CPU.
+"""Other engines on scenes with contacts, from the same starts and under the same motion.
 
-MuJoCo C runs on one thread with no Python in its loop, MuJoCo Warp and Newton as they step in Python. Contact models
-differ, and with them trajectories: what must agree are the mean height of the scene and how much of it touches.
+MuJoCo C runs on one thread of the CPU with no Python in its loop, Newton there as it steps in Python. MuJoCo Warp runs
+on the device that is measured: on a CPU as it steps in Python, on a GPU in graphs of as many steps as ours. Contact
+models differ, and with them trajectories: what must agree are the mean height of the scene and how much of it touches.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.bench.health import Health, pushing_contacts
-from simwarp.bench.measure import Row, SceneRun, time_and_judge
+from simwarp.bench.measure import CALL_STEPS, Row, SceneRun, time_and_judge
 from simwarp.bench.motion import STACK_TORQUE, swing_targets, twist_torques
 from simwarp.bench.motion_kernels import hold_swing_by_leg, write_swing
 from simwarp.bench.mujoco_rollout import Rollout
@@ -215,28 +216,42 @@ class MjBatchRun:
 
 
 class MuJoCoWarpRun:
-    """MuJoCo Warp; its targets are written by the kernel that simwarp's motion uses."""
+    """MuJoCo Warp on a device; its targets are written by the kernel that simwarp's motion uses."""
 
-    steps_per_call = 1
-
-    def __init__(self, scene: BenchScene, start: Start, dt: float, horizon_steps: int, observed: bool) -> None:
+    def __init__(
+        self, scene: BenchScene, start: Start, dt: float, horizon_steps: int, observed: bool, device: str = "cpu"
+    ) -> None:
         import mujoco
         import mujoco_warp
 
         self._step = mujoco_warp.step
+        self._device = wp.get_device(device)
         host = mujoco.MjModel.from_xml_string(model_text(scene.name))
         host.opt.timestep = dt
         data = mujoco.MjData(host)
         mujoco.mj_forward(host, data)
-        self.worlds, self.horizon_steps = len(start.time), horizon_steps
-        with wp.ScopedDevice("cpu"):
+        self.worlds, self.horizon_steps, self.steps_per_call = len(start.time), horizon_steps, 1
+        with wp.ScopedDevice(self._device):
             self.model: Any = mujoco_warp.put_model(host)
             self.data: Any = mujoco_warp.put_data(host, data, nworld=self.worlds, nconmax=8, njmax=48)
         self._start = start
         self._motion = wp.launch(
-            write_swing, dim=self.worlds, device="cpu", record_cmd=True,
+            write_swing, dim=self.worlds, device=self._device, record_cmd=True,
             inputs=[scene.variants, self.data.time], outputs=[self.data.ctrl],
         )  # fmt: skip
+        self.restart()
+        self._call = self._single_step
+        if self._device.is_cuda and not observed:
+            self._capture()
+
+    def _capture(self) -> None:
+        """Makes one call a graph of `CALL_STEPS` steps: one by one their launches would be what is measured."""
+        self._single_step()  # a capture must not load kernels
+        with wp.ScopedCapture(device=self._device) as capture:
+            for _ in range(CALL_STEPS):
+                self._single_step()
+        self._call = functools.partial(wp.capture_launch, capture.graph)
+        self.steps_per_call, self.horizon_steps = CALL_STEPS, max(1, self.horizon_steps // CALL_STEPS)
         self.restart()
 
     def restart(self) -> None:
@@ -245,14 +260,18 @@ class MuJoCoWarpRun:
             getattr(self.data, name).assign(getattr(self._start, name).astype(np.float32))
         self.data.qacc_warmstart.zero_()
 
-    def step(self) -> None:
-        """One step of all worlds."""
-        with wp.ScopedDevice("cpu"):
+    def _single_step(self) -> None:
+        with wp.ScopedDevice(self._device):
             self._motion.launch()
             self._step(self.model, self.data)
 
+    def step(self) -> None:
+        """`steps_per_call` steps of all worlds."""
+        self._call()
+
     def wait(self) -> None:
-        """Nothing to wait for on a CPU."""
+        """Until the device is done."""
+        wp.synchronize_device(self._device)
 
     def heights(self) -> Array:
         """(W,) of the torso [m]."""
@@ -338,7 +357,8 @@ class NewtonRun:
         """Not counted."""
 
 
-Measure = Callable[[BenchScene, int, float | None, float], Row]
+Measure = Callable[[BenchScene, int, str, float | None, float], Row]
+"""Of a scene, a number of worlds, the device that is measured, its step [s] and the time to measure for [s]."""
 
 _ENGINES: dict[str, tuple[str, type[Any], tuple[str, ...]]] = {
     "mujoco": ("mujoco", MuJoCoRun, ("ant", "stack", "pile")),
@@ -346,6 +366,8 @@ _ENGINES: dict[str, tuple[str, type[Any], tuple[str, ...]]] = {
     "mujoco_warp": ("mujoco-warp", MuJoCoWarpRun, ("ant",)),
     "newton": ("newton", NewtonRun, ("ant",)),
 }
+_ON_ANY_DEVICE = ("mujoco_warp",)
+"""Engines that run where we do; the others are measured on the CPU, whatever our device."""
 
 
 def contact_peers(scene: str) -> list[Measure]:
@@ -383,11 +405,11 @@ def our_motion(scene: BenchScene, dt: float | None) -> tuple[float, float]:
 
 
 @functools.lru_cache(maxsize=4)
-def their_motion(module: str, scene: BenchScene, dt: float | None) -> tuple[float, float | None]:
+def their_motion(module: str, scene: BenchScene, dt: float | None, device: str) -> tuple[float, float | None]:
     """The same of a peer, from the same starts."""
     ours = SceneRun(scene, scene.variants, "cpu", dt)
     ours.set_motion()
-    run: PeerRun = _ENGINES[module][1](scene, start_of(ours), ours.dt, ours.horizon_steps, True)
+    run = _peer_run(module, scene, ours, device, observed=True)
     heights: list[float] = []
     contacts: list[float] = []
     for _ in range(run.horizon_steps):
@@ -411,18 +433,29 @@ def disagreement(scene: BenchScene, dt: float | None, theirs: tuple[float, float
     return problems
 
 
-def measure_peer(module: str, scene: BenchScene, worlds: int, dt: float | None, seconds: float) -> Row:
+def _peer_run(module: str, scene: BenchScene, ours: SceneRun, device: str, *, observed: bool) -> PeerRun:
+    """A peer at the start of a run of ours; `device` is for those in `_ON_ANY_DEVICE`."""
+    kind = _ENGINES[module][1]
+    more = (device,) if module in _ON_ANY_DEVICE else ()
+    run: PeerRun = kind(scene, start_of(ours), ours.dt, ours.horizon_steps, observed, *more)
+    return run
+
+
+def measure_peer(module: str, scene: BenchScene, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
     """The same starts and motion in another engine, timed in the same way and judged by the motion."""
-    name, kind, _ = _ENGINES[module]
+    name = _ENGINES[module][0]
     ours = SceneRun(scene, worlds, "cpu", dt)
     ours.set_motion()
     engine = f"{name} {importlib.metadata.version(name)}" + (" XPBD" if module == "newton" else "")
+    if module in _ON_ANY_DEVICE and wp.get_device(device).is_cuda:
+        engine += f" on {device}"
     begin = time.perf_counter()
-    run: PeerRun = kind(scene, start_of(ours), ours.dt, ours.horizon_steps, False)
+    run = _peer_run(module, scene, ours, device, observed=False)
     run.step()
+    run.wait()
     row = Row(engine, scene.name, worlds, ours.dt, compile_s=time.perf_counter() - begin)
     row.bytes_per_world = run.bytes_per_world()
-    theirs = their_motion(module, scene, dt)
+    theirs = their_motion(module, scene, dt, device)
     problems = disagreement(scene, dt, theirs)
 
     def examine() -> Health:

@@ -80,8 +80,8 @@ def flexible_peers(scene: str) -> list[Callable[..., Row]]:
     return [measure_flex] if scene in PEERS and importlib.util.find_spec("mujoco") is not None else []
 
 
-def measure_flex(scene: BenchScene, worlds: int, dt: float | None, seconds: float) -> Row:
-    """The scene in MuJoCo from its start at rest, timed in the same way, with its own error at rest."""
+def measure_flex(scene: BenchScene, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+    """The scene in MuJoCo on the CPU, from its start at rest, timed in the same way, with its own error at rest."""
     import mujoco
 
     step, peer = scene.dt if dt is None else dt, PEERS[scene.name]()

@@ -19,7 +19,8 @@ from simwarp.core.types import ModelError
 from simwarp.simulation.simulation import Simulation
 
 _MIN_HORIZON_STEPS = 50
-_CALL_STEPS = 10
+CALL_STEPS = 10
+"""In one call of a run that is captured."""
 _SEED = 2024
 MOST_STEPS = 10**6
 """Before the timing."""
@@ -150,28 +151,28 @@ class TimedRun:
     def capture(self) -> None:
         """Makes one call of several steps, as tasks do."""
         self._call = self._several_steps
-        self.steps_per_call = _CALL_STEPS
-        self.horizon_steps = max(1, self.horizon_steps // _CALL_STEPS)
+        self.steps_per_call = CALL_STEPS
+        self.horizon_steps = max(1, self.horizon_steps // CALL_STEPS)
 
     @functools.cached_property
     def _several_steps(self) -> Callable[[], None]:
-        """A call of `_CALL_STEPS` steps: a graph on CUDA, on a CPU a program."""
+        """A call of `CALL_STEPS` steps: a graph on CUDA, on a CPU a program."""
         device = self.sim.model.device
         if device.is_cuda:
             with wp.ScopedCapture(device=device) as capture:
-                for _ in range(_CALL_STEPS):
+                for _ in range(CALL_STEPS):
                     self.single_step()
             return lambda: wp.capture_launch(capture.graph)
         program = self.sim.program([] if self.motion_command is None else [self.motion_command])
-        return lambda: program.run(_CALL_STEPS)
+        return lambda: program.run(CALL_STEPS)
 
     def advance(self, steps: int) -> None:
         """Makes so many steps, in calls of several: a GPU would wait for launches of single ones.
 
         The first step stays single, for it may load kernels, which a capture must not.
         """
-        calls = max(0, steps - 1) // _CALL_STEPS
-        for _ in range(steps - calls * _CALL_STEPS):
+        calls = max(0, steps - 1) // CALL_STEPS
+        for _ in range(steps - calls * CALL_STEPS):
             self.single_step()
         for _ in range(calls):
             self._several_steps()

@@ -124,8 +124,8 @@ def start_and_force(run: SceneRun) -> tuple[Array, Array]:
     return q, run.sim.control.joint_force.numpy()[:, 0].astype(float)
 
 
-def measure_mujoco(scene: BenchScene, worlds: int, dt: float | None, seconds: float) -> Row:
-    """The same starts and forces in MuJoCo, timed and judged in the same way."""
+def measure_mujoco(scene: BenchScene, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+    """The same starts and forces in MuJoCo on the CPU, timed and judged in the same way."""
     import mujoco
 
     ours = SceneRun(scene, worlds, "cpu", dt)

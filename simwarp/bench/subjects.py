@@ -112,8 +112,8 @@ def find_subject(name: str, tasks: Callable[[], list[str]], choices: Choices | N
 
 
 def _beside(measure: Callable[..., Row], name: str, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
-    """A peer's row; peers run where they can, whatever our device."""
-    return measure(bench_scenes()[name], worlds, dt, seconds)
+    """A peer's row."""
+    return measure(bench_scenes()[name], worlds, device, dt, seconds)
 
 
 def _check_choices(name: str, chosen: Choices) -> None:

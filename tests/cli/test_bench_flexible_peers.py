@@ -51,7 +51,7 @@ def test_scenes_of_mujoco_have_the_sizes_and_masses_of_ours(name):
 def test_a_peer_that_is_not_at_rest_where_its_error_is_told_is_refused(monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(flexible_peers, "_error_at_rest", lambda name: (0.01, 0.5))
-    row = measure_flex(bench_scenes()["rod"], 1, None, 0.01)
+    row = measure_flex(bench_scenes()["rod"], 1, "cpu", None, 0.01)
     assert not row.valid
     assert row.steps_per_s is None
     assert "not at rest" in row.problems[0]

@@ -29,7 +29,7 @@ def test_a_peer_with_another_model_is_refused(monkeypatch):
     from simwarp.bench import peers
 
     monkeypatch.setattr(peers, "POLE_MASS", 1.0)
-    row = peers.measure_mujoco(bench_scenes()["pendulum"], 1, None, 0.02)
+    row = peers.measure_mujoco(bench_scenes()["pendulum"], 1, "cpu", None, 0.02)
     assert not row.valid
     assert row.steps_per_s is None
     assert "not the same motion" in row.problems[0]
@@ -75,7 +75,7 @@ def test_an_ant_with_weak_motors_is_no_peer(monkeypatch):
     text = contact_peers.model_text("ant").replace('kp="20"', 'kp="4"')
     monkeypatch.setattr(contact_peers, "model_text", lambda name: text)
     contact_peers.their_motion.cache_clear()
-    row = contact_peers.measure_peer("mujoco", bench_scenes()["ant"], 1, None, 0.02)
+    row = contact_peers.measure_peer("mujoco", bench_scenes()["ant"], 1, "cpu", None, 0.02)
     contact_peers.their_motion.cache_clear()
     assert not row.valid
     assert row.steps_per_s is None
@@ -87,7 +87,7 @@ def test_the_other_engines_stand_beside_the_ant_where_they_are_installed(module)
     pytest.importorskip(module)
     from simwarp.bench import contact_peers
 
-    row = contact_peers.measure_peer(module, bench_scenes()["ant"], 2, None, 0.02)
+    row = contact_peers.measure_peer(module, bench_scenes()["ant"], 2, "cpu", None, 0.02)
     assert row.valid, row.problems
 
 
