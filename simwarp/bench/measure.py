@@ -288,7 +288,7 @@ def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], Ti
     single.step()
     single.wait()
     row = Row("simwarp", name, worlds, single.dt, compile_s=time.perf_counter() - start)
-    row.bytes_per_world, row.bytes_shared = bytes_of(single.sim, make(2).sim)
+    row.bytes_per_world, row.bytes_shared = bytes_of(lambda count: make(count).sim)
     check_memory(name, worlds, row.bytes_per_world, single.sim.model.device)
     run = make(worlds)
     run.set_motion()
@@ -361,10 +361,16 @@ def _mean(values: list[float | None]) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def bytes_of(one: Simulation, two: Simulation) -> tuple[int, int]:
-    """Bytes that one more world takes, and those that all share, from simulations of one and of two worlds."""
-    first, second = array_bytes(one), array_bytes(two)
-    return second - first, 2 * first - second
+def bytes_of(make: Callable[[int], object]) -> tuple[int, int]:
+    """Bytes that one more world takes, and those that all share.
+
+    Two worlds and three are compared: on a GPU the rows of a slot are padded as soon as there is a second world.
+
+    Args:
+        make: what owns the arrays, for a number of worlds.
+    """
+    two, three = array_bytes(make(2)), array_bytes(make(3))
+    return three - two, 3 * two - 2 * three
 
 
 def check_memory(name: str, worlds: int, per_world: int, device: Any) -> None:

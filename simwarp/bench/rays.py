@@ -11,8 +11,8 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.bench.health import Health
-from simwarp.bench.measure import Row, time_and_judge
-from simwarp.bench.timing import array_bytes, counted_launches
+from simwarp.bench.measure import Row, bytes_of, time_and_judge
+from simwarp.bench.timing import counted_launches
 from simwarp.core.memory import check_fits
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.ray_casting_kernels import cast_rays
@@ -114,8 +114,7 @@ def measure_rays(name: str, worlds: int, device: str, dt: float | None, seconds:
     run.step()
     run.wait()
     row = Row("simwarp", name, worlds, 0.0, compile_s=time.perf_counter() - began)
-    first, second = (array_bytes(RayRun(TRIANGLES[name], count, device)) for count in (1, 2))
-    row.bytes_per_world, row.bytes_shared = second - first, 2 * first - second
+    row.bytes_per_world, row.bytes_shared = bytes_of(lambda count: RayRun(TRIANGLES[name], count, device))
     single = RayRun(TRIANGLES[name], 1, device)
     single.step()
     with counted_launches() as launches:

@@ -151,8 +151,9 @@ def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds:
     actions = 3 * 8 * _ACTIONS * worlds * single.task.action_size
     check_fits(f"actions of {worlds} worlds of '{name}'", actions, wp.get_device("cpu"), "use fewer worlds")
     if single.task.simulation is not None:
-        two = TaskRun(name, 2, device, config)
-        row.bytes_per_world, row.bytes_shared = bytes_of(single.task.simulation, two.task.simulation)
+        row.bytes_per_world, row.bytes_shared = bytes_of(
+            lambda count: TaskRun(name, count, device, config).task.simulation
+        )
         check_memory(name, worlds, row.bytes_per_world, single.task.simulation.model.device)
     run = TaskRun(name, worlds, device, config)
     with counted_launches() as launches:
