@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 import tyro
 
 from simwarp.cli import UsageError
-from simwarp.cli.drive.mounted_sensors import mounted_sensors, placed, words_of
+from simwarp.cli.drive.mounted_sensors import SENSORS_HINT, mounted_sensors, placed, words_of
 from simwarp.cli.options import CommonOptions
 from simwarp.mcap.mcap_extra import check_mcap_path
 from simwarp.simulation.attachments import ForceElement, Sensor
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from simwarp.cli.view.scene_film import DriveSceneFilm
 
     AnyFilm: TypeAlias = "DriveFilm | DriveSceneFilm | DriveRecord"
-
-SENSORS_HINT: Final = "(default: none)"
 
 
 @dataclasses.dataclass(frozen=True)
