@@ -28,6 +28,8 @@ from simwarp.simulation.simulation import Simulation
 
 RATE: Final = 50.0
 """Of the topics of the state [Hz]."""
+NEAR: Final = 1e-6
+"""Of a step, that its time may be off by rounding."""
 COMMANDS: Final = "/commands"
 NOWHERE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -74,7 +76,7 @@ class WorldTopics:
         self._thing, self._sink, self._world = thing, sink, checked_world(thing, simulation, world)
         body = base_of(thing, simulation, base)
         self._period = 1.0 / checked_rate(thing, rate)
-        self._time = row_of(simulation.state.world_time, self._world)
+        self._time, self._dt = row_of(simulation.state.world_time, self._world), simulation.dt
         self._offset, self._last, self._step, self._next = 0, math.inf, 0.0, 0.0
         names = Names(MAP, ODOM, "base_link")
         frames = body_frames(model, body, names)
@@ -116,6 +118,13 @@ class WorldTopics:
     def missed(self) -> dict[str, int]:
         """Frames that came and went between two calls of `add`, by the sensor's name; 0: none was lost."""
         return {each.sensor.name: each.missed for each in self._sensors}
+
+    @property
+    def steps_to_next(self) -> int:
+        """Steps until there is something to send, at least 1. With sensors it is 1: their frames may come at any."""
+        if self._sensors or not math.isfinite(self._last):
+            return 1
+        return max(math.ceil((self._next - self._last) / self._dt - 0.5 - NEAR), 1)
 
     def add(self, commands: Mapping[str, float] | None = None) -> None:
         """Sends what is new: frames of sensors, and the state where it is due. To be called after every step.
