@@ -80,7 +80,7 @@ class DriveRecord:
 
         self.path = path
         self._writer = Writer(path, drive.setup.simulation)
-        drive.after_step, drive.steps_to_call = self._writer.add, lambda: self._writer.steps_to_next
+        drive.after_step, drive.steps_to_call = self._writer.add, self._writer.steps_to_next
 
     def beside(self, progress: Progress) -> Progress:
         """Nothing more after a row of the record."""
