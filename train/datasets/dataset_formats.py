@@ -72,7 +72,7 @@ def record_dataset(
         instruction: what is to be done, as a sentence; None: the task's own.
         quality: of LeRobot's videos, from 0, without loss, to 51.
         stop: request to leave with the episodes that have ended by then.
-        report: called now and then with the number of episodes that have ended.
+        report: called now and then with the number of episodes that have ended, and after each one that is written.
 
     Raises:
         InputError: the name or the format is wrong, or an extra is missing.
@@ -102,6 +102,7 @@ def record_dataset(
         for episode in source:
             writer.add(episode)
             returns.append(float(episode.rewards.sum(dtype="float64")))
+            report(len(returns))  # many end at once, and writing their images takes a while
     except OutputError:
         raise
     except Exception:
