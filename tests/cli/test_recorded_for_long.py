@@ -53,7 +53,8 @@ class Watched:
             return [make_sensor(config, scene, mount, name=name, seed=3) for name, config in configs.items()]
 
         setup = set_up(spec, what, device="cpu", dt=0.005, sensors=sensors)
-        self.sim, self.vehicle = setup.simulation, setup.vehicle
+        self.sim = setup.simulation
+        self.vehicle: Any = setup.vehicle
         self.last = dict.fromkeys(configs, -1.0)
         self.counts: Counter[str] = Counter()
         self.kept: dict[str, list[tuple[int, int, Any]]] = defaultdict(list)
