@@ -8,6 +8,7 @@ if __name__ != "simwarp.tasks":
     raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegative, Positive, Whole
+from simwarp.core.task_names import ENTRY_POINT_GROUP
 
 from .actuation.actuator_network import ActuatorNetwork
 from .actuation.attached_actuators import actuators_of
@@ -27,7 +28,7 @@ from .framework.recorded_launches import (
     share_over,
     zeros_of,
 )
-from .framework.registry import ENTRY_POINT_GROUP, config_to_train_in, make, register, task_class, task_names
+from .framework.registry import config_to_train_in, make, register, task_class, task_names
 from .framework.replay import ReplayReport
 from .framework.statistics import EpisodeSummary
 from .framework.step_check import StepReport, check_step

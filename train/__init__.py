@@ -33,7 +33,8 @@ if TYPE_CHECKING:
         default_config,
         student_config,
     )
-    from .datasets.dataset_formats import DatasetFormat, Recorded, load_trajectories, record_dataset
+    from .datasets.dataset_formats import Recorded, load_trajectories, record_dataset
+    from .datasets.dataset_kinds import DatasetFormat
     from .datasets.episodes import record
     from .datasets.trajectories import Trajectories, save_trajectories
     from .evaluation.evaluation import Evaluation, evaluate
@@ -55,7 +56,8 @@ _HOMES = {
         "NetworkKind", "Objective", "PPOConfig", "Precision", "Schedule", "TrainConfig", "default_config",
         "student_config",
     ),
-    "datasets.dataset_formats": ("DatasetFormat", "Recorded", "load_trajectories", "record_dataset"),
+    "datasets.dataset_formats": ("Recorded", "load_trajectories", "record_dataset"),
+    "datasets.dataset_kinds": ("DatasetFormat",),
     "datasets.episodes": ("record",),
     "datasets.trajectories": ("Trajectories", "save_trajectories"),
     "evaluation.evaluation": ("Evaluation", "evaluate"),

@@ -129,9 +129,10 @@ def input_errors() -> tuple[type[Exception], ...]:
     for module, names in (
         ("simwarp.core.types", ("ModelError",)),
         ("simwarp.core.files", ("FileError",)),
+        ("simwarp.core.input_error", ("InputError",)),
         ("simwarp.vehicle.spec.parts", ("SpecError",)),
         ("simwarp.identify.fit_error", ("FitError",)),
-        ("simwarp.tasks.framework.errors", ("InputError", "TaskError")),
+        ("simwarp.tasks.framework.errors", ("TaskError",)),
     ):
         loaded = sys.modules.get(module)
         kinds += [getattr(loaded, name) for name in names if hasattr(loaded, name)]
@@ -313,6 +314,7 @@ def _run(arguments: list[str], *, alone: bool) -> int:
     command = _find(arguments[0])
     if command.reads_only:
         return _read(lambda: command.load()(arguments[1:]), arguments, alone=alone)
+    importlib.import_module("simwarp.cli.early_refusals").refuse_early(command.name, arguments[1:])
     if alone:
         leave_unused_out()
     with few_collections():

@@ -365,6 +365,27 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
         raise UsageError(_explain(_message(errors.getvalue()), kind)) from None
 
 
+def parse_own(kind: type[OptionsT], arguments: list[str], program: str) -> OptionsT:
+    """Parse the options of a dataclass among those of another one, before that one is known.
+
+    Raises:
+        UsageError: one is given twice, or its value is wrong.
+    """
+    known = dict(_options(kind))
+    words: list[str] = []
+    for option in _split_options(arguments):
+        name = option[0].partition("=")[0].replace("_", "-")
+        words += option if name in known or _positive(name) in known else []
+    return parse_options(kind, words, program)
+
+
+def _split_options(arguments: list[str]) -> Iterator[list[str]]:
+    """Yield each option with the words that follow it."""
+    starts = [index for index, word in enumerate(arguments) if word.startswith("--")]
+    for start, end in itertools.pairwise([*starts, len(arguments)]):
+        yield arguments[start:end]
+
+
 def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:
     """Refuse options that are unknown or given twice, and words that no value of their type can be.
 
@@ -374,9 +395,8 @@ def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:
         UsageError: names the option, the rule and the word.
     """
     seen: set[str] = set()
-    starts = [index for index, word in enumerate(arguments) if word.startswith("--")]
-    for start, end in itertools.pairwise([*starts, len(arguments)]):
-        name, equals, value = arguments[start].partition("=")
+    for first, *rest in _split_options(arguments):
+        name, equals, value = first.partition("=")
         option = name.replace("_", "-")
         negative = option not in known and _positive(option) in known
         if equals and (negative or is_flag(known.get(option))):
@@ -388,7 +408,7 @@ def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:
         if option in seen and not may_repeat(known[option]):
             raise UsageError(f"{option} is given twice; give it once")
         seen.add(option)
-        check_option(option, known[option], [value] if equals else arguments[start + 1 : end])
+        check_option(option, known[option], [value] if equals else rest)
 
 
 def _positive(option: str) -> str:

@@ -25,6 +25,8 @@ except ImportError as error:
 
 CHUNK: Final = 4 * 2**20
 """Bytes of messages at which a chunk ends."""
+ROOM: Final = 2**18
+"""Bytes beyond them that are kept for the last message, at first."""
 LONGEST_CHUNK: Final = 1.0
 """Time by the clock after which a chunk ends [s]: what a crash may lose."""
 LATCHED: Final = (
@@ -82,7 +84,8 @@ class McapFile:
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        self._chunk, self._begun = bytearray(), time.monotonic()
+        # It grows once: memory that is made anew for each chunk would cost as much as its compression
+        self._chunk, self._filled, self._begun = bytearray(CHUNK + ROOM), 0, time.monotonic()
         self._places: dict[int, list[int]] = {}
         """Time and place in the chunk of each message, by channel."""
         self._open, self._first, self._last = False, 0, 0
@@ -111,13 +114,13 @@ class McapFile:
         if kind not in self._schemas:
             text = self.types.definition(kind).encode()
             self._schemas[kind] = Schema(id=len(self._schemas) + 1, data=text, encoding="ros2msg", name=kind)
-            self._chunk += _bytes_of(self._schemas[kind])
+            self._add(_bytes_of(self._schemas[kind]))
         number, schema = len(self._channels) + 1, self._schemas[kind].id
         metadata = {"offered_qos_profiles": LATCHED if latched else ""}
         self._channels[number] = Channel(
             id=number, topic=topic, message_encoding="cdr", schema_id=schema, metadata=metadata
         )
-        self._chunk += _bytes_of(self._channels[number])
+        self._add(_bytes_of(self._channels[number]))
         self._counts[number], self._places[number] = 0, []
         return number
 
@@ -129,18 +132,28 @@ class McapFile:
             template: the message.
             time: at which it is delivered [ns]; it never goes back.
         """
-        data, chunk = template.data, self._chunk
+        data, place = template.data, self._filled
         size = len(data)
         self._counts[channel] = count = self._counts[channel] + 1
         if not self._open:
             self._open, self._first = True, time
         self._last = time
-        self._places[channel] += (time, len(chunk))
-        chunk += MESSAGE.pack(Opcode.MESSAGE, MESSAGE_HEAD + size, channel, count, time, time)
-        chunk += data
+        self._places[channel] += (time, place)
+        begin = place + MESSAGE.size
+        self._filled = end = begin + size
+        if end > len(self._chunk):
+            self._chunk += bytes(end - len(self._chunk))
+        MESSAGE.pack_into(self._chunk, place, Opcode.MESSAGE, MESSAGE_HEAD + size, channel, count, time, time)
+        self._chunk[begin:end] = data
         self.size += size
-        if len(chunk) >= CHUNK:
+        if end >= CHUNK:
             self.flush()
+
+    def _add(self, record: bytes) -> None:
+        """A record for the chunk, which is no message."""
+        begin, self._filled = self._filled, self._filled + len(record)
+        self._chunk += bytes(max(self._filled - len(self._chunk), 0))
+        self._chunk[begin : self._filled] = record
 
     def tick(self) -> None:
         """Ends a chunk that has been open for long."""
@@ -192,13 +205,14 @@ class McapFile:
         """Writes the chunk and the index of its messages."""
         if not self._open:
             return
-        file, chunk = self._file(), bytes(self._chunk)
-        data = _compressed(chunk, self._compression)
+        file = self._file()
+        with memoryview(self._chunk) as whole, whole[: self._filled] as chunk:
+            data, checksum = _compressed(chunk, self._compression), zlib.crc32(chunk)
         name = "" if self._compression is Compression.NONE else self._compression.value
         place = file.tell()
         self._append(Chunk(
             compression=name, data=data, message_start_time=self._first, message_end_time=self._last,
-            uncompressed_crc=zlib.crc32(chunk), uncompressed_size=len(chunk),
+            uncompressed_crc=checksum, uncompressed_size=self._filled,
         ))  # fmt: skip
         end, offsets = file.tell(), {}
         for channel, places in self._places.items():
@@ -210,10 +224,9 @@ class McapFile:
         self._chunks.append(ChunkIndex(
             message_start_time=self._first, message_end_time=self._last, chunk_start_offset=place,
             chunk_length=end - place, message_index_offsets=offsets, message_index_length=file.tell() - end,
-            compression=name, compressed_size=len(data), uncompressed_size=len(chunk),
+            compression=name, compressed_size=len(data), uncompressed_size=self._filled,
         ))  # fmt: skip
-        self._chunk.clear()
-        self._open = False
+        self._filled, self._open = 0, False
 
     def _end_file(self) -> None:
         """Writes the summary, by which readers find topics and chunks, and the footer."""
@@ -251,7 +264,7 @@ def _bytes_of(record: Any) -> bytes:
     return bytes(builder.end())
 
 
-def _compressed(data: bytes, compression: Compression) -> bytes:
+def _compressed(data: memoryview, compression: Compression) -> bytes:
     if compression is Compression.LZ4:
         return bytes(lz4.frame.compress(data))
-    return bytes(zstandard.compress(data)) if compression is Compression.ZSTD else data
+    return bytes(zstandard.compress(data) if compression is Compression.ZSTD else data)

@@ -79,8 +79,16 @@ class Writer(Readable):
         """Frames that came and went between two calls of `add`, by the sensor's name; 0: none was lost."""
         return self._topics.missed
 
+    def steps_to_next(self) -> int:
+        """Steps until `add` has something to record, at least 1: they may be taken at once, without a call in between,
+        where no world is reset meanwhile. The record is the same.
+        """
+        return self._topics.steps_to_next()
+
     def add(self, commands: Mapping[str, float] | None = None) -> None:
-        """Records what is new: frames of sensors, and the state where it is due. To be called after every step.
+        """Records what is new: frames of sensors, and the state where it is due.
+
+        To be called after every step, or after `steps_to_next` of them.
 
         Args:
             commands: numbers by name, dimensionless or in SI, for the topic `/commands`; the same names in every call.

@@ -14,7 +14,7 @@ from simwarp.core.types import ModelError
 from simwarp.core.wording import suggestion
 from simwarp.ros2.bridge_node import BridgeNode, ServiceKind
 from simwarp.ros2.command_topics import Apply, CommandError, CommandTopic
-from simwarp.ros2.real_time_pace import Pace
+from simwarp.ros2.real_time_pace import MOST_FACTOR, Pace
 from simwarp.ros2.ros_messages import MessageTypes, Template
 from simwarp.ros2.world_topics import WorldTopics
 from simwarp.simulation.simulation import Simulation
@@ -27,8 +27,6 @@ TURN: Final = 0.1
 """For which the node is waited for at a time: what else ends the bridge is seen as often [s]."""
 LOOK: Final = 5.0
 """By the clock, between looks at who publishes commands, and how fast it goes [s]."""
-MOST_FACTOR: Final = 1000.0
-"""Of real time."""
 LEFT_OUT: Final = frozenset({"/joint_commands"})
 """Topics of recordings that the bridge listens to instead."""
 

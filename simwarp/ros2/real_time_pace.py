@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+MOST_FACTOR: Final = 1000.0
+"""Of real time, that may be asked for."""
 TOLERANCE: Final = 0.1
 """By which steps may be late and are still made up for [s]: afterwards the time is lost."""
 WINDOW: Final = 5.0

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
 
 from simwarp.model.joint_types import ELEMENTS
@@ -118,29 +117,27 @@ def _odometry(types: MessageTypes, simulation: Simulation, world: int, base: int
     orientation = [f"pose.pose.orientation.{name}" for name in "xyzw"]
     twist = [f"twist.twist.{part}.{name}" for part in ("linear", "angular") for name in "xyz"]
     cells = template.doubles([[*position, *orientation, *twist]])
-    values, rates = np.zeros((1, 13)), np.zeros((2, 3))
-    twists = values[0, 7:].reshape(2, 3)
 
     def fill() -> None:
-        rotation = turn()[base]
-        values[0, :3], values[0, 3:7] = place()[base], rotation
-        # what float32 rounding kept back belongs to it
-        for rate, (high, low) in zip(rates, motion, strict=True):
-            np.add(high()[base], low()[base], out=rate, dtype=np.float64)
-        np.matmul(rates, _axes(rotation), out=twists)
-        cells.write(values)
+        # In numbers of Python: of so few of them, arrays would take several times as long
+        rotation = turn()[base].tolist()
+        axes, values = _axes(*rotation), [*place()[base].tolist(), *rotation]
+        for high, low in motion:
+            # what float32 rounding kept back belongs to it
+            x, y, z = (much + rest for much, rest in zip(high()[base].tolist(), low()[base].tolist(), strict=True))
+            values += [x * along[0] + y * along[1] + z * along[2] for along in axes]
+        cells.write([values])
 
     return StateTopic("/odom", "nav_msgs/msg/Odometry", template, fill)
 
 
-def _axes(rotation: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Columns: the axes of a unit quaternion xyzw; in a fraction of the time of what is made for any shape."""
-    x, y, z, w = rotation.tolist()
-    return np.array([
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ])  # fmt: skip
+def _axes(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float, float], ...]:
+    """The axes of a unit quaternion."""
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)),
+        (2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)),
+        (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)),
+    )
 
 
 def _joints(types: MessageTypes, simulation: Simulation, world: int) -> list[StateTopic]:

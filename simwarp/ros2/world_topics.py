@@ -28,6 +28,8 @@ from simwarp.simulation.simulation import Simulation
 
 RATE: Final = 50.0
 """Of the topics of the state [Hz]."""
+NEAR: Final = 1e-6
+"""Of a step, that its time may be off by rounding."""
 COMMANDS: Final = "/commands"
 NOWHERE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -75,7 +77,10 @@ class WorldTopics:
         body = base_of(thing, simulation, base)
         self._period = 1.0 / checked_rate(thing, rate)
         self._time = row_of(simulation.state.world_time, self._world)
+        self._dt, self._substeps = simulation.dt, simulation.substeps
         self._offset, self._last, self._step, self._next = 0, math.inf, 0.0, 0.0
+        self._spacing = math.inf
+        """Of the times at which it might be called, where not each of them is one at which it is [s]."""
         names = Names(MAP, ODOM, "base_link")
         frames = body_frames(model, body, names)
         self._types = types = MessageTypes()
@@ -117,6 +122,18 @@ class WorldTopics:
         """Frames that came and went between two calls of `add`, by the sensor's name; 0: none was lost."""
         return {each.sensor.name: each.missed for each in self._sensors}
 
+    def steps_to_next(self) -> int:
+        """Steps until there is something to send, at least 1, if no world is reset before."""
+        self._spacing = self._dt
+        if not math.isfinite(self._last):
+            return 1
+        steps = max(math.ceil((self._next - self._last) / self._dt - 0.5 - NEAR), 1)
+        for sensor in self._sensors:
+            if steps == 1:
+                break
+            steps = min(steps, sensor.steps_to_next(self._substeps))
+        return steps
+
     def add(self, commands: Mapping[str, float] | None = None) -> None:
         """Sends what is new: frames of sensors, and the state where it is due. To be called after every step.
 
@@ -136,7 +153,7 @@ class WorldTopics:
         self._last = time
         fresh = [sensor for sensor in self._sensors if sensor.is_new()]
         # Half a step early is as near as half a step late
-        due = moved and time + 0.5 * self._step >= self._next
+        due = moved and time + 0.5 * min(self._step, self._spacing) >= self._next
         if not (due or fresh or commands is not None):
             return
         now = self._offset + round(time * SECOND)
@@ -237,8 +254,17 @@ class _SensorChannels:
         self._channels = [(_Channel(sink, each.topic, each.kind, each.template), each.fill) for each in outputs]
         self._timestamp, self._valid = row_of(sensor.timestamp, world), row_of(sensor.valid, world)
         frames: Any = getattr(sensor, "frames", None)
-        self._period = 0.0 if frames is None else frames.steps.period * frames.dt
+        self._frames, self._period = frames, 0.0 if frames is None else frames.steps.period * frames.dt
+        if frames is not None:
+            self._count, self._phase = (row_of(frames.memory[f"clock {name}"], world) for name in ("count", "phase"))
         self._last = -math.inf
+
+    def steps_to_next(self, substeps: int) -> int:
+        """Steps of so many sub-steps until a frame is published, at least 1."""
+        if self._frames is None:
+            return 1
+        count = int(self._count())
+        return -(-(self._frames.steps.next_published(count, int(self._phase())) - count) // substeps)
 
     def is_new(self) -> bool:
         """Whether there is a frame that was not written."""

@@ -40,6 +40,17 @@ class ScheduleSteps(NamedTuple):
     window: int
     lag: int
 
+    def next_published(self, count: int, phase: int) -> int:
+        """Sub-step after which a frame is published next.
+
+        Args:
+            count: sub-steps since the world's state was set.
+            phase: of the world.
+        """
+        # the frame of the beginning is published at once
+        first = self.lag + (self.window + phase or self.period)
+        return first + max(-(-(count + 1 - first) // self.period), 0) * self.period
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Schedule(Configuration):

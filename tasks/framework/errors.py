@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any
 
+from simwarp.core.input_error import InputError as InputError, near_names as near_names
 from simwarp.core.object_repr import plural
-from simwarp.core.wording import suggestions
-
-MOST_LISTED: Final = 24
-"""Names that an error lists."""
-
-
-class InputError(ValueError):
-    """The user asked for something impossible; the message names it, the rule and the remedy.
-
-    The command line prints the message in one line and exits with code 2.
-    """
 
 
 class TaskFileError(InputError):
@@ -47,11 +36,3 @@ def broken(task: Any, method: str, what: str) -> TaskStepError:
     when = f"in control step {step}" if step else "before the first control step"
     call = method if "(" in method else f"{method}()"
     return TaskStepError(f"task '{task.name}': {call} {when} of {plural(task.num_worlds, 'world')}: {what}")
-
-
-def near_names(name: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean A or B?"`` for names close to ``name``, else ``"; known: ..."``."""
-    known = sorted(known)
-    more = ", ..." if len(known) > MOST_LISTED else ""
-    hint = suggestions(name, known, f"known: {', '.join(known[:MOST_LISTED])}{more}")
-    return f"; {hint}" if known else ""

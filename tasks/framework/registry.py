@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import importlib
-import json
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from importlib import metadata
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from simwarp.core.task_names import built_in_tasks, offered_tasks, unknown_task
 from simwarp.core.warp_start import report_compiling
 
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device
-from .errors import InputError, TaskFileError, near_names
+from .errors import InputError, TaskFileError
 from .task_class_import import class_in_file, is_task_file, name_of_class, split_source
 from .variants import Variant, variant_of
 
@@ -26,12 +24,7 @@ if TYPE_CHECKING:
 
 TaskT = TypeVar("TaskT", bound="type[Task[Any]]")
 
-ENTRY_POINT_GROUP = "simwarp.tasks"
-"""Entry points of this group are loaded once; loading one must register its tasks."""
-
-_BUILT_IN: Final[dict[str, str]] = json.loads(
-    (files("simwarp") / "tasks" / "built_in.json").read_text(encoding="utf-8")
-)
+_BUILT_IN: Final = built_in_tasks()
 """Built-in tasks and the modules that register them; one is imported when its task is asked for."""
 
 _IN_THESIS: Final = (
@@ -84,7 +77,7 @@ def _load_packages() -> None:
     if _loaded:
         return
     _loaded.append(True)
-    for entry in metadata.entry_points(group=ENTRY_POINT_GROUP):
+    for entry in offered_tasks():
         try:
             entry.load()
         except Exception as error:  # noqa: BLE001 - another package's defect must not take the built-in tasks away
@@ -121,7 +114,7 @@ def task_class(name: str) -> type[Task[Any]]:
     if name not in _tasks:
         if name.endswith(".py"):
             raise InputError(f"task file '{name}': name the class too, as in {name}:TaskClass")
-        raise InputError(f"unknown task '{name}'{near_names(name, task_names())}")
+        raise unknown_task(name, task_names())
     return _tasks[name]
 
 

@@ -30,7 +30,8 @@ def graph(monkeypatch):
         yield made
 
     monkeypatch.setattr("simwarp.cli.ros.ros2_command.rclpy_node", node)
-    monkeypatch.setattr("simwarp.cli.ros.ros2_command.check_rclpy", lambda: None)
+    for module in ("simwarp.cli.ros.ros2_command", "simwarp.ros2.rclpy_node"):
+        monkeypatch.setattr(f"{module}.check_rclpy", lambda: None)
     return made
 
 

@@ -3,44 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
-import importlib.util
-import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
-from simwarp.core.files import FileError, OutputError, check_output
+from simwarp.core.files import OutputError
 from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError, Task
 
 from ..networks.policies import Policy
+from .dataset_kinds import DatasetFormat, check_dataset, check_source
 from .episodes import Episode, episodes_of
 from .trajectories import Trajectories, read_npz
-
-
-class DatasetFormat(enum.Enum):
-    """Format of a dataset."""
-
-    NPZ = "npz"
-    """One file of arrays, without a further library."""
-    MINARI = "minari"
-    """A folder of Minari; images as they are."""
-    LEROBOT = "lerobot"
-    """A folder of LeRobot, format v3.0; images as H.264."""
-
-
-_MODULES: Final[Mapping[DatasetFormat, tuple[str, ...]]] = {
-    DatasetFormat.NPZ: (),
-    DatasetFormat.MINARI: ("minari", "pyarrow"),
-    DatasetFormat.LEROBOT: ("pyarrow",),
-}
-"""What each needs; the extra has the name of the format."""
-
-
-WORST_QUALITY: Final = 51
-"""Of H.264."""
 
 
 class DatasetWriter(Protocol):
@@ -79,57 +54,6 @@ class Recorded:
     mean_return: float
 
 
-def default_output(kind: DatasetFormat, task_name: str) -> Path:
-    """Return where a dataset of a task is written, unless something else is asked for."""
-    return Path(task_name + {"npz": ".npz", "minari": "-v0", "lerobot": "_lerobot"}[kind.value])
-
-
-def check_dataset(kind: DatasetFormat, path: Path, quality: int, option: str = "--output") -> None:
-    """Refuse what cannot be recorded to, before any work is done; nothing is touched.
-
-    Args:
-        kind: format.
-        path: of the file or the folder.
-        quality: of videos.
-        option: what asked for the path: the errors begin with it.
-
-    Raises:
-        InputError: the name is not one of the format, its extra is not installed, or there is no such quality.
-        FileError: it exists already, or cannot be written.
-    """
-    check_installed(kind)
-    if not 0 <= quality <= WORST_QUALITY:
-        raise InputError(f"video-quality must be from 0 to {WORST_QUALITY}, got {quality}")
-    if kind is DatasetFormat.NPZ:
-        if path.suffix != ".npz":
-            raise InputError(f"{option} must end in .npz, got '{path}'")
-        return
-    if os.path.lexists(path):
-        raise FileError(f"{option}: '{path}' exists already; give another name or remove it")
-    check_output(path, option)
-    if kind is DatasetFormat.MINARI:
-        from .minari_dataset import NAMED
-
-        if NAMED.fullmatch(path.name) is None:
-            raise InputError(
-                f"{option}: a dataset of Minari must be named by letters, digits, - and _, and a version, such as"
-                f" '{default_output(kind, 'pendulum')}', got '{path.name}'"
-            )
-
-
-def check_installed(kind: DatasetFormat) -> None:
-    """Look for what a format needs without importing it.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    for module in _MODULES[kind]:
-        if importlib.util.find_spec(module) is None:
-            raise InputError(
-                f"format {kind.value} must have module '{module}', got none; pip install 'simwarp[{kind.value}]'"
-            )
-
-
 def record_dataset(
     task: Task[Any], policy: Policy, episodes: int, seed: int, path: str | Path, kind: DatasetFormat, *,
     about: dict[str, Any] | None = None, instruction: str | None = None, quality: int = 18,
@@ -148,7 +72,7 @@ def record_dataset(
         instruction: what is to be done, as a sentence; None: the task's own.
         quality: of LeRobot's videos, from 0, without loss, to 51.
         stop: request to leave with the episodes that have ended by then.
-        report: called now and then with the number of episodes that have ended.
+        report: called now and then with the number of episodes that have ended, and after each one that is written.
 
     Raises:
         InputError: the name or the format is wrong, or an extra is missing.
@@ -178,6 +102,7 @@ def record_dataset(
         for episode in source:
             writer.add(episode)
             returns.append(float(episode.rewards.sum(dtype="float64")))
+            report(len(returns))  # many end at once, and writing their images takes a while
     except OutputError:
         raise
     except Exception:
@@ -230,8 +155,7 @@ def load_trajectories(path: str | Path, task_name: str) -> Trajectories:
         InputError: it is of another task, its columns are not what they should be, or an extra is missing.
     """
     path = Path(path)
-    found = _format_of(path)
-    check_installed(found)
+    found = check_source(path, task_name)
     if found is DatasetFormat.MINARI:
         from .minari_dataset import read_minari
 
@@ -241,18 +165,3 @@ def load_trajectories(path: str | Path, task_name: str) -> Trajectories:
 
         return read_lerobot(path, task_name)
     return read_npz(path, task_name)
-
-
-def _format_of(path: Path) -> DatasetFormat:
-    try:
-        if not path.is_dir():
-            return DatasetFormat.NPZ
-        if (path / "meta").is_dir():
-            return DatasetFormat.LEROBOT
-        if (path / "data" / "metadata.json").exists() or (path / "metadata.json").exists():
-            return DatasetFormat.MINARI
-    except (OSError, ValueError):
-        return DatasetFormat.NPZ  # its reader says what is wrong with the name
-    raise FileError(
-        f"trajectories '{path}': the folder holds no dataset, neither meta/ of LeRobot nor data/metadata.json of Minari"
-    )

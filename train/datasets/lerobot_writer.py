@@ -36,6 +36,8 @@ LONGEST_VIDEO: Final = 1000.0
 """Of a file [s]: LeRobot compares times in float32 to 1e-4 s, whose steps are 6.1e-5 s up to 1024 s."""
 LONGEST_WAIT: Final = 30.0
 """Time after which a set of files is closed when its next episode has ended [s]: what a crash can cost."""
+SMALL: Final = 320 * 240
+"""Pixels of images up to which threads of an encoder cost more than they save: a fourth of its processor time."""
 LOSSLESS: Final = 0
 """Quality of videos that keep every bit."""
 
@@ -328,7 +330,9 @@ def _pixel_format(feature: Feature, quality: int) -> str:
 
 def _options(feature: Feature, quality: int) -> list[str]:
     """Return the options of ffmpeg: every second image stands by itself, as LeRobot jumps to any of them."""
-    jumps = ["-g", "2", "-bf", "0", "-movflags", "+faststart"]
+    width, height = feature.size
+    threads = ["-threads", "1"] if width * height <= SMALL else []
+    jumps = ["-g", "2", "-bf", "0", *threads, "-movflags", "+faststart"]
     if quality == LOSSLESS:
         return ["-vcodec", "libx264rgb", "-preset", "veryfast", "-qp", "0", *jumps]
     form = _pixel_format(feature, quality)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from pathlib import Path
 from typing import Any, Final
@@ -31,8 +30,6 @@ DATA: Final = "data"
 METADATA: Final = "metadata.json"
 OURS: Final = "simwarp"
 """Key of the metadata that Minari has no place for."""
-NAMED: Final = re.compile(r"[-\w]+-v\d+", re.ASCII)
-"""Names by which Minari finds datasets: letters, digits, - and _, then the version."""
 
 
 class _Storage(ArrowStorage):

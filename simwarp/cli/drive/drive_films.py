@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 import tyro
 
 from simwarp.cli import UsageError
-from simwarp.cli.drive.mounted_sensors import mounted_sensors, placed, words_of
+from simwarp.cli.drive.mounted_sensors import SENSORS_HINT, mounted_sensors, placed, words_of
 from simwarp.cli.options import CommonOptions
 from simwarp.mcap.mcap_extra import check_mcap_path
 from simwarp.simulation.attachments import ForceElement, Sensor
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from simwarp.cli.view.scene_film import DriveSceneFilm
 
     AnyFilm: TypeAlias = "DriveFilm | DriveSceneFilm | DriveRecord"
-
-SENSORS_HINT: Final = "(default: none)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +80,7 @@ class DriveRecord:
 
         self.path = path
         self._writer = Writer(path, drive.setup.simulation)
-        drive.after_step = self._writer.add
+        drive.after_step, drive.steps_to_call = self._writer.add, self._writer.steps_to_next
 
     def beside(self, progress: Progress) -> Progress:
         """Nothing more after a row of the record."""

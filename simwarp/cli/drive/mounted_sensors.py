@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
 from simwarp.cli import UsageError
-from simwarp.simulation.attachments import Sensor
 
 if TYPE_CHECKING:
     from simwarp.sensors.scene import Scene
+    from simwarp.simulation.attachments import Sensor
+
+SENSORS_HINT: Final = "(default: none)"
 
 ROOF: Final = (0.0, 0.0, 1.5)
 """Where cameras, lidars and radars are unless it is said, from the chassis' centre of mass [m]."""
@@ -33,7 +34,7 @@ def placed(word: str) -> tuple[str, tuple[float, ...] | None]:
         place = tuple(float(number) for number in text.split(":"))
     except ValueError:
         place = ()
-    if found and not (len(place) == 3 and np.isfinite(place).all()):
+    if found and not (len(place) == 3 and all(map(math.isfinite, place))):
         raise UsageError(f"--sensors: a place must be x:y:z in metres, got '{text}' of '{name}'; write {name}@0:0:1.2")
     return name, place if found else None
 

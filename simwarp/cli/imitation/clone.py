@@ -8,19 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import DONE, INTERRUPTED, UsageError
-from simwarp.cli.options import HELP, CommonOptions, in_shell, option_value, parse_options, split_task, task_options
+from simwarp.cli.imitation.dataset_options import CloneOptions
+from simwarp.cli.options import HELP, in_shell, option_value, parse_options, split_task, task_options
 from simwarp.core.stopping import stop_on_signals
 from simwarp.tasks import make, task_class, task_names
-
-
-@dataclasses.dataclass(frozen=True)
-class CloneOptions(CommonOptions):
-    """Fit a policy to recorded trajectories. The file it writes plays, evaluates, exports, and starts a training."""
-
-    data: Path | None = None
-    """File or folder that `record` wrote, in any of its formats."""
-    output: Path | None = None
-    """Checkpoint to write, .pt; by default TASK_clone.pt in the working folder."""
 
 
 def run(arguments: list[str]) -> int:

@@ -7,14 +7,12 @@ from typing import Any
 
 from simwarp.cli import DONE, HELP, INTERRUPTED, ShortfallError
 from simwarp.cli.options import parse_options, split_path
-from simwarp.cli.ros.ros2_options import Ros2Options
+from simwarp.cli.ros.ros2_options import Ros2Options, split_ros
 from simwarp.cli.ros.ros2_targets import plain_target, task_target, vehicle_target
 from simwarp.cli.view.view_target import ViewTarget, find_target
 from simwarp.core.stopping import stop_on_signals
 from simwarp.ros2.bridge import Bridge, BridgeTarget, BridgeTimeoutError
 from simwarp.ros2.rclpy_node import check_rclpy, rclpy_node
-
-ROS_ARGUMENTS = "--ros-args"
 
 
 def run(arguments: list[str]) -> int:
@@ -36,15 +34,6 @@ def run(arguments: list[str]) -> int:
     check_rclpy()
     options.console().print(f"building '{target.name}' ...", highlight=False, soft_wrap=True)
     return _serve(_made(target, options), options, of_ros)
-
-
-def split_ros(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """Splits off what is for ROS: from `--ros-args` to `--` or the end, as launch files add it."""
-    if ROS_ARGUMENTS not in arguments:
-        return arguments, []
-    begin = arguments.index(ROS_ARGUMENTS)
-    end = arguments.index("--", begin) if "--" in arguments[begin:] else len(arguments)
-    return arguments[:begin] + arguments[end + 1 :], arguments[begin:end]
 
 
 def _made(target: ViewTarget, options: Ros2Options) -> BridgeTarget:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from simwarp.cli import UsageError
-from simwarp.cli.drive.drive_films import SENSORS_HINT
-from simwarp.cli.drive.mounted_sensors import placed, words_of
+from simwarp.cli.drive.mounted_sensors import SENSORS_HINT, placed, words_of
 from simwarp.cli.options import CommonOptions
-from simwarp.ros2.bridge import MOST_FACTOR, BridgeOptions
+from simwarp.ros2.real_time_pace import MOST_FACTOR
 
+if TYPE_CHECKING:
+    from simwarp.ros2.bridge import BridgeOptions
+
+ROS_ARGUMENTS = "--ros-args"
 LONGEST = 1e6
 """Of times [s]."""
 
@@ -98,6 +101,8 @@ class Ros2Options(CommonOptions):
 
     def bridge(self) -> BridgeOptions:
         """How the bridge runs."""
+        from simwarp.ros2.bridge import BridgeOptions
+
         return BridgeOptions(
             lock_step=self.lock_step, wait_for=self.wait_for, factor=self.real_time_factor,
             command_timeout=self.command_timeout, wait_timeout=self.wait_timeout, rate=self.rate, seed=self.seed,
@@ -110,3 +115,12 @@ class Ros2TaskOptions(Ros2Options):
 
     checkpoint: str | None = None
     """Checkpoint file or run folder, `shipped`, `zero` or `random`; by default the newest run, else the shipped one."""
+
+
+def split_ros(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Splits off what is for ROS: from `--ros-args` to `--` or the end, as launch files add it."""
+    if ROS_ARGUMENTS not in arguments:
+        return arguments, []
+    begin = arguments.index(ROS_ARGUMENTS)
+    end = arguments.index("--", begin) if "--" in arguments[begin:] else len(arguments)
+    return arguments[:begin] + arguments[end + 1 :], arguments[begin:end]

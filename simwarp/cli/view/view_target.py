@@ -9,6 +9,7 @@ from pathlib import Path
 
 from simwarp.cli import UsageError
 from simwarp.cli.options import TASK_FILE
+from simwarp.core.task_names import built_in_tasks, known_tasks
 from simwarp.core.wording import close_names
 
 MODEL_FILES = (".xml", ".urdf", ".usd", ".usda", ".usdc", ".stp", ".step", ".py")
@@ -51,23 +52,20 @@ def find_target(name: str) -> ViewTarget:
         return ViewTarget("dump", name, True)
     if suffix == ".json":
         return ViewTarget("model" if _is_model(path) else "vehicle", name, True)
-    package = files("simwarp")
-    if name in json.loads((package / "tasks" / "built_in.json").read_text(encoding="utf-8")):
+    if name in built_in_tasks():
         return ViewTarget("task", name)
-    shipped = package / "vehicle" / "data"
-    if any((shipped / folder / f"{name}.json").is_file() for folder in (".", "tracked", "reduced")):
-        return ViewTarget("vehicle", name)
-    from simwarp.cli.listing import catalogue
+    words = json.loads((files("simwarp") / "data" / "completions.json").read_text(encoding="utf-8"))["words"]
+    for kind in ("vehicle", "scene"):
+        if name in words[f"{kind}s"]:
+            return ViewTarget(kind, name)
+    tasks = known_tasks()
+    if tasks is None:
+        from simwarp.tasks import task_names
 
-    scenes = catalogue("simwarp.scenes")
-    if name in scenes:
-        return ViewTarget("scene", name)
-    from simwarp.tasks import task_names
-    from simwarp.vehicle.tracks.tracked_files import all_vehicle_names
-
-    if name in task_names():
+        tasks = task_names()
+    if name in tasks:
         return ViewTarget("task", name)
-    close = close_names(name, [*task_names(), *all_vehicle_names(), *scenes])
+    close = close_names(name, [*tasks, *words["vehicles"], *words["scenes"]])
     hint = f"; did you mean {' or '.join(close)}?" if close else ";"
     raise UsageError(
         f"nothing is called '{name}'{hint} `simwarp list` shows all, and model files end in {', '.join(MODEL_FILES)} or"

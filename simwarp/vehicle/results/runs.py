@@ -332,6 +332,7 @@ class Drive(Readable):
 
     Attributes:
         after_step: called after every step; None: nothing is.
+        steps_to_call: returns how many steps may be taken at once until `after_step` is called next.
     """
 
     def __init__(
@@ -341,6 +342,9 @@ class Drive(Readable):
         further = setup.driver.measured if isinstance(setup.driver, Drawbar) else {}
         self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further, channels)
         self.after_step: Callable[[], None] | None = None
+        self.steps_to_call: Callable[[], int] = lambda: 1
+        self._to_call = 0
+        """Steps until the call."""
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 
@@ -376,9 +380,13 @@ class Drive(Readable):
         if self.after_step is None:
             self.setup.simulation.step(steps)
             return
-        for _ in range(steps):
-            self.setup.simulation.step()
-            self.after_step()
+        while steps:
+            self._to_call = self._to_call or self.steps_to_call()
+            taken = min(steps, self._to_call)
+            self.setup.simulation.step(taken)
+            steps, self._to_call = steps - taken, self._to_call - taken
+            if not self._to_call:
+                self.after_step()
 
     def broken(self) -> bool:
         """True if no recorded world is finite any more."""

@@ -160,7 +160,7 @@ def test_the_commands(folder, capfd):
         (["record", "fast", "--checkpoint", "clone.pt", "--episodes", "0"], "episodes must be at least 1"),
         (["record", "fast", "--checkpoint", "clone.pt", "--output", "a.csv"], "must end in .npz"),
         (["clone", "fast"], "which trajectories?"),
-        (["clone", "fast", "--data", "none.npz"], "file of trajectories 'none.npz' does not exist"),
+        (["clone", "fast", "--data", "none.npz"], "trajectories 'none.npz': there is no such file or folder"),
         (["clone", "fast", "--data", "clone.pt"], "is no .npz file of arrays"),
         (["clone", "fast", "--data", "short.npz"], "is no .npz file of arrays"),
         (["clone", "pendulum", "--data", "fast.npz"], "are of task 'fast', not 'pendulum'"),

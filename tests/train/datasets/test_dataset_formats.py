@@ -1,5 +1,6 @@
 """Datasets of both formats: what is written is read, also after a crash; whatever is wrong is one line."""
 
+import importlib.util
 import json
 import os
 import re
@@ -21,14 +22,9 @@ from simwarp.core.files import FileError, OutputError
 from simwarp.core.stopping import StopRequest
 from simwarp.tasks import InputError, make
 from simwarp.train.algorithm.learner import TrainingError
-from simwarp.train.datasets import dataset_formats, lerobot_writer
-from simwarp.train.datasets.dataset_formats import (
-    DatasetFormat,
-    check_dataset,
-    instruction_of,
-    load_trajectories,
-    record_dataset,
-)
+from simwarp.train.datasets import lerobot_writer
+from simwarp.train.datasets.dataset_formats import instruction_of, load_trajectories, record_dataset
+from simwarp.train.datasets.dataset_kinds import DatasetFormat, check_dataset
 from simwarp.train.datasets.episodes import episodes_of, record
 from simwarp.train.networks.policies import zero_policy
 from tests.train.datasets.recorded_task import RecordedTask, by_noise, recorded_task
@@ -127,6 +123,15 @@ def test_the_instruction_is_the_given_one_the_tasks_own_or_its_summary(recorded_
     for wrong in ("", " ", "two\nlines"):
         with pytest.raises(InputError, match="instruction must be a sentence on one line"):
             instruction_of(task, wrong)
+
+
+@both
+def test_progress_is_told_of_each_episode(recorded_task, tmp_path, kind):
+    """Of many that end in one step, too."""
+    seen = []
+    written(tmp_path / "d-v0", kind, report=seen.append)
+    assert seen == sorted(seen)
+    assert set(seen) == set(range(12))
 
 
 # ---- what goes wrong meanwhile ---------------------------------------------------------------------------------------
@@ -300,11 +305,9 @@ def test_minari_needs_a_version_in_the_name(tmp_path, name):
 
 @both
 def test_a_format_that_is_not_installed_names_its_extra(tmp_path, monkeypatch, kind):
-    find = dataset_formats.importlib.util.find_spec
+    find = importlib.util.find_spec
     missing = {"lerobot": "pyarrow", "minari": "minari"}[kind.value]
-    monkeypatch.setattr(
-        dataset_formats.importlib.util, "find_spec", lambda name, *rest: None if name == missing else find(name, *rest)
-    )
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == missing else find(name, *rest))
     with pytest.raises(InputError) as caught:
         check_dataset(kind, tmp_path / "d-v0", 18)
     assert str(caught.value) == (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -43,6 +44,16 @@ def stamp(message: Any) -> int:
 def of(read: list[Read], topic: str) -> list[Read]:
     """Those of a topic."""
     return [each for each in read if each.topic == topic]
+
+
+def vector(part: Any, names: str = "xyz") -> list[float]:
+    """Numbers of a message's part."""
+    return [getattr(part, name) for name in names]
+
+
+def pixels(message: Any, dtype: Any) -> Any:
+    """(height, width, C) of an image, or of points in rows and columns."""
+    return np.frombuffer(bytes(message.data), dtype).reshape(message.height, message.width, -1)
 
 
 def ns(time: float) -> int:

@@ -13,7 +13,7 @@ import simwarp as sw
 from simwarp import sensors as s
 from simwarp.core.rotation import matrix_of
 from simwarp.ros2.sensor_topics import camera_info
-from tests.unit.mcap.recordings import Read, ns, of, read_by_mcap, read_by_rosbags, stamp
+from tests.unit.mcap.recordings import Read, ns, of, pixels, read_by_mcap, read_by_rosbags, stamp, vector
 
 DT, STEPS, WORLD = 0.005, 60, 1
 SIGHT = s.Mount("car", sw.pose((0.4, 0.1, 0.3), (0.02, 0.15, 0.05, 0.98)))
@@ -91,14 +91,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     path = tmp_path_factory.mktemp("mcap") / "run.mcap"
     rig = Rig(path)
     return Recorded(rig, path, read_by_mcap(path))
-
-
-def vector(part: Any, names: str = "xyz") -> list[float]:
-    return [getattr(part, name) for name in names]
-
-
-def pixels(message: Any, dtype: Any) -> Any:
-    return np.frombuffer(bytes(message.data), dtype).reshape(message.height, message.width, -1)
 
 
 VALUES: dict[str, tuple[str, Any]] = {

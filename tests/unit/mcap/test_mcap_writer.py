@@ -22,6 +22,7 @@ import simwarp as sw
 from simwarp import sensors as s
 from simwarp.core.files import OutputError
 from simwarp.core.rotation import matrix_of
+from simwarp.mcap import mcap_file
 from tests.unit.mcap.recordings import ns, of, read_by_mcap, read_by_rosbags, stamp
 
 DT = 0.01
@@ -108,6 +109,61 @@ def test_the_state_comes_at_its_rate(tmp_path: Path, rate: float, steps: int) ->
             writer.add()  # nothing is new
     found = [round(each.time / ns(DT)) for each in of(read_by_mcap(tmp_path / "run.mcap"), "/odom")]
     assert found == [*range(0, 31, steps)]
+
+
+def messages(path: Path) -> list[tuple[str, int, bytes]]:
+    """All messages as they lie in the file."""
+    with path.open("rb") as file:
+        found = NonSeekingReader(file).iter_messages(log_time_order=False)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in found]
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("rate", [50.0, 33.0, 4.0])
+def test_steps_at_once_record_what_single_steps_do(tmp_path: Path, rate: float, substeps: int) -> None:
+    """Frames with windows and lags, of schedules that share no period, and of phases that are drawn."""
+
+    def imus(model: Any) -> list[Any]:
+        schedules = [
+            s.Schedule(rate=20.0), s.Schedule(rate=12.5, window=0.03, lag=0.02),
+            s.Schedule(rate=5.0, lag=0.07, phase="random"),
+        ]  # fmt: skip
+        return [
+            s.Imu(model, s.Mount("hull"), s.ImuConfig(schedule=each), name=f"imu {number}")
+            for number, each in enumerate(schedules)
+        ]
+
+    for sensors in (imus, lambda model: []):
+        blocks = []
+        for name in ("single", "blocks"):
+            sim = simulation(sensors, substeps=substeps)
+            with sw.mcap.Writer(tmp_path / f"{name}.mcap", sim, world=1, rate=rate) as writer:
+                done = 0
+                while done < 120:
+                    steps = min(writer.steps_to_next() if name == "blocks" else 1, 120 - done)
+                    sim.step(steps)
+                    writer.add()
+                    done += steps
+                    blocks += [steps] if name == "blocks" else []
+                assert not any(writer.missed.values())
+        assert messages(tmp_path / "blocks.mcap") == messages(tmp_path / "single.mcap")
+        assert max(blocks) > 1
+        assert len(blocks) < 90
+
+
+def test_messages_larger_than_a_chunk_are_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = []
+    for name, chunk in (("usual", mcap_file.CHUNK), ("small", 100)):
+        monkeypatch.setattr(mcap_file, "CHUNK", chunk)
+        monkeypatch.setattr(mcap_file, "ROOM", 10)
+        sim = simulation()
+        with sw.mcap.Writer(tmp_path / f"{name}.mcap", sim) as writer:
+            for _ in range(20):
+                sim.step()
+                writer.add()
+        wanted.append(messages(tmp_path / f"{name}.mcap"))
+    assert len(wanted[0]) > 50
+    assert wanted[0] == wanted[1]
 
 
 def test_time_goes_on_where_a_world_is_reset(tmp_path: Path) -> None:

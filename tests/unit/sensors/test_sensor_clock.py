@@ -72,6 +72,17 @@ def test_readers_see_what_the_event_list_says(rate, window, lag, gradual):
             assert 0 <= late <= lag // period + 1
 
 
+@pytest.mark.parametrize(("rate", "window", "lag"), SCHEDULES)
+def test_the_next_frame_is_that_of_the_event_list(rate, window, lag):
+    steps = Schedule(rate=rate, window=window * DT, lag=lag * DT).steps(DT)
+    for phase in {0, 1, steps.period // 2, steps.period - 1} & set(range(steps.period)):
+        until = 3 * steps.period + window + lag + phase
+        # frame 0 is the one of the beginning
+        published = [frame.published for frame in frames(*steps, phase, until) if frame.number]
+        for count in range(published[-1]):
+            assert steps.next_published(count, phase) == min(each for each in published if each > count)
+
+
 def test_every_frame_that_nobody_sees_is_skipped():
     # 1000 Hz read every 20 ms, published on the spot: of 20 frames, one is seen
     sim, probe = simulate(Schedule(rate=1000.0), 20, 1, [0])
