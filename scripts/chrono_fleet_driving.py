@@ -146,6 +146,11 @@ class Driven:
         """The same of the bicycle."""
         return 1.0 - self.turn.bicycle / self.turn.wheels
 
+    @property
+    def hardly_steers(self) -> bool:
+        """Whether full steering takes it round no circle that a yard has."""
+        return min(self.crawl.tightest) < 1.0 / WIDE
+
     def faults(self) -> list[str]:
         """What is not plausible; empty where all is."""
         return [*self._standing(), *self._accelerating(), *self._steering(), *self._braking()]

@@ -123,6 +123,17 @@ def panhard_links(node: Node) -> list[Link]:
     return found
 
 
+def hendrickson_links(node: Node) -> list[Link]:
+    """Of HendricksonPRIMAXX. Chrono joins the transverse beam to nothing; here it is part of the housing."""
+    found = []
+    for name in ("Lower Beam", "Torque Rod"):
+        part = node.child(name)
+        part.skip("Inertia", "COM", "Transverse Beam Attachment Point")
+        ends = part.vector("Chassis Attachment Point"), part.vector("Axle Housing Attachment Point")
+        found.append(Link(part.number("Mass", "kg"), *ends))
+    return found
+
+
 def trailing_links(node: Node) -> list[Link]:
     """Of ThreeLinkIRS, whose arm is a body."""
     return [link(node.child(name), "Location Arm") for name in ("Upper Link", "Lower Link")]
@@ -132,7 +143,7 @@ LINKS: Final[dict[str, Callable[[Node], list[Link]]]] = {
     "SolidThreeLinkAxle": three_links, "SolidBellcrankThreeLinkAxle": bell_crank_links, "SolidAxle": solid_links,
     "LeafspringAxle": lambda node: [], "ToeBarLeafspringAxle": toe_bar_links, "RigidPanhardAxle": panhard_links,
     "ToeBarRigidPanhardAxle": lambda node: [*panhard_links(node), *toe_bar_links(node)],
-    "ThreeLinkIRS": trailing_links,
+    "ThreeLinkIRS": trailing_links, "HendricksonPRIMAXX": hendrickson_links,
 }  # fmt: skip
 """Links that end at the chassis, by the template of a suspension."""
 
@@ -283,6 +294,35 @@ def toe_bar_panhard_axle(node: Node) -> BeamAxle:
     return beam(node, [*panhard_links(node), *toe_bar_links(node)], **panhard(node), **toe_bar(node))
 
 
+def hendrickson(node: Node) -> BeamAxle:
+    """HendricksonPRIMAXX: the housing rises and rolls as on leaf springs, each knuckle has a tie rod to the steering.
+
+    Beams and rods are hinged on the chassis and end in balls on the housing there. Rigid as they are, they would hold
+    its roll, which their rubber ends let go: they lead it along and across here, and bear no moments.
+    """
+    housing, cross, pin = node.child("Axle Housing"), node.child("Transverse Beam"), node.child("Knuckle")
+    links = hendrickson_links(node)
+    hung = [point for each in links for point in each.points(on_axle=True)]
+    beam_mass, com, inertia = merged([housing.part(), cross.part()])
+    rod = node.child("Tierod")
+    rod.skip("Mass", "Inertia")
+    return node.make(
+        BeamAxle,
+        **common(node),
+        axle_tube=with_points(housing, of_matrix(housing, beam_mass, com, inertia), hung),
+        guide="leaf-springs",
+        knuckle=pin.part(),
+        knuckle_lower=pin.vector("Lower Attachment Point"),
+        knuckle_upper=pin.vector("Upper Attachment Point"),
+        tierod_chassis=rod.vector("Location Chassis"),
+        tierod_knuckle=rod.vector("Location Knuckle"),
+        springs=(
+            force_line(node.child("Shock Axle Housing"), "Location Axle Housing"),
+            force_line(node.child("Shock Lower Beam"), "Location Lower Beam"),
+        ),
+    )
+
+
 def three_link(node: Node) -> ThreeLink:
     """ThreeLinkIRS: the arm's inertia is given with x along it from the spindle to the ball, and y level."""
     arm = node.child("Trailing Arm")
@@ -313,4 +353,5 @@ AXLES: Final[dict[str, Callable[[Node], Suspension]]] = {
     "RigidPanhardAxle": panhard_axle,
     "ToeBarRigidPanhardAxle": toe_bar_panhard_axle,
     "ThreeLinkIRS": three_link,
+    "HendricksonPRIMAXX": hendrickson,
 }

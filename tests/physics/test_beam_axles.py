@@ -24,6 +24,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     BeamAxle,
     BellCrank,
     ForceLine,
+    RackPinion,
     RigidPart,
     RotaryArm,
     SpecError,
@@ -109,6 +110,36 @@ def test_an_arm_steers_both_wheels_one_way(name):
     # a trapezium turns the inner wheel further, by less than half of the angle
     assert (np.abs(table.steer[:, 0] - table.steer[:, 1])[[0, 1, 3, 4]] < 0.5 * np.abs(table.steer).max(axis=1)[
         [0, 1, 3, 4]]).all()  # fmt: skip
+
+
+OWN_RODS = KNUCKLE | {"draglink_chassis": None, "tierod_chassis": (-0.2, 0.2, 0.1)}
+
+
+def racked(front: BeamAxle) -> VehicleSpec:
+    """A truck whose rack moves what hangs on it by 0.05 m to the right for full steering."""
+    rack = RackPinion(max_angle=0.5, pinion_radius=0.1, link=RigidPart(mass=5.0, inertia=(0.1, 0.1, 0.1)))
+    return dataclasses.replace(
+        truck(front, leaves()), steerings=(SteeringMount(steering=rack, location=(1.8, 0.0, 0.1)),)
+    )
+
+
+def test_knuckles_with_a_rod_each_follow_the_rack():
+    """Rods of 0.43 m lie across, levers of 0.2 m lie behind the kingpin: the wheels turn by the rack's travel over the
+    lever, 0.025 m / 0.2 m, but for the angles of lever and kingpin.
+    """
+    table = travel_table(racked(leaves(**OWN_RODS)), 0, 0.0, [-0.5, 0.0, 0.5])
+    assert table.reached.all(), table.reason
+    np.testing.assert_allclose(table.steer[1], 0.0, atol=1e-5)
+    np.testing.assert_allclose(table.steer[[0, 2]], [[-0.125] * 2, [0.125] * 2], rtol=0.1)
+    # left and right mirror each other
+    np.testing.assert_allclose(table.steer[0], -table.steer[2, ::-1], atol=1e-5)
+
+
+def test_a_rod_to_each_knuckle_is_drawn():
+    front = racked(leaves(**OWN_RODS)).axles[0]
+    links = [bar for bar in suspension_bars(front) if bar.kind is BarKind.LINK]
+    found = {tuple(np.sign([bar.start[1], bar.end[1]]).tolist()) for bar in links}
+    assert found == {(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)}  # both rods, and the rack between their balls
 
 
 def test_leaves_lead_straight_up():
@@ -212,6 +243,15 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     "a drag link to nothing": ({"guide": "plane", **KNUCKLE}, "draglink_knuckle: must be given either as"),
     "a drag link without length": (
         {"guide": "plane", **KNUCKLE, "draglink_knuckle": (0.6, 0.5, 0.2)}, "draglink_chassis: must be apart",
+    ),
+    "two ways to steer": (
+        {"guide": "plane", **OWN_RODS, **STRAIGHT}, "draglink_knuckle: must be left out beside tierod_chassis",
+    ),
+    "a tie rod without length": (
+        {"guide": "plane", **OWN_RODS, "tierod_chassis": (-0.2, 0.63, 0.1)}, "tierod_knuckle: must be apart from tierod",
+    ),
+    "a rod of a knuckle that is not there": (
+        {"guide": "plane", "tierod_chassis": (0.0, 0.3, 0.0)}, "tierod_chassis: must be left out without a knuckle",
     ),
     "crossed tie rods without a crank": (
         {"guide": "plane", **KNUCKLE, **STRAIGHT, "crossed_tierods": True}, "crossed_tierods: must be false",

@@ -109,6 +109,10 @@ def _lead(frame: Frame, left: Frame, right: Frame, spec: BeamAxle, chassis: int,
 def _steer(left: Frame, right: Frame, spec: BeamAxle, tube: int, tierod_body: int, knuckles: tuple[int, int]) -> None:
     """Drag link, bell crank and tie rods."""
     assert spec.tierod_knuckle is not None  # the description says so
+    if spec.tierod_chassis is not None:
+        for side, knuckle in zip((left, right), knuckles, strict=True):
+            add_rod(side, "tierod", tierod_body, knuckle, spec.tierod_chassis, spec.tierod_knuckle)
+        return
     assert spec.draglink_chassis is not None
     if spec.bell_crank is None:
         # the drag link lies where it is described, whichever knuckle it holds
