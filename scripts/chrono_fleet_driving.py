@@ -53,9 +53,10 @@ THROTTLE_TIME: Final = 15.0
 LEAST_SPEED: Final = 3.0
 """That a vehicle must have reached by then [m/s]: 0.2 m/s² on the average, a slope of 2 %."""
 STRAIGHT_TIME: Final = 5.0
-STRAIGHT: Final = 0.05
-"""Way sideways over the way ahead, in the first `STRAIGHT_TIME` seconds of full throttle with straight steering: nobody
-lets go of a steering wheel for longer."""
+STRAIGHT: Final = 0.1
+"""Way sideways over the way ahead, in the first `STRAIGHT_TIME` seconds of full throttle with straight steering: 6°.
+The torque of shafts along the vehicle loads the wheels of one side more, and nobody steers against it.
+"""
 CRAWL: Final = 3.0
 """Speed at which sideslip hardly counts [m/s]."""
 FAST: Final = 12.0
@@ -70,6 +71,10 @@ PROBE: Final = np.radians(1.0)
 """Slip angle at which the rig takes a tire's cornering stiffness: that of the turn at speed, half to twice."""
 BICYCLE: Final = 0.15
 """Share by which the curvature may leave that of the bicycle, which knows no camber, no rolling losses and no drive."""
+UNSTEERED: Final = 5.0e-4
+"""Difference of curvatures that does not count [1/m]: a locking differential with a limit of 100 N·m pushes the wheels
+of a car's driven axle by 200 N to either side, which takes away half of that.
+"""
 NEUTRAL: Final = 0.03
 """Understeer that is too small to ask for a sign, as a share of the curvature."""
 PULL: Final = 0.002
@@ -84,6 +89,10 @@ COAST: Final = 3.0
 """Before a vehicle that rolls steers or brakes [s]."""
 TURN: Final = 8.0
 """Until a turn is steady [s]."""
+LOOKED_AT: Final = 2.0
+"""For which it is then looked at [s]: an automatic that shifts to and fro nods, and steers by its springs."""
+LOOKS: Final = 0.1
+"""Between looks [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,7 +188,7 @@ class Driven:
             share = turn.curvature / turn.bicycle
             if not turn.curvature > 0.0:
                 found.append(f"steered to the left it turns to the right at {name}")
-            elif not abs(share - 1.0) < BICYCLE:
+            elif not abs(turn.curvature - turn.bicycle) < max(BICYCLE * turn.bicycle, UNSTEERED):
                 found.append(f"it turns by {share:.2f} of what its wheels' headings ask for at {name}")
             if abs(turn.bias) > max(PULL, 0.5 * turn.curvature):
                 found.append(f"it turns by {turn.bias:.4f}/m with straight steering at {name}")
@@ -275,15 +284,21 @@ def _turn(spec: VehicleSpec, speed: float, steering: float, reached: float) -> T
     steerings = np.array([steering, -steering, 1.0, -1.0])[: 4 if speed <= CRAWL else 2]
     run = _at_speed(spec, speed, reached, len(steerings))
     run.let(TURN, lambda: np.column_stack([steerings, *_held(run, speed)]))
-    velocity = np.asarray(run.vehicle.velocity_b.numpy(), np.float64)[:, 0]
-    curvature = np.asarray(run.vehicle.omega_b.numpy(), np.float64)[:, 2] / velocity
-    center, heading = _wheels(run)
-    found = [
-        [_bicycle(spec, run.loads[k], center[k], heading[k], each) for each in (velocity[k], 0.0)] for k in range(2)
-    ]
-    bicycle, wheels = (0.5 * (first - second) for first, second in zip(*found, strict=True))
+    seen: list[tuple[Array, ...]] = []
+    for _ in range(round(LOOKED_AT / LOOKS)):
+        run.let(LOOKS, lambda: np.column_stack([steerings, *_held(run, speed)]))
+        motion = [np.array(each.numpy(), np.float64) for each in (run.vehicle.velocity_b, run.vehicle.omega_b)]
+        seen.append((motion[0][:, 0], motion[1][:, 2], run.loads, *_wheels(run)))
+    velocity, rate, loads, ahead, heading = (np.mean(each, axis=0) for each in zip(*seen, strict=True))
+    curvature = rate / velocity
+    bicycle, wheels = (
+        0.5 * float(np.subtract(*(
+            bicycle_curvature(spec, loads[k], ahead[k], heading[k], share * velocity[k]) for k in range(2)
+        )))
+        for share in (1.0, 0.0)
+    )  # fmt: skip
     return Turn(
-        float(velocity.mean()), float(0.5 * (curvature[0] - curvature[1])), bicycle, wheels,
+        float(velocity[:2].mean()), float(0.5 * (curvature[0] - curvature[1])), bicycle, wheels,
         float(0.5 * (curvature[0] + curvature[1])), (float(curvature[-2]), float(-curvature[-1])),
     )  # fmt: skip
 
@@ -311,7 +326,7 @@ def _wheels(run: _Run) -> tuple[Array, Array]:
     return np.array(ahead), np.array(heading)
 
 
-def _bicycle(spec: VehicleSpec, loads: Array, ahead: Array, heading: Array, speed: float) -> float:
+def bicycle_curvature(spec: VehicleSpec, loads: Array, ahead: Array, heading: Array, speed: float) -> float:
     """Curvature of a bicycle with an axle at every wheel [1/m]; `speed` 0: at a crawl, where no force is needed.
 
     Unknown are the angle b at which the centre of mass moves, positive to the left, and the curvature k. A wheel with

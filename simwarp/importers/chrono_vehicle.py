@@ -54,6 +54,8 @@ from simwarp.vehicle.spec.vehicle_spec import (
 T = TypeVar("T")
 
 WHEELBASE_TOLERANCE = 0.02
+NO_STEERING = -1
+"""Index of the steering of an axle that has none, in Chrono."""
 NEAR_GROUND = 0.1
 """Of a tire's radius: how far from the ground a wheel may start."""
 
@@ -219,8 +221,12 @@ def read_axle(node: Node, files: Files, tire: str | Path, frames: Frames) -> Axl
     x, y, z = (float(value) for value in np.add(offset, node.vector("Suspension Location")))
     suspension = files.part("Suspension", SUSPENSIONS | AXLES | GENERIC, node.text("Suspension Input File"))
     fitted = files.part("Tire", TIRES, tire, files.root)
+    if "Wheel Separation" in node and node.number("Wheel Separation", "m") != 0.0:
+        rule = "must be 0 or left out: an axle has one tire on each side here"
+        raise node.place.at("Wheel Separation").error(f"{rule}; give one wheel and one tire that stand for both")
     if steering is None:
         steering = node.whole("Steering Index") if "Steering Index" in node else None
+        steering = None if steering == NO_STEERING else steering
     elif not isinstance(suspension, RigidSuspension):
         rule = f"must be rigid on a chassis that a joint steers, got {suspension.template}"
         raise node.place.at("Suspension Input File").error(f"{rule}; only axles without springs turn with it")

@@ -174,6 +174,8 @@ def _beam_bars(axle: Axle, spec: BeamAxle) -> list[Bar]:
     ]
     if spec.arm is not None:
         ends.append((spec.arm.chassis_point, spec.arm.axle_point, 1.0))
+    if spec.ball is not None:
+        ends.append((spec.ball, spec.axle_tube.com, 1.0))
     if spec.draglink is not None and spec.draglink_chassis is not None:
         ends.append((spec.draglink_chassis, spec.draglink, 1.0))
     if spec.tierod_chassis is not None and spec.tierod_knuckle is not None:

@@ -167,6 +167,30 @@ def test_links_lead_on_arcs():
     np.testing.assert_allclose(table.center[:, 0, 1], -table.center[:, 1, 1], atol=1e-6)
 
 
+BALL = (1.2, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("across", ["Watt linkage", "Panhard rod"])
+def test_a_push_pipe_leads_round_its_ball(across):
+    """Wheels' middle goes round the ball. A Watt linkage keeps its own middle across, a rod of 1 m lets it go aside by
+    the versine.
+    """
+    rod = AxleRod(chassis_point=(-0.2, -0.5, 0.1), axle_point=(-0.2, 0.5, 0.1), mirrored=False)
+    aside: dict[str, Any] = {"watt": (-0.2, 0.0, 0.1)} if across == "Watt linkage" else {"rods": (rod,)}
+    spec = truck(leaves(**KNUCKLE, **STRAIGHT), BeamAxle(ball=BALL, **COMMON, **aside))
+    travels = np.array([-0.06, 0.0, 0.06])
+    table = travel_table(spec, 1, travels)
+    assert table.reached.all(), table.reason
+    middle = table.center.mean(axis=1) - spec.axles[1].location
+    np.testing.assert_allclose(np.linalg.norm(middle - BALL, axis=1), np.linalg.norm(BALL), atol=1e-6)
+    # at 0.2 m beside the rod's axle end the tube has risen by up to 7/6 of the wheels' travel
+    most = 0.0 if across == "Watt linkage" else 1.0 - np.sqrt(1.0 - (7.0 / 6.0 * travels.max()) ** 2)
+    assert (np.abs(middle[:, 1]) <= most + 1e-6).all()
+    rolled = travel_table(spec, 1, travels, right=-travels)
+    assert rolled.reached.all(), rolled.reason
+    assert (np.diff(rolled.camber[:, 0]) < 0.0).all()
+
+
 def standing(spec: VehicleSpec, *, steps: int = 4000) -> tuple[ModelBuilder, Vehicle, Simulation]:
     builder = ModelBuilder()
     parts = add_vehicle(builder, spec)
@@ -231,7 +255,9 @@ def test_mirror_images_have_their_drag_link_on_the_other_side():
 
 
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
-    "nothing leads it": ({}, "rods: must be 4 or more with the two of an arm where guide is 'links', got 0; add rods"),
+    "nothing leads it": (
+        {}, "rods: must be 4 or more with the two of an arm and the three of a ball where guide is 'links', got 0; add",
+    ),
     "leaves without springs": ({"guide": "leaf-springs", "springs": ()}, "springs: must be one or more where guide"),
     "a bar on links": ({"rods": (ROD,), "arm": ARM, "roll_stiffness": 1.0}, "roll_stiffness: must be 0 where guide"),
     "a tie rod without a knuckle": (
@@ -248,7 +274,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
         {"guide": "plane", **OWN_RODS, **STRAIGHT}, "draglink_knuckle: must be left out beside tierod_chassis",
     ),
     "a tie rod without length": (
-        {"guide": "plane", **OWN_RODS, "tierod_chassis": (-0.2, 0.63, 0.1)}, "tierod_knuckle: must be apart from tierod",
+        {"guide": "plane", **OWN_RODS, "tierod_chassis": (-0.2, 0.63, 0.1)}, "tierod_knuckle: must be apart from",
     ),
     "a rod of a knuckle that is not there": (
         {"guide": "plane", "tierod_chassis": (0.0, 0.3, 0.0)}, "tierod_chassis: must be left out without a knuckle",

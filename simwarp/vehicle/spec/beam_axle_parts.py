@@ -64,9 +64,9 @@ class BellCrank(Spec):
 class BeamAxle(Spec):
     """A tube between two wheels, with springs to the chassis; `axle_tube` and a bell crank are not mirrored.
 
-    What leads it: four rods, two rods and a triangular arm, or with `guide` "leaf-springs" the springs themselves,
-    which let it rise and roll; "plane" lets it move sideways too, which a Panhard rod then takes. Rods have no mass:
-    their masses are those of what they hang on.
+    What leads it: four rods, two rods and a triangular arm, a ball on the chassis with a rod or a Watt linkage, or with
+    `guide` "leaf-springs" the springs themselves, which let it rise and roll; "plane" lets it move sideways too, which
+    a Panhard rod then takes. Rods have no mass: their masses are those of what they hang on.
 
     A drag link moves a knuckle, the left one where its ball is on the left, or a bell crank. A tie rod joins both
     knuckles; with `crossed_tierods` there is none, and the bell crank has a rod to each. With `tierod_chassis` there is
@@ -85,6 +85,10 @@ class BeamAxle(Spec):
     guide: Literal["links", "leaf-springs", "plane"] = "links"
     rods: tuple[AxleRod, ...] = ()
     arm: TriangularArm | None = None
+    ball: Point | None = None
+    """Of a tube that ends in a ball on the chassis: a push pipe."""
+    watt: Point | None = None
+    """Middle of a Watt linkage, which keeps this point of the tube at its place across the chassis."""
     roll_stiffness: NotNegative = 0.0
     """Of an anti-roll bar between chassis and tube [N·m/rad]; with a guide."""
     roll_damping: NotNegative = 0.0
@@ -103,8 +107,9 @@ class BeamAxle(Spec):
     def check(self) -> None:
         """Something leads the tube, and a knuckle has an axis and what steers it."""
         rows = sum(2 if rod.mirrored else 1 for rod in self.rods) + (0 if self.arm is None else 2)
+        rows += (0 if self.ball is None else 3) + (0 if self.watt is None else 1)
         if self.guide == "links" and rows < LED_BY_LINKS:
-            rule = f"{LED_BY_LINKS} or more with the two of an arm where guide is 'links'"
+            rule = f"{LED_BY_LINKS} or more with the two of an arm and the three of a ball where guide is 'links'"
             raise refuse("rods", rule, rows, "add rods or an arm, or set guide to 'leaf-springs'")
         if self.guide == "leaf-springs" and not self.springs:
             rule = "one or more where guide is 'leaf-springs'"

@@ -13,6 +13,7 @@ import pytest
 
 from scripts.chrono_fleet import BLOCK, FIGURES, FIGURES_PAGE, PAGE, loaded, row, vehicle_files
 from simwarp.importers.chrono_json import Node
+from simwarp.importers.chrono_suspensions import force_line
 from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
@@ -206,7 +207,7 @@ SPRING = {"Location Chassis": [0.0, 0.529, 0.26], "Location Axle": [0.0, 0.529, 
         (FRONT, {"Bellcrank": None}, r"truck_FrontSolidThreeLinkAxle.json: Bellcrank: missing.*; give an object"),
         (FRONT, {"Camber": 3}, r"truck_FrontSolidThreeLinkAxle.json: Camber: unknown key"),
         (FRONT, {"Template": "LeafspringAxle", "Spring": SPRING}, r"Spring.Free Length: missing; give a number \[m\]"),
-        (FRONT, {"Template": "DeDionAxle"}, r"Template: must be one of .*got 'DeDionAxle'"),
+        (FRONT, {"Template": "SAELeafspringAxle"}, r"Template: must be one of .*got 'SAELeafspringAxle'"),
     ],
 )  # fmt: skip
 def test_mistakes_are_one_line(tmp_path, file, changes, message):
@@ -273,6 +274,61 @@ def test_what_a_frame_in_parts_leaves_out_is_named():
     assert "MTV_Balancer.json: Beam: does not walk here; axles spring on the chassis" in found
     text = "MTV_SolidThreeLinkAxleF.json: Spindle.Inertia: a moment of 0 is no body's; it is raised to 0.5175 kg·m²"
     assert text in found
+
+
+DE_DION, TOE_BAR = "generic/suspension/DeDionAxle.json", "generic/suspension/ToeBarDeDionAxle.json"
+ROD = {
+    "Mass": 10.0, "Inertia": [1.0, 0.1, 1.0], "Radius": 0.02, "Location Connector Chassis": [-0.2, -0.44, 0.1],
+    "Location Connector Axle": [-0.2, 0.44, 0.1],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("template", ["DeDionAxle", "PushPipeAxle"])
+def test_axles_on_a_ball_weigh_what_their_files_do(tmp_path, template):
+    """A front axle with knuckles and a rear one; no file of push pipes is here: those of De Dion axles are changed."""
+    value = read("generic/vehicle/Vehicle_SolidAxles.json")
+    root = edited(tmp_path, {"Axles": [axle | {"Suspension Input File": file} for axle, file in
+                                       zip(value["Axles"], (TOE_BAR, DE_DION), strict=True)]},
+                  "generic/vehicle/Vehicle_SolidAxles.json")  # fmt: skip
+    expected = file_mass("generic/vehicle/Vehicle_SolidAxles.json", 0.0)
+    expected -= sum(suspension_mass(axle["Suspension Input File"]) for axle in value["Axles"])
+    for file in (TOE_BAR, DE_DION):
+        suspension = read(file)
+        watt = suspension["Watt Mechanism"]
+        if template == "PushPipeAxle":
+            suspension["Template"] = suspension["Template"].replace("DeDion", "PushPipe")
+            suspension["Panhard Rod"] = ROD
+            del suspension["Watt Mechanism"], suspension["Axle Tube"]["Location Stabilizer"]
+            expected += ROD["Mass"]
+            (root / file).unlink()
+            (root / file).write_text(json.dumps(suspension))
+        else:
+            expected += watt["Center Link Mass"] + 2.0 * watt["Side Link Mass"]
+        once = ("Axle Tube", "Tierod", "Draglink")
+        parts = {name: part for name, part in suspension.items() if isinstance(part, dict) and "Mass" in part}
+        expected += sum((1.0 if name in once else 2.0) * part["Mass"] for name, part in parts.items() if part != ROD)
+    spec = loaded(root, root / "generic/vehicle/Vehicle_SolidAxles.json")
+    builder = ModelBuilder()
+    add_vehicle(builder, spec)
+    tires = 4.0 * spec.axles[0].tire.mass
+    assert sum(body.mass for body in builder.bodies) == pytest.approx(expected + tires, rel=1e-9)
+
+
+def test_stops_the_wrong_way_round_are_turned():
+    root = CHRONO / "generic/suspension"
+    with pytest.warns(UserWarning, match=r"DeDionAxle.json: Spring.Minimum Length: 0.28 m is above Maximum"):
+        line = force_line(Node.of_file(root / "DeDionAxle.json").child("Spring"), "Location Axle")
+    assert (line.min_length, line.max_length) == (0.12, 0.28)
+
+
+def test_an_axle_without_steering_may_say_so(tmp_path):
+    """-1, as in the files of the other simulator; twin wheels are refused in one line."""
+    value = read(TRUCK)["Axles"]
+    root = edited(tmp_path / "a", {"Axles": [value[0], value[1] | {"Steering Index": -1}, value[2]]}, TRUCK)
+    assert loaded(root, root / TRUCK).axles[1].steering is None
+    root = edited(tmp_path / "b", {"Axles": [value[0], value[1] | {"Wheel Separation": 0.3}, value[2]]}, TRUCK)
+    with pytest.raises(SpecError, match=r"Axles\[1\].Wheel Separation: must be 0 or left out: .*; give one wheel"):
+        loaded(root, root / TRUCK)
 
 
 def test_a_hendrickson_axle_has_a_rod_to_each_knuckle():
