@@ -97,10 +97,13 @@ def table(rows: Iterable[Sequence[str]], head: Sequence[str]) -> str:
 
 
 def verdict(driven: Driven | None) -> str:
-    """Whether a vehicle drives plausibly, or what does not."""
+    """Whether a vehicle drives plausibly, or the first fault: where it does not stand, others follow."""
     if driven is None:
         return "no"
-    return "; ".join(driven.faults()) or ("yes, but hardly steers" if driven.hardly_steers else "yes")
+    faults = driven.faults()
+    if faults:
+        return f"no: {faults[0]}"
+    return "yes, but hardly steers" if driven.hardly_steers else "yes"
 
 
 def figures(name: str, driven: Driven) -> tuple[str, ...]:

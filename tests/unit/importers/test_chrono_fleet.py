@@ -277,7 +277,7 @@ def test_what_a_frame_in_parts_leaves_out_is_named():
 
 
 DE_DION, TOE_BAR = "generic/suspension/DeDionAxle.json", "generic/suspension/ToeBarDeDionAxle.json"
-ROD = {
+ROD: dict[str, Any] = {
     "Mass": 10.0, "Inertia": [1.0, 0.1, 1.0], "Radius": 0.02, "Location Connector Chassis": [-0.2, -0.44, 0.1],
     "Location Connector Axle": [-0.2, 0.44, 0.1],
 }  # fmt: skip
