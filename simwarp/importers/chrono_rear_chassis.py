@@ -39,15 +39,15 @@ class Frames:
     mounts: tuple[SteeringMount, ...] = ()
     held: tuple[RigidPart, ...] = ()
 
-    def of_axle(self, axle: Node) -> tuple[Vec3, int | None]:
-        """Offset of the chassis that an axle hangs on, and the steering that turns it."""
-        index = axle.whole("Chassis Index") if "Chassis Index" in axle else MAIN
+    def of_part(self, part: Node) -> tuple[Vec3, int | None]:
+        """Offset of the chassis that a part hangs on, and the steering that turns it."""
+        index = part.whole("Chassis Index") if "Chassis Index" in part else MAIN
         if index == MAIN:
             return (0.0, 0.0, 0.0), None
         if not 0 <= index < len(self.offsets):
             count = len(self.offsets)
             rule = f"-1, the chassis, or a rear chassis, of which the vehicle has {count}"
-            raise axle.place.at("Chassis Index").error(f"must be {rule}, got {index}")
+            raise part.place.at("Chassis Index").error(f"must be {rule}, got {index}")
         return self.offsets[index], self.steerings[index]
 
 
@@ -131,7 +131,7 @@ def balancers(node: Node, files: Any, frames: Frames) -> list[RigidPart]:
         file = files.node(entry.text("Input File"))
         file.choice("Type", ("Subchassis",))
         file.choice("Template", ("Balancer",))
-        offset, steering = frames.of_axle(entry)
+        offset, steering = frames.of_part(entry)
         if steering is not None:
             raise entry.place.at("Chassis Index").error("must be a chassis that no steering turns")
         beam = file.child("Beam")

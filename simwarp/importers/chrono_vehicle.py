@@ -47,6 +47,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     Spec,
     SpecError,
     SteeringMount,
+    Vec3,
     VehicleSpec,
     Wheel,
 )
@@ -88,8 +89,9 @@ def load_chrono_vehicle(
     node, chassis_file, files = open_vehicle(Path(vehicle_json), "WheeledVehicle", root)
     # What Chrono declares for its path-following drivers; ours follow from the geometry.
     node.skip("Minimum Turning Radius", "Maximum Steering Angle (deg)", "Maximum Steering Angle")
-    steerings = read_steerings(node, files)
-    frames = read_frames(node, files.node(chassis_file), files, len(steerings), components_of)
+    mounts = list(node.each("Steering Subsystems")) if "Steering Subsystems" in node else []
+    frames = read_frames(node, files.node(chassis_file), files, len(mounts), components_of)
+    steerings = tuple(read_steering(mount, files, frames) for mount in mounts)
     axles = read_axles(node, files, tire, frames)
     read_chassis = {"RigidChassis": chassis}
     spec = node.make(
@@ -108,16 +110,14 @@ def load_chrono_vehicle(
     return spec
 
 
-def read_steerings(node: Node, files: Files) -> tuple[SteeringMount, ...]:
-    """All steerings of the chassis."""
-    return tuple(
-        SteeringMount(
-            steering=files.part("Steering", STEERINGS, mount.text("Input File")),
-            location=mount.vector("Location"),
-            rotation=mount.quaternion("Orientation"),
-        )
-        for mount in (node.each("Steering Subsystems") if "Steering Subsystems" in node else ())
-    )
+def read_steering(node: Node, files: Files, frames: Frames) -> SteeringMount:
+    """A steering with its place."""
+    offset, steered = frames.of_part(node)
+    if steered is not None:
+        raise node.place.at("Chassis Index").error("must be a chassis that no joint steers; leave the steering out")
+    x, y, z = (float(value) for value in np.add(offset, node.vector("Location")))
+    part = files.part("Steering", STEERINGS, node.text("Input File"))
+    return SteeringMount(steering=part, location=(x, y, z), rotation=node.quaternion("Orientation"))
 
 
 def whole_vehicle(
@@ -217,7 +217,7 @@ def read_axles(
 def read_axle(node: Node, files: Files, tire: str | Path, frames: Frames) -> Axle:
     """One axle; left and right must be alike. A frame that is farther from its wheels than a radius moves to them."""
     node.skip("Subchassis Index")  # its beam is held
-    offset, steering = frames.of_axle(node)
+    offset, steering = frames.of_part(node)
     x, y, z = (float(value) for value in np.add(offset, node.vector("Suspension Location")))
     suspension = files.part("Suspension", SUSPENSIONS | AXLES | GENERIC, node.text("Suspension Input File"))
     fitted = files.part("Tire", TIRES, tire, files.root)
@@ -241,7 +241,7 @@ def read_axle(node: Node, files: Files, tire: str | Path, frames: Frames) -> Axl
         tire=fitted,
         brake=read_brake(node, files),
         steering=steering,
-        antiroll_bar=read_antiroll_bar(node, files),
+        antiroll_bar=read_antiroll_bar(node, files, offset),
     )
 
 
@@ -264,7 +264,7 @@ def links_on_chassis(node: Node, files: Files, frames: Frames) -> Points:
     found: Points = []
     for axle in node.each("Axles"):
         suspension = files.node(axle.text("Suspension Input File"))
-        x, y, z = (float(v) for v in np.add(frames.of_axle(axle)[0], axle.vector("Suspension Location")))
+        x, y, z = (float(v) for v in np.add(frames.of_part(axle)[0], axle.vector("Suspension Location")))
         found += hung_on_chassis(suspension, (x, y, z))
     return found
 
@@ -276,11 +276,12 @@ def read_brake(node: Node, files: Files) -> Brake | None:
     return both_sides(node, files, "Brake", BRAKES)
 
 
-def read_antiroll_bar(node: Node, files: Files) -> AntirollBar | None:
-    """The anti-roll bar of an axle."""
+def read_antiroll_bar(node: Node, files: Files, offset: Vec3) -> AntirollBar | None:
+    """The anti-roll bar of an axle, at a place in its chassis' frame, which is `offset` from the vehicle's."""
     if "Antirollbar Input File" not in node:
         return None
-    location = node.vector("Antirollbar Location")
+    x, y, z = (float(value) for value in np.add(offset, node.vector("Antirollbar Location")))
+    location = x, y, z
     return files.part("Antirollbar", {"AntirollBarRSD": antiroll_bar}, node.text("Antirollbar Input File"), location)
 
 

@@ -264,6 +264,25 @@ def test_an_articulated_vehicle_hinges_where_its_connectors_meet():
     assert [axle.steering for axle in spec.axles] == [None, 0]
 
 
+def test_parts_of_a_rear_chassis_are_where_it_is(tmp_path):
+    """A truck's rear half, held 2 m behind where its own frame would be: its axles and its steering are there too."""
+    value = read("mtv/vehicle/MTV_Vehicle_WalkingBeam.json")
+    mounts = [mount | {"Chassis Index": -1} for mount in value["Steering Subsystems"]]
+    root = edited(tmp_path, {"Steering Subsystems": mounts}, "mtv/vehicle/MTV_Vehicle_WalkingBeam.json")
+    file = root / "mtv/chassis/MTV_RearChassis.json"
+    rear = read("mtv/chassis/MTV_RearChassis.json")
+    file.unlink()
+    file.write_text(json.dumps(rear | {"Front Connector Location": [0.15, 0.0, 0.45]}))
+    own = loaded(CHRONO, CHRONO / "mtv/vehicle/MTV_Vehicle_WalkingBeam.json")
+    moved = loaded(root, root / "mtv/vehicle/MTV_Vehicle_WalkingBeam.json")
+    assert moved.steerings == own.steerings
+    shift = [np.subtract(b.location, a.location).tolist() for a, b in zip(own.axles, moved.axles, strict=True)]
+    np.testing.assert_allclose(shift, [[0.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]], atol=1e-12)
+    weight = rear["Components"][0]["Mass"]
+    before, after = (part.com[0] for spec in (own, moved) for part in spec.chassis.components if part.mass == weight)
+    assert before - after == pytest.approx(2.0)
+
+
 def test_what_a_frame_in_parts_leaves_out_is_named():
     path, tire = CHRONO / "mtv/vehicle/MTV_Vehicle_WalkingBeam.json", "mtv/tire/FMTV_TMeasyTire.json"
     with warnings.catch_warnings(record=True) as caught:
