@@ -103,7 +103,7 @@ def verdict(driven: Driven | None) -> str:
     faults = driven.faults()
     if faults:
         return f"no: {faults[0]}"
-    return "yes, but hardly steers" if driven.hardly_steers else "yes"
+    return f"yes, but {driven.little_steering}" if driven.little_steering else "yes"
 
 
 def figures(name: str, driven: Driven) -> tuple[str, ...]:

@@ -80,7 +80,7 @@ NEUTRAL: Final = 0.03
 PULL: Final = 0.002
 """Curvature that straight steering may leave [1/m]: wheels 0.3° off on a wheelbase of 2.5 m, what aligning leaves."""
 WIDE: Final = 30.0
-"""A circle at full steering from which on a vehicle hardly steers [m]: trucks do with half of it."""
+"""A circle at full steering from which on a vehicle steers little [m]: trucks do with half of it."""
 SPARE: Final = 1.1
 """Of a speed that full throttle must have reached for a vehicle to be driven there."""
 LEAST_WHEELS: Final = 3
@@ -156,9 +156,10 @@ class Driven:
         return 1.0 - self.turn.bicycle / self.turn.wheels
 
     @property
-    def hardly_steers(self) -> bool:
-        """Whether full steering takes it round no circle that a yard has."""
-        return min(self.crawl.tightest) < 1.0 / WIDE
+    def little_steering(self) -> str:
+        """Sides to which full steering takes it round no circle that a yard has, in words; empty where it does."""
+        wide = [side for side, each in zip(("left", "right"), self.crawl.tightest, strict=True) if each < 1.0 / WIDE]
+        return "" if not wide else "steers little" if len(wide) > 1 else f"steers little to the {wide[0]}"
 
     def faults(self) -> list[str]:
         """What is not plausible; empty where all is."""

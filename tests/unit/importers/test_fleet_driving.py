@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scripts.chrono_fleet import verdict
 from scripts.chrono_fleet_driving import GRAVITY, PROBE, Driven, Turn, bicycle_curvature
 from simwarp.vehicle.rigs.tire_rig import tire_forces
 from simwarp.vehicle.spec.variants import with_options
@@ -31,7 +32,7 @@ def changed(**fields: Any) -> Driven:
 def test_a_plausible_vehicle_has_no_faults():
     assert DRIVEN.faults() == []
     assert DRIVEN.understeer == pytest.approx(0.1)
-    assert not DRIVEN.hardly_steers
+    assert DRIVEN.little_steering == ""
 
 
 @pytest.mark.parametrize(
@@ -60,9 +61,19 @@ def test_every_rule_finds_what_breaks_it(fields, fault):
     assert fault in changed(**fields).faults()
 
 
-def test_a_wide_circle_to_one_side_is_hardly_steering():
-    assert changed(crawl={"tightest": (0.1, 0.02)}).hardly_steers
-    assert changed(crawl={"tightest": (-0.001, 0.1)}).hardly_steers
+@pytest.mark.parametrize(
+    ("tightest", "text"),
+    [((0.1, 0.02), "steers little to the right"), ((-0.001, 0.1), "steers little to the left"),
+     ((0.02, 0.03), "steers little"), ((0.04, 0.04), "")],
+)  # fmt: skip
+def test_wide_circles_are_named_by_side(tightest, text):
+    assert changed(crawl={"tightest": tightest}).little_steering == text
+    assert verdict(changed(crawl={"tightest": tightest})) == (f"yes, but {text}" if text else "yes")
+
+
+def test_a_verdict_is_the_first_fault():
+    assert verdict(changed(tilt=0.1, moving=0.05)) == "no: it stands 5.7° out of level"
+    assert verdict(None) == "no"
 
 
 @pytest.mark.parametrize("loads", [(5500.0, 4500.0), (4500.0, 5500.0)])
