@@ -123,6 +123,35 @@ def panhard_links(node: Node) -> list[Link]:
     return found
 
 
+def watt_links(node: Node) -> list[Link]:
+    """Side links of DeDionAxle, from the chassis to the middle of the Watt linkage on the tube."""
+    part = node.child("Watt Mechanism")
+    part.skip("Center Link Inertia", "Side Link Inertia", "Link Radius")
+    mass = part.number("Side Link Mass", "kg")
+    sides = [[part.vector(f"Location {side} Link to {end}") for end in ("Chassis", "Center")]
+             for side in ("Left", "Right")]  # fmt: skip
+    return [Link(mass, start, end, mirrored=False) for start, end in sides]
+
+
+def push_pipe_links(node: Node) -> list[Link]:
+    """Panhard rod of PushPipeAxle."""
+    rod = node.child("Panhard Rod")
+    rod.skip("Inertia")
+    ends = [rod.vector(f"Location Connector {end}") for end in ("Chassis", "Axle")]
+    return [Link(rod.number("Mass", "kg"), ends[0], ends[1], mirrored=False)]
+
+
+def hendrickson_links(node: Node) -> list[Link]:
+    """Of HendricksonPRIMAXX. Chrono joins the transverse beam to nothing; here it is part of the housing."""
+    found = []
+    for name in ("Lower Beam", "Torque Rod"):
+        part = node.child(name)
+        part.skip("Inertia", "COM", "Transverse Beam Attachment Point")
+        ends = part.vector("Chassis Attachment Point"), part.vector("Axle Housing Attachment Point")
+        found.append(Link(part.number("Mass", "kg"), *ends))
+    return found
+
+
 def trailing_links(node: Node) -> list[Link]:
     """Of ThreeLinkIRS, whose arm is a body."""
     return [link(node.child(name), "Location Arm") for name in ("Upper Link", "Lower Link")]
@@ -132,7 +161,10 @@ LINKS: Final[dict[str, Callable[[Node], list[Link]]]] = {
     "SolidThreeLinkAxle": three_links, "SolidBellcrankThreeLinkAxle": bell_crank_links, "SolidAxle": solid_links,
     "LeafspringAxle": lambda node: [], "ToeBarLeafspringAxle": toe_bar_links, "RigidPanhardAxle": panhard_links,
     "ToeBarRigidPanhardAxle": lambda node: [*panhard_links(node), *toe_bar_links(node)],
-    "ThreeLinkIRS": trailing_links,
+    "ThreeLinkIRS": trailing_links, "HendricksonPRIMAXX": hendrickson_links,
+    "DeDionAxle": watt_links, "ToeBarDeDionAxle": lambda node: [*watt_links(node), *toe_bar_links(node)],
+    "PushPipeAxle": push_pipe_links,
+    "ToeBarPushPipeAxle": lambda node: [*push_pipe_links(node), *toe_bar_links(node)],
 }  # fmt: skip
 """Links that end at the chassis, by the template of a suspension."""
 
@@ -283,6 +315,71 @@ def toe_bar_panhard_axle(node: Node) -> BeamAxle:
     return beam(node, [*panhard_links(node), *toe_bar_links(node)], **panhard(node), **toe_bar(node))
 
 
+def de_dion_axle(node: Node, links: Sequence[Link] = (), **fields: Any) -> BeamAxle:
+    """DeDionAxle: a ball on the chassis ahead, and a Watt linkage across, whose middle stays in the middle plane.
+
+    Args:
+        node: the suspension's object.
+        links: others that leave mass to the tube.
+        fields: what steers it.
+    """
+    tube, watt, sides = node.child("Axle Tube"), node.child("Watt Mechanism"), watt_links(node)
+    tube.skip("Location Stabilizer")
+    center = np.mean([each.axle for each in sides], axis=0)
+    middle = (float(center[0]), float(center[1]), float(center[2]))
+    hung = [point for each in (*sides, *links) for point in each.points(on_axle=True)]
+    part = with_points(tube, tube.part(), [*hung, (watt.number("Center Link Mass", "kg"), middle)])
+    ball = tube.vector("Location Connector Chassis")
+    return node.make(BeamAxle, **common(node), axle_tube=part, springs=springs(node), ball=ball, watt=middle, **fields)
+
+
+def toe_bar_de_dion_axle(node: Node) -> BeamAxle:
+    """ToeBarDeDionAxle."""
+    return de_dion_axle(node, toe_bar_links(node), **toe_bar(node))
+
+
+def push_pipe_axle(node: Node, links: Sequence[Link] = (), **fields: Any) -> BeamAxle:
+    """PushPipeAxle: a ball on the chassis ahead, and a Panhard rod; `links` and `fields` as of `de_dion_axle`."""
+    tube, (rod,) = node.child("Axle Tube"), push_pipe_links(node)
+    tube.skip("Portal Offset")  # of the gears in its hubs, for pictures
+    ball = tube.vector("Location Connector Chassis")
+    return beam(node, [rod, *links], ball=ball, rods=(rod_of(rod),), **fields)
+
+
+def toe_bar_push_pipe_axle(node: Node) -> BeamAxle:
+    """ToeBarPushPipeAxle."""
+    return push_pipe_axle(node, toe_bar_links(node), **toe_bar(node))
+
+
+def hendrickson(node: Node) -> BeamAxle:
+    """HendricksonPRIMAXX: the housing rises and rolls as on leaf springs, each knuckle has a tie rod to the steering.
+
+    Beams and rods are hinged on the chassis and end in balls on the housing there. Rigid as they are, they would hold
+    its roll, which their rubber ends let go: they lead it along and across here, and bear no moments.
+    """
+    housing, cross, pin = node.child("Axle Housing"), node.child("Transverse Beam"), node.child("Knuckle")
+    links = hendrickson_links(node)
+    hung = [point for each in links for point in each.points(on_axle=True)]
+    beam_mass, com, inertia = merged([housing.part(), cross.part()])
+    rod = node.child("Tierod")
+    rod.skip("Mass", "Inertia")
+    return node.make(
+        BeamAxle,
+        **common(node),
+        axle_tube=with_points(housing, of_matrix(housing, beam_mass, com, inertia), hung),
+        guide="leaf-springs",
+        knuckle=pin.part(),
+        knuckle_lower=pin.vector("Lower Attachment Point"),
+        knuckle_upper=pin.vector("Upper Attachment Point"),
+        tierod_chassis=rod.vector("Location Chassis"),
+        tierod_knuckle=rod.vector("Location Knuckle"),
+        springs=(
+            force_line(node.child("Shock Axle Housing"), "Location Axle Housing"),
+            force_line(node.child("Shock Lower Beam"), "Location Lower Beam"),
+        ),
+    )
+
+
 def three_link(node: Node) -> ThreeLink:
     """ThreeLinkIRS: the arm's inertia is given with x along it from the spindle to the ball, and y level."""
     arm = node.child("Trailing Arm")
@@ -313,4 +410,9 @@ AXLES: Final[dict[str, Callable[[Node], Suspension]]] = {
     "RigidPanhardAxle": panhard_axle,
     "ToeBarRigidPanhardAxle": toe_bar_panhard_axle,
     "ThreeLinkIRS": three_link,
+    "HendricksonPRIMAXX": hendrickson,
+    "DeDionAxle": de_dion_axle,
+    "ToeBarDeDionAxle": toe_bar_de_dion_axle,
+    "PushPipeAxle": push_pipe_axle,
+    "ToeBarPushPipeAxle": toe_bar_push_pipe_axle,
 }

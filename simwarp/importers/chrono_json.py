@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, cast
@@ -166,13 +167,28 @@ class Node:
     def part(self, com: Vec3 | None = None) -> RigidPart:
         """Mass, centre of mass and inertia of this object; `com` where the file gives none."""
         split = "Moments of Inertia" in self
+        key = "Moments of Inertia" if split else "Inertia"
         return self.make(
             RigidPart,
             mass=self.number("Mass", "kg"),
             com=self.vector("COM") if com is None else com,
-            inertia=self.vector("Moments of Inertia" if split else "Inertia", "kg·m²"),
+            inertia=self._inertia(key),
             products=self.vector("Products of Inertia", "kg·m²") if split and "Products of Inertia" in self else ZERO,
         )
+
+    def _inertia(self, key: str) -> Vec3:
+        """Moments of inertia; one of 0 beside others, which no body has, is raised to half of the largest, with a
+        warning: so that the largest is no more than the sum of the others.
+        """
+        moments = self.vector(key, "kg·m²")
+        least = 0.5 * max(moments)
+        if min(moments) != 0.0 or least <= 0.0:
+            return moments
+        place = ".".join((*map(str, self.place.keys), key))
+        text = f"{self.place.file}: {place}: a moment of 0 is no body's; it is raised to {least:.4g} kg·m²"
+        warnings.warn(text, stacklevel=4)
+        x, y, z = (moment or least for moment in moments)
+        return x, y, z
 
     def make(self, cls: type[S], **fields: Any) -> S:
         """A description; its errors name this object."""

@@ -73,11 +73,13 @@ def force_line(
         if tables & set(fields):
             fields[linear] = 0.0
     if "Minimum Length" in node and "Maximum Length" in node:
-        fields |= {
-            "min_length": node.number("Minimum Length", "m"),
-            "max_length": node.number("Maximum Length", "m"),
-            "bump_curve": BUMP_STOP,
-        }
+        least, most = node.number("Minimum Length", "m"), node.number("Maximum Length", "m")
+        if least > most:
+            text = (
+                f"Minimum Length: {least:g} m is above Maximum Length, {most:g} m; they are taken the other way round"
+            )
+            warnings.warn(f"{node.place.file}: {'.'.join(map(str, node.place.keys))}.{text}", stacklevel=2)
+        fields |= {"min_length": min(least, most), "max_length": max(least, most), "bump_curve": BUMP_STOP}
     return node.make(ForceLine, **fields)
 
 

@@ -31,6 +31,7 @@ from simwarp.importers.chrono_axles import AXLES, Points, hung_on_chassis, with_
 from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
 from simwarp.importers.chrono_generic import GENERIC
 from simwarp.importers.chrono_json import Node, of_matrix
+from simwarp.importers.chrono_rear_chassis import Frames, read_frames
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
 from simwarp.vehicle.spec.parts import inertia_matrix
@@ -42,9 +43,11 @@ from simwarp.vehicle.spec.vehicle_spec import (
     Brake,
     Chassis,
     RigidPart,
+    RigidSuspension,
     Spec,
     SpecError,
     SteeringMount,
+    Vec3,
     VehicleSpec,
     Wheel,
 )
@@ -52,6 +55,8 @@ from simwarp.vehicle.spec.vehicle_spec import (
 T = TypeVar("T")
 
 WHEELBASE_TOLERANCE = 0.02
+NO_STEERING = -1
+"""Index of the steering of an axle that has none, in Chrono."""
 NEAR_GROUND = 0.1
 """Of a tire's radius: how far from the ground a wheel may start."""
 
@@ -81,30 +86,20 @@ def load_chrono_vehicle(
     expect(node, "Vehicle", ("WheeledVehicle",))
     if "Vehicle" in node:
         return whole_vehicle(node, Path(vehicle_json), engine, transmission, tire, root)
-    for key in ("Rear Chassis", "Subchassis"):
-        if key in node:
-            raise node.place.at(key).error(
-                "must be absent, for a vehicle has one chassis here; use a file without it, or take it out and hang "
-                "its axles on the chassis"
-            )
     node, chassis_file, files = open_vehicle(Path(vehicle_json), "WheeledVehicle", root)
     # What Chrono declares for its path-following drivers; ours follow from the geometry.
     node.skip("Minimum Turning Radius", "Maximum Steering Angle (deg)", "Maximum Steering Angle")
-    axles = read_axles(node, files, tire)
-    steerings = tuple(
-        SteeringMount(
-            steering=files.part("Steering", STEERINGS, mount.text("Input File")),
-            location=mount.vector("Location"),
-            rotation=mount.quaternion("Orientation"),
-        )
-        for mount in (node.each("Steering Subsystems") if "Steering Subsystems" in node else ())
-    )
+    mounts = list(node.each("Steering Subsystems")) if "Steering Subsystems" in node else []
+    frames = read_frames(node, files.node(chassis_file), files, len(mounts), components_of)
+    steerings = tuple(read_steering(mount, files, frames) for mount in mounts)
+    axles = read_axles(node, files, tire, frames)
+    read_chassis = {"RigidChassis": chassis}
     spec = node.make(
         VehicleSpec,
         name=node.text("Name") if "Name" in node else Path(vehicle_json).stem,
-        chassis=files.part("Chassis", {"RigidChassis": chassis}, chassis_file, links_on_chassis(node, files)),
+        chassis=files.part("Chassis", read_chassis, chassis_file, links_on_chassis(node, files, frames), frames.held),
         axles=axles,
-        steerings=steerings,
+        steerings=(*steerings, *frames.mounts),
         driveline=read_driveline(node, files) if "Driveline" in node else None,
         engine=None if engine is None else files.part("Engine", ENGINES, engine),
         transmission=None if transmission is None else files.part("Transmission", TRANSMISSIONS, transmission),
@@ -113,6 +108,16 @@ def load_chrono_vehicle(
     )
     node.finish()
     return spec
+
+
+def read_steering(node: Node, files: Files, frames: Frames) -> SteeringMount:
+    """A steering with its place."""
+    offset, steered = frames.of_part(node)
+    if steered is not None:
+        raise node.place.at("Chassis Index").error("must be a chassis that no joint steers; leave the steering out")
+    x, y, z = (float(value) for value in np.add(offset, node.vector("Location")))
+    part = files.part("Steering", STEERINGS, node.text("Input File"))
+    return SteeringMount(steering=part, location=(x, y, z), rotation=node.quaternion("Orientation"))
 
 
 def whole_vehicle(
@@ -196,7 +201,9 @@ def expect(node: Node, kind: str, templates: Collection[str]) -> str:
     return node.choice("Template", templates)
 
 
-def read_axles(node: Node, files: Files, tire: str | Path | Sequence[str | Path] | None) -> tuple[Axle, ...]:
+def read_axles(
+    node: Node, files: Files, tire: str | Path | Sequence[str | Path] | None, frames: Frames
+) -> tuple[Axle, ...]:
     """All axles, with the given tires."""
     axles = list(node.each("Axles"))
     if tire is None:
@@ -204,14 +211,25 @@ def read_axles(node: Node, files: Files, tire: str | Path | Sequence[str | Path]
     tires = [tire] * len(axles) if isinstance(tire, (str, Path)) else list(tire)
     if len(tires) != len(axles):
         raise node.place.error(f"tire: must be one file, or one for each of {len(axles)} axles, got {len(tires)}")
-    return tuple(read_axle(axle, files, file) for axle, file in zip(axles, tires, strict=True))
+    return tuple(read_axle(axle, files, file, frames) for axle, file in zip(axles, tires, strict=True))
 
 
-def read_axle(node: Node, files: Files, tire: str | Path) -> Axle:
+def read_axle(node: Node, files: Files, tire: str | Path, frames: Frames) -> Axle:
     """One axle; left and right must be alike. A frame that is farther from its wheels than a radius moves to them."""
-    x, y, z = node.vector("Suspension Location")
+    node.skip("Subchassis Index")  # its beam is held
+    offset, steering = frames.of_part(node)
+    x, y, z = (float(value) for value in np.add(offset, node.vector("Suspension Location")))
     suspension = files.part("Suspension", SUSPENSIONS | AXLES | GENERIC, node.text("Suspension Input File"))
     fitted = files.part("Tire", TIRES, tire, files.root)
+    if "Wheel Separation" in node and node.number("Wheel Separation", "m") != 0.0:
+        rule = "must be 0 or left out: an axle has one tire on each side here"
+        raise node.place.at("Wheel Separation").error(f"{rule}; give one wheel and one tire that stand for both")
+    if steering is None:
+        steering = node.whole("Steering Index") if "Steering Index" in node else None
+        steering = None if steering == NO_STEERING else steering
+    elif not isinstance(suspension, RigidSuspension):
+        rule = f"must be rigid on a chassis that a joint steers, got {suspension.template}"
+        raise node.place.at("Suspension Input File").error(f"{rule}; only axles without springs turn with it")
     behind = suspension.spindle.com[0]
     if abs(behind) > fitted.radius:
         x, suspension = x + behind, shifted(suspension, -behind)
@@ -222,8 +240,8 @@ def read_axle(node: Node, files: Files, tire: str | Path) -> Axle:
         wheel=both_sides(node, files, "Wheel", {"Wheel": wheel}),
         tire=fitted,
         brake=read_brake(node, files),
-        steering=node.whole("Steering Index") if "Steering Index" in node else None,
-        antiroll_bar=read_antiroll_bar(node, files),
+        steering=steering,
+        antiroll_bar=read_antiroll_bar(node, files, offset),
     )
 
 
@@ -241,12 +259,13 @@ def shifted(part: T, ahead: float) -> T:
     return dataclasses.replace(part, **changes)  # type: ignore[type-var]
 
 
-def links_on_chassis(node: Node, files: Files) -> Points:
+def links_on_chassis(node: Node, files: Files, frames: Frames) -> Points:
     """Masses of links that hang on the chassis, of all axles."""
     found: Points = []
     for axle in node.each("Axles"):
         suspension = files.node(axle.text("Suspension Input File"))
-        found += hung_on_chassis(suspension, axle.vector("Suspension Location"))
+        x, y, z = (float(v) for v in np.add(frames.of_part(axle)[0], axle.vector("Suspension Location")))
+        found += hung_on_chassis(suspension, (x, y, z))
     return found
 
 
@@ -257,11 +276,12 @@ def read_brake(node: Node, files: Files) -> Brake | None:
     return both_sides(node, files, "Brake", BRAKES)
 
 
-def read_antiroll_bar(node: Node, files: Files) -> AntirollBar | None:
-    """The anti-roll bar of an axle."""
+def read_antiroll_bar(node: Node, files: Files, offset: Vec3) -> AntirollBar | None:
+    """The anti-roll bar of an axle, at a place in its chassis' frame, which is `offset` from the vehicle's."""
     if "Antirollbar Input File" not in node:
         return None
-    location = node.vector("Antirollbar Location")
+    x, y, z = (float(value) for value in np.add(offset, node.vector("Antirollbar Location")))
+    location = x, y, z
     return files.part("Antirollbar", {"AntirollBarRSD": antiroll_bar}, node.text("Antirollbar Input File"), location)
 
 
@@ -320,11 +340,23 @@ def start_height(axles: Sequence[Axle]) -> float:
 # ---- chassis ---------------------------------------------------------------------------------------------------------
 
 
-def chassis(node: Node, links: Points = ()) -> Chassis:  # type: ignore[assignment]
-    """RigidChassis: components in axes of the vehicle; voids are taken out of one merged component.
+def chassis(node: Node, links: Points = (), held: Sequence[RigidPart] = ()) -> Chassis:  # type: ignore[assignment]
+    """RigidChassis: components in axes of the vehicle, with others that it holds.
 
     The last component bears what links of the suspensions leave to the chassis.
     """
+    components = [*components_of(node), *held]
+    if "Contact" in node:
+        node.skip("Contact")
+        remedy = "add_chassis_box adds a box that stands for the vehicle in contacts"
+        warnings.warn(f"{node.place.file}: Contact: left out; {remedy}", stacklevel=2)
+    if components:
+        components[-1] = with_points(node, components[-1], links)
+    return node.make(Chassis, components=tuple(components))
+
+
+def components_of(node: Node) -> list[RigidPart]:
+    """Components of a chassis in its axes; voids are taken out of one merged component."""
     components: list[RigidPart] = []
     voids: list[RigidPart] = []
     for component in node.each("Components"):
@@ -332,14 +364,7 @@ def chassis(node: Node, links: Points = ()) -> Chassis:  # type: ignore[assignme
         (voids if void else components).append(turned_part(component))
     if voids:
         components = [hollow(node, components, voids)]
-    if "Contact" in node:
-        node.skip("Contact")
-        remedy = "add_chassis_box adds a box that stands for the vehicle in contacts"
-        warnings.warn(f"{node.place.file}: Contact: left out; {remedy}", stacklevel=2)
-    components = [as_a_body(node, part) for part in components]
-    if components:
-        components[-1] = with_points(node, components[-1], links)
-    return node.make(Chassis, components=tuple(components))
+    return [as_a_body(node, part) for part in components]
 
 
 def as_a_body(node: Node, part: RigidPart) -> RigidPart:

@@ -104,7 +104,9 @@ def suspension_bars(axle: Axle) -> list[Bar]:
     """Links, uprights, springs and dampers of both sides of an axle; none of a suspension that is reduced to tables."""
     found = [bar for side in (1.0, -1.0) for bar in _side_bars(axle, side)]
     suspension = axle.suspension
-    across = "tierod_knuckle" if isinstance(suspension, (SolidAxle, BeamAxle)) else "tierod_chassis"
+    own_rods = isinstance(suspension, BeamAxle) and suspension.tierod_chassis is not None
+    joined = isinstance(suspension, (SolidAxle, BeamAxle)) and not own_rods
+    across = "tierod_knuckle" if joined else "tierod_chassis"
     pairs = [(HUB, BarKind.UPRIGHT)] if isinstance(suspension, BEAMS) else []
     if axle.steering is not None:  # what both tie rods hang on
         pairs.append((across, BarKind.LINK))
@@ -172,8 +174,12 @@ def _beam_bars(axle: Axle, spec: BeamAxle) -> list[Bar]:
     ]
     if spec.arm is not None:
         ends.append((spec.arm.chassis_point, spec.arm.axle_point, 1.0))
+    if spec.ball is not None:
+        ends.append((spec.ball, spec.axle_tube.com, 1.0))
     if spec.draglink is not None and spec.draglink_chassis is not None:
         ends.append((spec.draglink_chassis, spec.draglink, 1.0))
+    if spec.tierod_chassis is not None and spec.tierod_knuckle is not None:
+        ends += [(spec.tierod_chassis, spec.tierod_knuckle, side) for side in (1.0, -1.0)]
     if spec.bell_crank is not None:
         ends += [(spec.bell_crank.pivot, point, 1.0) for point in (spec.bell_crank.draglink, spec.bell_crank.tierod)]
     return [Bar(_placed(axle, start, side), _placed(axle, end, side), BarKind.LINK) for start, end, side in ends]

@@ -24,6 +24,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     BeamAxle,
     BellCrank,
     ForceLine,
+    RackPinion,
     RigidPart,
     RotaryArm,
     SpecError,
@@ -111,6 +112,36 @@ def test_an_arm_steers_both_wheels_one_way(name):
         [0, 1, 3, 4]]).all()  # fmt: skip
 
 
+OWN_RODS = KNUCKLE | {"draglink_chassis": None, "tierod_chassis": (-0.2, 0.2, 0.1)}
+
+
+def racked(front: BeamAxle) -> VehicleSpec:
+    """A truck whose rack moves what hangs on it by 0.05 m to the right for full steering."""
+    rack = RackPinion(max_angle=0.5, pinion_radius=0.1, link=RigidPart(mass=5.0, inertia=(0.1, 0.1, 0.1)))
+    return dataclasses.replace(
+        truck(front, leaves()), steerings=(SteeringMount(steering=rack, location=(1.8, 0.0, 0.1)),)
+    )
+
+
+def test_knuckles_with_a_rod_each_follow_the_rack():
+    """Rods of 0.43 m lie across, levers of 0.2 m lie behind the kingpin: the wheels turn by the rack's travel over the
+    lever, 0.025 m / 0.2 m, but for the angles of lever and kingpin.
+    """
+    table = travel_table(racked(leaves(**OWN_RODS)), 0, 0.0, [-0.5, 0.0, 0.5])
+    assert table.reached.all(), table.reason
+    np.testing.assert_allclose(table.steer[1], 0.0, atol=1e-5)
+    np.testing.assert_allclose(table.steer[[0, 2]], [[-0.125] * 2, [0.125] * 2], rtol=0.1)
+    # left and right mirror each other
+    np.testing.assert_allclose(table.steer[0], -table.steer[2, ::-1], atol=1e-5)
+
+
+def test_a_rod_to_each_knuckle_is_drawn():
+    front = racked(leaves(**OWN_RODS)).axles[0]
+    links = [bar for bar in suspension_bars(front) if bar.kind is BarKind.LINK]
+    found = {tuple(np.sign([bar.start[1], bar.end[1]]).tolist()) for bar in links}
+    assert found == {(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)}  # both rods, and the rack between their balls
+
+
 def test_leaves_lead_straight_up():
     """Parallel travel moves the wheels along z alone, without toe or camber; opposite travel is a roll of the tube."""
     travels = np.array([-0.06, 0.0, 0.06])
@@ -134,6 +165,30 @@ def test_links_lead_on_arcs():
     assert (np.abs(shift) < travels.max()).all()
     np.testing.assert_allclose(table.center[:, 0, 0], table.center[:, 1, 0], atol=1e-6)
     np.testing.assert_allclose(table.center[:, 0, 1], -table.center[:, 1, 1], atol=1e-6)
+
+
+BALL = (1.2, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("across", ["Watt linkage", "Panhard rod"])
+def test_a_push_pipe_leads_round_its_ball(across):
+    """Wheels' middle goes round the ball. A Watt linkage keeps its own middle across, a rod of 1 m lets it go aside by
+    the versine.
+    """
+    rod = AxleRod(chassis_point=(-0.2, -0.5, 0.1), axle_point=(-0.2, 0.5, 0.1), mirrored=False)
+    aside: dict[str, Any] = {"watt": (-0.2, 0.0, 0.1)} if across == "Watt linkage" else {"rods": (rod,)}
+    spec = truck(leaves(**KNUCKLE, **STRAIGHT), BeamAxle(ball=BALL, **COMMON, **aside))
+    travels = np.array([-0.06, 0.0, 0.06])
+    table = travel_table(spec, 1, travels)
+    assert table.reached.all(), table.reason
+    middle = table.center.mean(axis=1) - spec.axles[1].location
+    np.testing.assert_allclose(np.linalg.norm(middle - BALL, axis=1), np.linalg.norm(BALL), atol=1e-6)
+    # at 0.2 m beside the rod's axle end the tube has risen by up to 7/6 of the wheels' travel
+    most = 0.0 if across == "Watt linkage" else 1.0 - np.sqrt(1.0 - (7.0 / 6.0 * travels.max()) ** 2)
+    assert (np.abs(middle[:, 1]) <= most + 1e-6).all()
+    rolled = travel_table(spec, 1, travels, right=-travels)
+    assert rolled.reached.all(), rolled.reason
+    assert (np.diff(rolled.camber[:, 0]) < 0.0).all()
 
 
 def standing(spec: VehicleSpec, *, steps: int = 4000) -> tuple[ModelBuilder, Vehicle, Simulation]:
@@ -200,7 +255,9 @@ def test_mirror_images_have_their_drag_link_on_the_other_side():
 
 
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
-    "nothing leads it": ({}, "rods: must be 4 or more with the two of an arm where guide is 'links', got 0; add rods"),
+    "nothing leads it": (
+        {}, "rods: must be 4 or more with the two of an arm and the three of a ball where guide is 'links', got 0; add",
+    ),
     "leaves without springs": ({"guide": "leaf-springs", "springs": ()}, "springs: must be one or more where guide"),
     "a bar on links": ({"rods": (ROD,), "arm": ARM, "roll_stiffness": 1.0}, "roll_stiffness: must be 0 where guide"),
     "a tie rod without a knuckle": (
@@ -212,6 +269,15 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     "a drag link to nothing": ({"guide": "plane", **KNUCKLE}, "draglink_knuckle: must be given either as"),
     "a drag link without length": (
         {"guide": "plane", **KNUCKLE, "draglink_knuckle": (0.6, 0.5, 0.2)}, "draglink_chassis: must be apart",
+    ),
+    "two ways to steer": (
+        {"guide": "plane", **OWN_RODS, **STRAIGHT}, "draglink_knuckle: must be left out beside tierod_chassis",
+    ),
+    "a tie rod without length": (
+        {"guide": "plane", **OWN_RODS, "tierod_chassis": (-0.2, 0.63, 0.1)}, "tierod_knuckle: must be apart from",
+    ),
+    "a rod of a knuckle that is not there": (
+        {"guide": "plane", "tierod_chassis": (0.0, 0.3, 0.0)}, "tierod_chassis: must be left out without a knuckle",
     ),
     "crossed tie rods without a crank": (
         {"guide": "plane", **KNUCKLE, **STRAIGHT, "crossed_tierods": True}, "crossed_tierods: must be false",

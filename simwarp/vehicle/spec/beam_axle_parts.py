@@ -64,13 +64,13 @@ class BellCrank(Spec):
 class BeamAxle(Spec):
     """A tube between two wheels, with springs to the chassis; `axle_tube` and a bell crank are not mirrored.
 
-    What leads it: four rods, two rods and a triangular arm, or with `guide` "leaf-springs" the springs themselves,
-    which let it rise and roll; "plane" lets it move sideways too, which a Panhard rod then takes. Rods have no mass:
-    their masses are those of what they hang on.
+    What leads it: four rods, two rods and a triangular arm, a ball on the chassis with a rod or a Watt linkage, or with
+    `guide` "leaf-springs" the springs themselves, which let it rise and roll; "plane" lets it move sideways too, which
+    a Panhard rod then takes. Rods have no mass: their masses are those of what they hang on.
 
     A drag link moves a knuckle, the left one where its ball is on the left, or a bell crank. A tie rod joins both
-    knuckles; with `crossed_tierods` there is none, and the bell crank has a rod to each. Without `knuckle` the wheels
-    turn in the tube.
+    knuckles; with `crossed_tierods` there is none, and the bell crank has a rod to each. With `tierod_chassis` there is
+    no drag link: each knuckle has a rod to the steering. Without `knuckle` the wheels turn in the tube.
     """
 
     template: Literal["beam-axle"] = "beam-axle"
@@ -85,6 +85,10 @@ class BeamAxle(Spec):
     guide: Literal["links", "leaf-springs", "plane"] = "links"
     rods: tuple[AxleRod, ...] = ()
     arm: TriangularArm | None = None
+    ball: Point | None = None
+    """Of a tube that ends in a ball on the chassis: a push pipe."""
+    watt: Point | None = None
+    """Middle of a Watt linkage, which keeps this point of the tube at its place across the chassis."""
     roll_stiffness: NotNegative = 0.0
     """Of an anti-roll bar between chassis and tube [N·m/rad]; with a guide."""
     roll_damping: NotNegative = 0.0
@@ -97,12 +101,15 @@ class BeamAxle(Spec):
     """Ball on a knuckle; with a bell crank its own point takes its place."""
     bell_crank: BellCrank | None = None
     crossed_tierods: bool = False
+    tierod_chassis: Point | None = None
+    """Ball of each knuckle's tie rod on the steering."""
 
     def check(self) -> None:
         """Something leads the tube, and a knuckle has an axis and what steers it."""
         rows = sum(2 if rod.mirrored else 1 for rod in self.rods) + (0 if self.arm is None else 2)
+        rows += (0 if self.ball is None else 3) + (0 if self.watt is None else 1)
         if self.guide == "links" and rows < LED_BY_LINKS:
-            rule = f"{LED_BY_LINKS} or more with the two of an arm where guide is 'links'"
+            rule = f"{LED_BY_LINKS} or more with the two of an arm and the three of a ball where guide is 'links'"
             raise refuse("rods", rule, rows, "add rods or an arm, or set guide to 'leaf-springs'")
         if self.guide == "leaf-springs" and not self.springs:
             rule = "one or more where guide is 'leaf-springs'"
@@ -122,9 +129,10 @@ class BeamAxle(Spec):
         return self.draglink_knuckle if self.bell_crank is None else self.bell_crank.draglink
 
     def _check_steering(self) -> None:
-        needed = ("knuckle_lower", "knuckle_upper", "tierod_knuckle", "draglink_chassis")
+        rods = "draglink_chassis" if self.tierod_chassis is None else "tierod_chassis"
+        needed = ("knuckle_lower", "knuckle_upper", "tierod_knuckle", rods)
         if self.knuckle is None:
-            for name in (*needed, "draglink_knuckle", "bell_crank"):
+            for name in (*needed, "draglink_chassis", "draglink_knuckle", "bell_crank"):
                 if getattr(self, name) is not None:
                     raise refuse(name, "left out without a knuckle", getattr(self, name), "give 'knuckle'")
             return
@@ -132,6 +140,9 @@ class BeamAxle(Spec):
             if getattr(self, name) is None:
                 raise SpecError(f"{name}: must be given beside a knuckle, got None; give its place [m]")
         check_apart(self, ("knuckle_upper", "knuckle_lower"))
+        if self.tierod_chassis is not None:
+            self._check_own_tierods()
+            return
         if (self.bell_crank is None) == (self.draglink_knuckle is None):
             rule = "given either as draglink_knuckle or as bell_crank: the drag link holds one of them"
             raise refuse("draglink_knuckle", rule, self.draglink_knuckle)
@@ -140,3 +151,13 @@ class BeamAxle(Spec):
         ends = self.draglink, self.draglink_chassis
         if ends[0] is not None and ends[1] is not None and math.dist(ends[0], ends[1]) < COINCIDENT:
             raise refuse("draglink_chassis", "apart from its other end", self.draglink_chassis)
+
+    def _check_own_tierods(self) -> None:
+        """Knuckles with a rod each have nothing else that steers them."""
+        check_apart(self, ("tierod_knuckle", "tierod_chassis"))
+        for name in ("draglink_chassis", "draglink_knuckle", "bell_crank"):
+            if getattr(self, name) is not None:
+                rule = "left out beside tierod_chassis, where each knuckle has a rod of its own"
+                raise refuse(name, rule, getattr(self, name), "leave out one of them")
+        if self.crossed_tierods:
+            raise refuse("crossed_tierods", "false beside tierod_chassis", True)

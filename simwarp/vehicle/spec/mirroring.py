@@ -156,7 +156,7 @@ def _beam(index: int, spec: BeamAxle) -> BeamAxle:
     )
     ends: dict[str, Any] = {
         name: flipped(getattr(spec, name))
-        for name in ("draglink_chassis", "draglink_knuckle")
+        for name in ("draglink_chassis", "draglink_knuckle", "ball", "watt")
         if getattr(spec, name) is not None
     }
     return dataclasses.replace(spec, axle_tube=mirrored_part(spec.axle_tube), rods=rods, **ends)

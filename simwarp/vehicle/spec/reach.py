@@ -33,8 +33,9 @@ from simwarp.vehicle.spec.vehicle_parts import Axle
 AROUND_WHEEL: Final = 4.0
 """Farthest hardpoint from its wheel's centre, in radii of the tire: the longest trailing arms, those of desert racers,
 have three. The track is allowed where it is more: steering and tubes of beam axles reach to the other wheel."""
-ANYWHERE: Final = frozenset({"pivot"})
-"""Points without that bound: an arm of tens of metres stands for a wheel that is led straight up."""
+ANYWHERE: Final = frozenset({"pivot", "ball"})
+"""Points without that bound: an arm of tens of metres stands for a wheel that is led straight up, and a push pipe is as
+long as the vehicle allows."""
 BESIDE_ARM: Final = 1.0
 """Farthest foot of a drop link from the part that holds it, in radii of the tire: brackets are shorter than a wheel."""
 FOLLOWED: Final = 0.17

@@ -203,7 +203,7 @@ class SolidAxle(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RigidSuspension(Spec):
-    """Spindles that turn in the chassis itself."""
+    """Spindles that turn in the chassis itself, or in the arm of the steering that the axle names."""
 
     template: Literal["rigid-suspension"] = "rigid-suspension"
     camber: Lean = 0.0

@@ -90,6 +90,8 @@ def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: in
         dataclasses.replace(frame, name=f"{frame.name}.{name}", side=side)
         for name, side in (("left", 1.0), ("right", -1.0))
     )
+    if isinstance(axle.suspension, RigidSuspension):
+        chassis = tierod_body  # what steers it turns it as a whole, as the joint of an articulated vehicle does
     match axle.suspension:
         case SolidAxle() as spec:
             holders = solid_axle(frame, left, right, spec, chassis, tierod_body)

@@ -99,6 +99,13 @@ def _lead(frame: Frame, left: Frame, right: Frame, spec: BeamAxle, chassis: int,
     for index, rod in enumerate(spec.rods):
         for side in (left, right) if rod.mirrored else (frame,):
             add_rod(side, f"rod{index}", chassis, tube, rod.chassis_point, rod.axle_point)
+    if spec.ball is not None:
+        add_ball(frame, "ball", chassis, tube, spec.ball)
+    if spec.watt is not None:
+        across_chassis = frame.along((0.0, 1.0, 0.0))
+        frame.builder.add_joint_point_on_plane(
+            f"{frame.name}.watt", chassis, tube, anchor=frame.at(spec.watt), normal=across_chassis
+        )
     if spec.arm is not None:
         frame.builder.add_joint_revolute_spherical(
             f"{frame.name}.arm", chassis, tube, anchor0=frame.at(spec.arm.chassis_point),
@@ -109,6 +116,10 @@ def _lead(frame: Frame, left: Frame, right: Frame, spec: BeamAxle, chassis: int,
 def _steer(left: Frame, right: Frame, spec: BeamAxle, tube: int, tierod_body: int, knuckles: tuple[int, int]) -> None:
     """Drag link, bell crank and tie rods."""
     assert spec.tierod_knuckle is not None  # the description says so
+    if spec.tierod_chassis is not None:
+        for side, knuckle in zip((left, right), knuckles, strict=True):
+            add_rod(side, "tierod", tierod_body, knuckle, spec.tierod_chassis, spec.tierod_knuckle)
+        return
     assert spec.draglink_chassis is not None
     if spec.bell_crank is None:
         # the drag link lies where it is described, whichever knuckle it holds
