@@ -1,42 +1,53 @@
 """Try an extra at its floor or its ceiling: an environment of its own, the wheel with the extra, and its tests.
 
     python -m scripts.extras mcap --at floor
-    python -m scripts.extras all --at ceiling --json results.json
+    python -m scripts.extras all --at both --json benchmarks/results/extras.json
 
 At the floor every package that pyproject.toml names, for simwarp itself and for the extra, has the lowest version that
 it admits and that has a wheel for this Python; what these bring along is the newest that they admit. At the ceiling all
 are the newest. torch is installed first, and an extra that would install another one has failed. `core` is simwarp by
-itself.
+itself. What simwarp itself needs is installed once for each end; environments of extras begin with links to its files.
+
+The wheel has to start where the checkout is out of its way. Tests import the checkout, of which the wheel was built, so
+that all environments share the compiled kernels: they lie in Warp's usual cache, in a folder for each version of Warp.
+
+Outcomes go to the file after each extra. What holds there by the same requirements of pyproject.toml is left out, so
+that a run goes on after Ctrl-C; `--again` tries it. `python -m scripts.extra_results` then writes the table of
+docs/installation.md.
 """
 
 import argparse
+import datetime
 import json
 import os
+import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
+from scripts import extra_results, setup_env
 from scripts.bundle import BundleError, own_wheel
 from scripts.bundle_wheels import pins
+from scripts.extra_results import CORE, ENDS, ExtraError, Outcome, named
 from scripts.pip_calls import PipError, offered, pip_environment, pip_reason
-from scripts.setup_env import SetupError, environment_python, install_torch, installed_torch, make_venv
+from scripts.setup_env import SetupError
 from scripts.torch_build import TorchError, has_cuda
 
 ROOT = Path(__file__).resolve().parent.parent
-CORE = "core"
 # They run the tests and are no part of what is tried.
 RUNNERS = ("pytest", "pytest-xdist", "hypothesis", "psutil")
+COMPILED = "import matplotlib.pyplot, pytest, rsl_rl.runners, scipy.spatial, torch, trimesh, tyro, warp"
 BUILDS_OF_TORCH = {"torch", "triton"}
 
 
@@ -46,12 +57,15 @@ class Trial:
 
     tests: tuple[str, ...]
     readers: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
+    """What the wheel's own `simwarp` has to do in a folder by itself."""
 
 
 TRIALS = {
     CORE: Trial(
         ("tests/unit/core", "tests/unit/geometry", "tests/tasks/test_pendulum.py", "tests/cli/test_cli_words.py"),
         ("mujoco",),
+        ("train", "pendulum", "--iterations", "2", "--num-envs", "8", "--device", "cpu"),
     ),
     "viewer": Trial(("tests/unit/viewer/live/test_web_server.py", "tests/unit/viewer/live/test_page_frames.py")),
     "import": Trial(("tests/unit/importers",), ("usd-core",)),
@@ -74,32 +88,6 @@ TRIALS = {
 }
 
 
-class ExtraError(Exception):
-    """An extra does not hold what pyproject.toml says of it; the text is one line."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a trial: the versions of the packages that pyproject.toml names, and the tests."""
-
-    extra: str
-    at: str
-    torch: str
-    versions: dict[str, str]
-    passed: int
-    skipped: int
-    failed: int
-    wall_s: float
-
-
-def named(extra: str) -> list[Requirement]:
-    """Requirements of simwarp with an extra that apply on this machine, but for torch."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    texts = [*project["dependencies"], *([] if extra == CORE else project["optional-dependencies"][extra])]
-    wanted = [Requirement(text) for text in texts]
-    return [each for each in wanted if each.name != "torch" and (each.marker is None or each.marker.evaluate())]
-
-
 def lowest(requirement: Requirement, versions: Sequence[str]) -> str:
     """The lowest of the versions that a requirement admits.
 
@@ -115,11 +103,17 @@ def lowest(requirement: Requirement, versions: Sequence[str]) -> str:
 def floors(python: Path, extra: str) -> list[str]:
     """Pins of all packages that pyproject.toml names for an extra at their lowest versions.
 
+    What simwarp itself needs has them in the environment that this one began with.
+
     Raises:
         ExtraError: a package has none.
     """
-    pip = [str(python), "-m", "pip", "install"]
-    return [f"{each.name}=={lowest(each, offered(pip, each.name))}" for each in named(extra)]
+    pip, there = [str(python), "-m", "pip", "install"], versions_in(python)
+    own = [] if extra == CORE else named(extra)
+    core = {each.name: there.get(canonicalize_name(each.name)) for each in named(CORE)}
+    begun = [f"{name}=={version}" for name, version in core.items() if version]
+    missing = [each for each in named(CORE) if not core[each.name]]
+    return [*begun, *(f"{each.name}=={lowest(each, offered(pip, each.name))}" for each in [*missing, *own])]
 
 
 def pip(python: Path, *arguments: str) -> str:
@@ -190,7 +184,8 @@ def run_tests(python: Path, extra: str, arguments: Sequence[str]) -> tuple[int, 
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         command = [str(python), "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", *arguments]
-        subprocess.run([*command, f"--junitxml={report}", *TRIALS[extra].tests], cwd=ROOT, check=False)
+        command += [f"--junitxml={report}", *TRIALS[extra].tests]
+        subprocess.run(command, cwd=ROOT, env=trial_environment(), check=False)
         if not report.is_file():
             raise ExtraError(f"tests of extra '{extra}' did not run to their end")
         cases = list(ElementTree.parse(report).iter("testcase"))
@@ -206,23 +201,105 @@ def run_tests(python: Path, extra: str, arguments: Sequence[str]) -> tuple[int, 
     return passed, len(reasons), failed
 
 
-def try_extra(extra: str, at: str, wheel: Path, folder: Path, arguments: Sequence[str]) -> Outcome:
-    """Make the environment of an extra in a folder, and run its tests.
+def start(python: Path, extra: str) -> None:
+    """Let the wheel start where the checkout is out of its way, and do what its trial asks.
 
     Raises:
-        ExtraError: it does not hold.
+        ExtraError: it does not.
     """
+    started = setup_env.runs(python, setup_env.STARTS)
+    if started.returncode:
+        raise ExtraError(f"the wheel does not start: {pip_reason(started.stderr)}")
+    if not (words := TRIALS[extra].command):
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        command = [str(python.with_name("simwarp")), *words]
+        env = trial_environment()
+        ended = subprocess.run(
+            command, cwd=folder, env=env, capture_output=True, encoding="utf-8", errors="replace", check=False
+        )
+    if ended.returncode:
+        raise ExtraError(f"the wheel's simwarp {' '.join(words)}: {pip_reason(ended.stderr)}")
+
+
+def linked(source: str, target: str) -> None:
+    """A second name of a file, or a copy on file systems that have none; pip unlinks what it replaces."""
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        pass  # pip's own files, or those of a trial that was interrupted
+    except OSError:
+        shutil.copy2(source, target)
+
+
+def trial_environment() -> dict[str, str]:
+    """The user's environment, but for packages of elsewhere; bytecode is kept, for tests start many processes."""
+    return {name: value for name, value in pip_environment().items() if name != "PYTHONDONTWRITEBYTECODE"}
+
+
+def site_packages(folder: Path) -> Path:
+    """Where an environment keeps its packages."""
+    return next(found for place in ("lib/python3.*", "Lib") for found in folder.glob(f"{place}/site-packages"))
+
+
+def make_base(folder: Path, at: str) -> None:
+    """Make the environment that those of extras begin with: torch, what simwarp itself needs, and what runs tests.
+
+    Raises:
+        ExtraError, SetupError, TorchError, PipError: it cannot be made.
+    """
+    setup_env.make_venv(folder)
+    python = setup_env.environment_python(folder)
+    setup_env.install_torch(python, has_cuda())
+    asked = floors(python, CORE) if at == "floor" else [str(each) for each in named(CORE)]
+    tested = pins()
+    pip(python, *asked, *(f"{name}=={tested[name]}" for name in RUNNERS))
+    # What is imported is compiled here, once for all
+    imported = subprocess.run([str(python), "-I", "-c", COMPILED], env=trial_environment(), check=False)
+    if imported.returncode:
+        raise ExtraError(f"packages of simwarp at their {at} cannot be imported")
+
+
+def make_environment(folder: Path, at: str) -> tuple[Path, str]:
+    """Make an environment with the files of a base, which is made once; its Python, and the version of torch in it.
+
+    Raises:
+        ExtraError, SetupError, TorchError, PipError: it cannot be made.
+    """
+    base, python = folder.with_name(f"base-{at}"), setup_env.environment_python(folder)
+    if not (base / "made").exists():
+        make_base(base, at)
+        (base / "made").touch()
+    setup_env.make_venv(folder)
+    for each in site_packages(base).iterdir():
+        place = site_packages(folder) / each.name
+        if each.is_dir():
+            shutil.copytree(each, place, copy_function=linked, dirs_exist_ok=True)
+        else:
+            linked(str(each), str(place))
+    return python, setup_env.installed_torch(python)
+
+
+def try_extra(extra: str, at: str, wheel: Path, folder: Path, arguments: Sequence[str]) -> Outcome:
+    """Make the environment of an extra in a folder, and run its tests; a refusal is an outcome, too."""
     began = time.monotonic()
-    make_venv(folder)
-    python = environment_python(folder)
-    torch = install_torch(python, has_cuda())
-    versions = install(python, wheel, extra, at)
-    if (after := installed_torch(python)) != torch:
-        raise ExtraError(f"extra '{extra}' at its {at} changed torch from {torch} to {after}")
-    chosen = {each.name: versions[canonicalize_name(each.name)] for each in named(extra)}
-    print(f"{extra} at its {at}: " + ", ".join(f"{name} {version}" for name, version in chosen.items()), flush=True)
-    passed, skipped, failed = run_tests(python, extra, arguments)
-    return Outcome(extra, at, torch, chosen, passed, skipped, failed, round(time.monotonic() - began, 1))
+    torch, error = "", ""
+    chosen: dict[str, str] = {}
+    counts = 0, 0, 0
+    try:
+        python, torch = make_environment(folder, at)
+        versions = install(python, wheel, extra, at)
+        if (after := setup_env.installed_torch(python)) != torch:
+            raise ExtraError(f"extra '{extra}' at its {at} changed torch from {torch} to {after}")
+        chosen = {each.name: versions[canonicalize_name(each.name)] for each in named(extra)}
+        print(f"{extra} at its {at}: " + ", ".join(f"{name} {version}" for name, version in chosen.items()), flush=True)
+        start(python, extra)
+        counts = run_tests(python, extra, arguments)
+    except (ExtraError, SetupError, TorchError, PipError) as wrong:
+        error = " ".join(str(wrong).split())
+    said, wall = extra_results.requirements(extra), round(time.monotonic() - began, 1)
+    today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    return Outcome(extra, at, said, chosen, torch, platform.python_version(), today, *counts, error, wall)
 
 
 def options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -230,46 +307,86 @@ def options(arguments: Sequence[str] | None) -> argparse.Namespace:
     words = list(sys.argv[1:] if arguments is None else arguments)
     end = words.index("--") if "--" in words else len(words)
     parser = argparse.ArgumentParser(description="Try extras at their floor or ceiling.", allow_abbrev=False)
-    parser.add_argument("extra", choices=[*TRIALS, "all"])
-    parser.add_argument("--at", choices=["floor", "ceiling"], required=True)
+    parser.add_argument(
+        "extras", nargs="+", choices=[*TRIALS, "all"], metavar="EXTRA", help="tried in this order, or all"
+    )
+    parser.add_argument("--at", choices=[*ENDS, "both"], required=True)
     parser.add_argument("--wheel", type=Path, help="instead of one that is built from the checkout")
     parser.add_argument("--folder", type=Path, help="for environments, which are kept; otherwise they are removed")
-    parser.add_argument("--json", type=Path, help="file for the outcomes")
+    parser.add_argument(
+        "--json", type=Path, help="file of outcomes: written after each extra; what holds there is left out"
+    )
+    parser.add_argument("--again", action="store_true", help="try what holds already, too")
     parsed = parser.parse_args(words[:end])
     parsed.pytest = words[end + 1 :]
+    if parsed.json and parsed.pytest:
+        parser.error("--json: a part of the tests, chosen by arguments of pytest, is no outcome")
     return parsed
 
 
+def trials(chosen: argparse.Namespace, outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
+    """Extras and ends to try."""
+    ends = ENDS if chosen.at == "both" else [chosen.at]
+    wanted = [(extra, at) for extra in (TRIALS if "all" in chosen.extras else chosen.extras) for at in ends]
+    if chosen.again:
+        return wanted
+    left = [each for each in wanted if not extra_results.done(outcomes, *each)]
+    if len(left) < len(wanted):
+        print(f"{len(wanted) - len(left)} of {len(wanted)} trials hold already, in {chosen.json}", flush=True)
+    return left
+
+
+def try_all(chosen: argparse.Namespace, folder: Path) -> list[Outcome]:
+    """Try what was asked for, and keep each outcome as soon as it is there.
+
+    Raises:
+        BundleError, ExtraError: nothing can be tried.
+    """
+    kept = extra_results.read(chosen.json) if chosen.json else []
+    new: list[Outcome] = []
+    try:
+        if not (wanted := trials(chosen, kept)):
+            return new
+        wheel = chosen.wheel.resolve() if chosen.wheel else own_wheel(Path(tempfile.mkdtemp(dir=folder)))
+        for number, (extra, at) in enumerate(wanted, 1):
+            print(f"trial {number} of {len(wanted)}: {extra} at its {at}", flush=True)
+            new.append(try_extra(extra, at, wheel, folder / f"{extra}-{at}", chosen.pytest))
+            if chosen.json:
+                kept = extra_results.merged(kept, new[-1])
+                extra_results.write(chosen.json, kept)
+            if not chosen.folder:
+                shutil.rmtree(folder / f"{extra}-{at}", ignore_errors=True)
+    finally:
+        print(extra_results.summary(new), flush=True)
+    return new
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Try one extra or all; 1 if one does not hold."""
+    """Try extras; 1 if one does not hold."""
     chosen = options(arguments)
+    signal.signal(signal.SIGTERM, setup_env.interrupted)
     # Tests import a small part of what is installed: that is compiled when it is imported
     os.environ.setdefault("PIP_NO_COMPILE", "1")
     folder = chosen.folder or Path(tempfile.mkdtemp(prefix="simwarp-extras-"))
-    folder.mkdir(parents=True, exist_ok=True)
-    outcomes, wrong = [], []
     try:
-        wheel = chosen.wheel.resolve() if chosen.wheel else own_wheel(Path(tempfile.mkdtemp(dir=folder)))
-        for extra in TRIALS if chosen.extra == "all" else [chosen.extra]:
-            try:
-                outcomes.append(try_extra(extra, chosen.at, wheel, folder / f"{extra}-{chosen.at}", chosen.pytest))
-                if outcomes[-1].failed:
-                    wrong.append(f"{extra}: {outcomes[-1].failed} tests failed")
-            except (ExtraError, SetupError, TorchError, PipError) as error:
-                wrong.append(f"{extra}: {error}")
-            if not chosen.folder:
-                shutil.rmtree(folder / f"{extra}-{chosen.at}", ignore_errors=True)
-    except BundleError as error:
-        wrong.append(str(error))
+        folder.mkdir(parents=True, exist_ok=True)
+        outcomes = try_all(chosen, folder.resolve())
+    except (BundleError, ExtraError) as error:
+        print(f"extras: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"extras: {error.filename or folder}: {error.strerror}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        kept = f"; outcomes until then are in {chosen.json}: run it again and it goes on" if chosen.json else ""
+        print(f"extras: interrupted{kept}", file=sys.stderr)
+        return 130
     finally:
         if not chosen.folder:
             shutil.rmtree(folder, ignore_errors=True)
-    for each in outcomes:
-        print(f"{each.extra:<8} {each.at}: {each.passed} passed, {each.skipped} skipped, {each.failed} failed")
-    if chosen.json:
-        chosen.json.write_text(json.dumps([asdict(each) for each in outcomes], indent=2) + "\n", encoding="utf-8")
-    for line in wrong:
-        print(f"extras: {' '.join(line.split())}", file=sys.stderr)
+    wrong = [each for each in outcomes if not each.holds]
+    for each in wrong:
+        print(f"extras: {each.extra} at its {each.at}: {each.text}", file=sys.stderr)
     return 1 if wrong else 0
 
 

@@ -1,16 +1,20 @@
 """Floors and ceilings of extras: every extra has tests, the lowest versions are chosen, and torch is left alone."""
 
+import json
 import os
 import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from packaging.requirements import Requirement
+from packaging.version import Version
 
-from scripts import extras
+from scripts import extra_results, extras
+from scripts.extra_results import Outcome
 
 from .fake_wheels import write_wheel
 from .test_setup_env import bare_environment
@@ -78,7 +82,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheels))
-    monkeypatch.setattr(extras, "ROOT", tmp_path)
+    monkeypatch.setattr(extra_results, "ROOT", tmp_path)
     monkeypatch.setattr(extras, "RUNNERS", ())
     monkeypatch.setattr(extras, "TRIALS", {name: extras.Trial(("x",)) for name in ("core", "fine", "bad")})
     python = bare_environment(tmp_path / "env")
@@ -131,7 +135,123 @@ def test_passed_and_failed_are_counted(tmp_path, monkeypatch):
 
 
 def test_the_command_line_names_the_extras(capsys):
-    with pytest.raises(SystemExit):
-        extras.options(["vewer", "--at", "floor"])
-    assert re.search(r"invalid choice: '?vewer'?", capsys.readouterr().err)
+    for words in (["vewer", "--at", "floor"], ["mcap", "vewer", "--at", "floor"]):
+        with pytest.raises(SystemExit):
+            extras.options(words)
+        assert re.search(r"invalid choice: '?vewer'?", capsys.readouterr().err)
     assert extras.options(["mcap", "--at", "floor", "--", "-k", "x"]).pytest == ["-k", "x"]
+    with pytest.raises(SystemExit):
+        extras.options(["mcap", "--at", "floor", "--json", "x.json", "--", "-k", "x"])
+    assert "--json: a part of the tests" in capsys.readouterr().err
+
+
+def outcome(extra, at, said=(), **changed):
+    fields: dict[str, Any] = {
+        "passed": 3,
+        "skipped": 0,
+        "failed": 0,
+        "error": "",
+        "wall_s": 1.0,
+        "date": "2026-01-02",
+    } | changed
+    return Outcome(extra, at, list(said), {"demo": "1.0"}, "2.0+cpu", "3.11.7", **fields)
+
+
+@pytest.fixture
+def tries(monkeypatch, tmp_path):
+    """Trials that make no environments: what is tried, in order; one that is named in the set does not hold."""
+    text = '[project]\ndependencies = ["core>=1.0"]\n[project.optional-dependencies]\n'
+    text += 'fine = ["fine>=1.1"]\nbad = ["bad>=1.0"]\ndev = []\n'
+    (tmp_path / "pyproject.toml").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(extra_results, "ROOT", tmp_path)
+    monkeypatch.setattr(extras, "TRIALS", {name: extras.Trial(("x",)) for name in ("core", "fine", "bad")})
+    tried: list[tuple[str, str]] = []
+    wrong: dict[tuple[str, str], object] = {}
+
+    def trial(extra, at, *_):
+        tried.append((extra, at))
+        if isinstance(reason := wrong.get((extra, at), ""), BaseException):
+            raise reason
+        return outcome(extra, at, extra_results.requirements(extra), error=reason)
+
+    monkeypatch.setattr(extras, "try_extra", trial)
+    words = ["--wheel", "x.whl", "--folder", str(tmp_path / "envs"), "--json", str(tmp_path / "tried.json")]
+    return tried, wrong, words
+
+
+def test_what_was_tried_is_kept_after_each_extra_and_not_tried_again(tries, capsys, tmp_path):
+    tried, wrong, words = tries
+    wrong["fine", "ceiling"] = KeyboardInterrupt()
+    assert extras.main(["all", "--at", "both", *words]) == 130
+    assert "run it again and it goes on" in capsys.readouterr().err
+    assert tried == [("core", "floor"), ("core", "ceiling"), ("fine", "floor"), ("fine", "ceiling")]
+    kept = extra_results.read(tmp_path / "tried.json")
+    assert [(each.extra, each.at) for each in kept] == tried[:3]
+    tried.clear()
+    wrong.clear()
+    wrong["bad", "floor"] = "no wheel of bad"
+    assert extras.main(["all", "--at", "both", *words]) == 1
+    assert tried == [("fine", "ceiling"), ("bad", "floor"), ("bad", "ceiling")]
+    output = capsys.readouterr()
+    assert output.out.startswith("3 of 6 trials hold already")
+    assert output.err == "extras: bad at its floor: 3 passed; no wheel of bad\n"
+    # What does not hold, and what is said otherwise now, is tried again
+    tried.clear()
+    wrong.clear()
+    project = (tmp_path / "pyproject.toml").read_text(encoding="utf-8").replace("fine>=1.1", "fine>=1.2")
+    (tmp_path / "pyproject.toml").write_text(project, encoding="utf-8")
+    assert extras.main(["all", "--at", "both", *words]) == 0
+    assert tried == [("fine", "floor"), ("fine", "ceiling"), ("bad", "floor")]
+    tried.clear()
+    assert extras.main(["all", "--at", "both", *words]) == 0
+    assert tried == []
+    assert extras.main(["bad", "fine", "--at", "floor", "--again", *words]) == 0
+    assert tried == [("bad", "floor"), ("fine", "floor")]
+    assert len(extra_results.read(tmp_path / "tried.json")) == 6
+
+
+def test_a_file_of_something_else_is_refused_in_one_line(tries, capsys, tmp_path):
+    tried, _, words = tries
+    (tmp_path / "tried.json").write_text("[{}]", encoding="utf-8")
+    assert extras.main(["all", "--at", "floor", *words]) == 1
+    assert tried == []
+    assert re.fullmatch(r"extras: \S+tried.json: no outcomes of extras .*\n", capsys.readouterr().err)
+    assert json.loads((tmp_path / "tried.json").read_text(encoding="utf-8")) == [{}]
+
+
+def test_the_table_has_both_ends_of_every_extra():
+    tried = [outcome("core", "floor"), outcome("core", "ceiling", skipped=2, passed=5, date="2026-01-03")]
+    lines = extra_results.table(tried, ["core"]).splitlines()
+    assert lines[2:] == [
+        "| `core` | demo 1.0 | 3 passed | demo 1.0 | 5 passed, 2 skipped | 2026-01-02, 2026-01-03 |",
+    ]
+    with pytest.raises(extra_results.ExtraError, match="'mcap' was not tried at its floor"):
+        extra_results.table(tried, ["core", "mcap"])
+
+
+def test_the_page_shows_what_was_tried():
+    page = extra_results.PAGE.read_text(encoding="utf-8")
+    kept = extra_results.read(extra_results.RESULTS)
+    made = extra_results.with_table(page, kept, list(extras.TRIALS))
+    assert made == page, "run: python -m scripts.extra_results"
+    other = [outcome(each.extra, each.at) for each in kept]
+    assert extra_results.with_table(page, other, list(extras.TRIALS)) != page
+
+
+@pytest.mark.parametrize("at", extra_results.ENDS)
+@pytest.mark.parametrize("extra", extras.TRIALS)
+def test_every_extra_holds_at_both_ends_by_what_the_project_says_now(extra, at):
+    kept = extra_results.read(extra_results.RESULTS)
+    again = f"python -m scripts.extras {extra} --at {at} --json benchmarks/results/extras.json"
+    assert extra_results.done(kept, extra, at), f"run: {again}"
+
+
+@pytest.mark.parametrize("extra", extras.TRIALS)
+def test_floors_that_were_tried_are_those_of_the_project(extra):
+    """A floor is a version that exists: what was installed is what is written, but for zeros at its end."""
+    floor = next(
+        each for each in extra_results.read(extra_results.RESULTS) if (each.extra, each.at) == (extra, "floor")
+    )
+    for each in extra_results.named(extra):
+        bound = next(part.version for part in each.specifier if part.operator == ">=")
+        assert Version(floor.versions[each.name]) == Version(bound), each
