@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -13,8 +14,8 @@ import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from scripts import extra_results, extras
-from scripts.extra_results import Outcome
+from scripts import extra_environments, extra_results, extras
+from scripts.extra_results import CORE, ENDS, Outcome
 
 from .fake_wheels import write_wheel
 from .test_setup_env import bare_environment
@@ -25,10 +26,13 @@ EXTRAS = [name for name in PROJECT["optional-dependencies"] if name != "dev"]
 
 
 def test_every_extra_is_tried_by_tests_that_are_there():
-    assert list(extras.TRIALS) == [extras.CORE, *EXTRAS]
+    assert list(extras.TRIALS) == [CORE, *EXTRAS]
     for name, trial in extras.TRIALS.items():
-        assert trial.tests, name
+        assert trial.tests or trial.slow, name
         assert all((ROOT / test).exists() for test in trial.tests), name
+        for test in trial.slow:
+            file, _, function = test.partition("::")
+            assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8"), test
 
 
 def test_the_workflow_tries_every_extra_at_both_ends():
@@ -55,12 +59,12 @@ def test_every_requirement_has_a_floor():
     ],
 )
 def test_the_floor_is_the_lowest_version_that_is_admitted(requirement, versions, expected):
-    assert extras.lowest(Requirement(requirement), versions) == expected
+    assert extra_environments.lowest(Requirement(requirement), versions) == expected
 
 
 def test_no_version_is_one_line():
-    with pytest.raises(extras.ExtraError, match=r"^no wheel of demo>=3 for Python 3\.\d+$"):
-        extras.lowest(Requirement("demo>=3"), ["1.0", "2.0"])
+    with pytest.raises(extra_results.ExtraError, match=r"^no wheel of demo>=3 for Python 3\.\d+$"):
+        extra_environments.lowest(Requirement("demo>=3"), ["1.0", "2.0"])
 
 
 @pytest.fixture
@@ -83,20 +87,19 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheels))
     monkeypatch.setattr(extra_results, "ROOT", tmp_path)
-    monkeypatch.setattr(extras, "RUNNERS", ())
-    monkeypatch.setattr(extras, "TRIALS", {name: extras.Trial(("x",)) for name in ("core", "fine", "bad")})
+    monkeypatch.setattr(extra_environments, "RUNNERS", ())
     python = bare_environment(tmp_path / "env")
-    extras.pip(python, "torch==1.0")
+    extra_environments.pip(python, "torch==1.0")
     return python, own
 
 
 @pytest.mark.slow
 def test_the_lowest_and_the_newest_are_installed(small):
     python, wheel = small
-    found = extras.install(python, wheel, "fine", "floor")
+    found = extra_environments.install(python, wheel, "fine", "floor")
     assert {name: found[name] for name in ("core", "fine", "torch")} == {"core": "1.0", "fine": "1.1", "torch": "1.0"}
-    extras.pip(python, "--upgrade", "core", "fine")
-    found = extras.install(python, wheel, "fine", "ceiling")
+    extra_environments.pip(python, "--upgrade", "core", "fine")
+    found = extra_environments.install(python, wheel, "fine", "ceiling")
     assert {name: found[name] for name in ("core", "fine", "torch")} == {"core": "1.5", "fine": "2.0", "torch": "1.0"}
 
 
@@ -105,9 +108,9 @@ def test_the_lowest_and_the_newest_are_installed(small):
 def test_an_extra_that_brings_another_torch_is_refused_before_it_is_installed(small, at):
     python, wheel = small
     with pytest.raises(extras.ExtraError, match=f"extra 'bad' at its {at} brings another torch: torch 2.0"):
-        extras.install(python, wheel, "bad", at)
-    assert "bad" not in extras.versions_in(python)
-    assert extras.versions_in(python)["torch"] == "1.0"
+        extra_environments.install(python, wheel, "bad", at)
+    assert "bad" not in extra_environments.versions_in(python)
+    assert extra_environments.versions_in(python)["torch"] == "1.0"
 
 
 @pytest.mark.parametrize(
@@ -132,6 +135,42 @@ def test_passed_and_failed_are_counted(tmp_path, monkeypatch):
     monkeypatch.setattr(extras, "ROOT", tmp_path)
     monkeypatch.setattr(extras, "TRIALS", {"demo": extras.Trial(("test_it.py",))})
     assert extras.run_tests(Path(sys.executable), "demo", []) == (2, 0, 1)
+
+
+def test_slow_tests_that_belong_to_a_trial_are_run_too(tmp_path, monkeypatch):
+    text = (
+        "import pytest\n\n\ndef test_a():\n    pass\n\n\n@pytest.mark.slow\n@pytest.mark.parametrize('n', range(3))\n"
+    )
+    (tmp_path / "test_it.py").write_text(text + "def test_b(n):\n    assert n\n", encoding="utf-8")
+    monkeypatch.setattr(extras, "ROOT", tmp_path)
+    for trial, expected in (
+        (extras.Trial(("test_it.py",)), (1, 0, 0)),
+        (extras.Trial(("test_it.py",), slow=("test_it.py::test_b",)), (3, 0, 1)),
+        (extras.Trial(slow=("test_it.py::test_b",)), (2, 0, 1)),
+    ):
+        monkeypatch.setattr(extras, "TRIALS", {"demo": trial})
+        assert extras.run_tests(Path(sys.executable), "demo", []) == expected
+
+
+def test_a_package_that_no_test_imports_was_not_tried(tmp_path):
+    """What processes of an environment import is noted, of those too that others start."""
+    wheels = tmp_path / "wheels"
+    for name in ("used", "unused"):
+        write_wheel(wheels, f"{name}_one", "1.0", module=name)
+    base = bare_environment(tmp_path / "base-floor")
+    folder = tmp_path / "base-floor"
+    done = subprocess.run(
+        [str(base), "-m", "pip", "install", "-q", "--no-index", f"--find-links={wheels}", "used-one", "unused-one"],
+        env=extra_environments.pip_environment(), check=False,
+    )  # fmt: skip
+    assert done.returncode == 0
+    extra_environments.note_imports(folder)
+    requirements = [Requirement(name) for name in ("used-one", "unused-one")]
+    code = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import used'], check=True)"
+    subprocess.run([str(base), "-c", code], env=extra_environments.trial_environment(base), check=True)
+    assert extra_environments.not_imported(base, requirements) == ["unused-one"]
+    extra_environments.note_imports(folder)
+    assert extra_environments.not_imported(base, requirements) == ["used-one", "unused-one"]
 
 
 def test_the_command_line_names_the_extras(capsys):
@@ -238,7 +277,7 @@ def test_the_page_shows_what_was_tried():
     assert extra_results.with_table(page, other, list(extras.TRIALS)) != page
 
 
-@pytest.mark.parametrize("at", extra_results.ENDS)
+@pytest.mark.parametrize("at", ENDS)
 @pytest.mark.parametrize("extra", extras.TRIALS)
 def test_every_extra_holds_at_both_ends_by_what_the_project_says_now(extra, at):
     kept = extra_results.read(extra_results.RESULTS)
