@@ -204,7 +204,11 @@ def make_environment(folder: Path, at: str) -> tuple[Path, str]:
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
     for each in site_packages(base).iterdir():
         place = site_packages(folder) / each.name
-        if each.is_dir():
+        if each.name == "torch" and os.name != "nt":
+            # The half of all files, and what is refused before it changes
+            if not place.exists():
+                place.symlink_to(each, target_is_directory=True)
+        elif each.is_dir():
             shutil.copytree(each, place, copy_function=linked, dirs_exist_ok=True)
         else:
             linked(str(each), str(place))

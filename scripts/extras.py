@@ -93,6 +93,7 @@ TRIALS = {
     ),
     "sb3": Trial(
         ("tests/tasks/adapters/test_sb3_adapter.py",),
+        ("moviepy",),
         slow=("tests/tasks/adapters/test_sb3_adapter.py::test_ppo_learns",),
     ),
     "skrl": Trial(("tests/tasks/adapters/test_skrl_adapter.py",)),
