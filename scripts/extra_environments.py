@@ -18,7 +18,7 @@ from packaging.version import Version
 
 from scripts import setup_env
 from scripts.bundle_wheels import pins
-from scripts.extra_results import CORE, ExtraError, named
+from scripts.extra_results import CORE, ExtraError, named, requirements
 from scripts.pip_calls import offered, pip_environment, pip_reason
 from scripts.torch_build import has_cuda
 
@@ -197,9 +197,11 @@ def make_environment(folder: Path, at: str) -> tuple[Path, str]:
         ExtraError, SetupError, TorchError, PipError: it cannot be made.
     """
     base, python = folder.with_name(f"base-{at}"), setup_env.environment_python(folder)
-    if not (base / "made").exists():
+    made, said = base / "requirements.txt", "\n".join(requirements(CORE))
+    if not made.exists() or made.read_text(encoding="utf-8") != said:
+        shutil.rmtree(base, ignore_errors=True)
         make_base(base, at)
-        (base / "made").touch()
+        made.write_text(said, encoding="utf-8")
     # Its pip is the base's, too
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
     for each in site_packages(base).iterdir():
