@@ -199,7 +199,8 @@ def make_environment(folder: Path, at: str) -> tuple[Path, str]:
     base, python = folder.with_name(f"base-{at}"), setup_env.environment_python(folder)
     made, said = base / "requirements.txt", "\n".join(requirements(CORE))
     if not made.exists() or made.read_text(encoding="utf-8") != said:
-        shutil.rmtree(base, ignore_errors=True)
+        if (base / "pyvenv.cfg").exists():
+            shutil.rmtree(base, ignore_errors=True)
         make_base(base, at)
         made.write_text(said, encoding="utf-8")
     # Its pip is the base's, too
@@ -218,7 +219,7 @@ def make_environment(folder: Path, at: str) -> tuple[Path, str]:
     return python, setup_env.installed_torch(python)
 
 
-def not_imported(python: Path, requirements: Sequence[Requirement]) -> list[str]:
+def not_imported(python: Path, wanted: Sequence[Requirement]) -> list[str]:
     """Packages of an environment of which no process has noted an import; those without modules are not meant."""
     code = "import importlib.metadata as m, json; print(json.dumps(m.packages_distributions()))"
     done = subprocess.run([str(python), "-I", "-c", code], capture_output=True, encoding="utf-8", check=True)
@@ -228,5 +229,5 @@ def not_imported(python: Path, requirements: Sequence[Requirement]) -> list[str]
     for module, packages in json.loads(done.stdout).items():
         for package in packages:
             modules.setdefault(canonicalize_name(package), set()).add(module)
-    own = {each.name: modules.get(canonicalize_name(each.name), set()) for each in requirements}
+    own = {each.name: modules.get(canonicalize_name(each.name), set()) for each in wanted}
     return [name for name, offered in own.items() if offered and not offered & imported]
