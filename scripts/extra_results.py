@@ -121,21 +121,20 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def table(outcomes: Sequence[Outcome], extras: Sequence[str]) -> str:
-    """The table of the page, in Markdown: a row for each extra.
-
-    Raises:
-        ExtraError: an extra was not tried at an end.
-    """
+    """The table of the page, in Markdown: a row for each extra, which says so where it was not tried."""
     by_trial = {(each.extra, each.at): each for each in outcomes}
     lines = ["| extra | floor | tests | ceiling | tests | on |", "|---|---|---|---|---|---|"]
     for extra in extras:
-        if missing := [at for at in ENDS if (extra, at) not in by_trial]:
-            raise ExtraError(f"extra '{extra}' was not tried at its {missing[0]}; python -m scripts.extras tries it")
-        ends = [by_trial[extra, at] for at in ENDS]
-        cells = [cell for each in ends for cell in (versions_text(each), each.text.replace("|", "/"))]
-        dates = ", ".join(sorted({each.date for each in ends}))
+        ends = [by_trial.get((extra, at)) for at in ENDS]
+        cells = [cell for each in ends for cell in (("", "not tried") if each is None else cells_of(each))]
+        dates = ", ".join(sorted({each.date for each in ends if each is not None}))
         lines.append(f"| {' | '.join([f'`{extra}`', *cells, dates])} |")
     return "\n".join(lines) + "\n"
+
+
+def cells_of(outcome: Outcome) -> tuple[str, str]:
+    """Versions and tests, as cells of the table."""
+    return versions_text(outcome), outcome.text.replace("|", "/")
 
 
 def with_table(page: str, outcomes: Sequence[Outcome], extras: Sequence[str]) -> str:
