@@ -97,7 +97,9 @@ def other_torch(report: str) -> list[str]:
 
 
 def install(python: Path, wheel: Path, extra: str, at: str, readers: Sequence[str] = ()) -> dict[str, str]:
-    """Install the wheel with an extra, and readers at the versions of constraints.txt; the versions of all packages.
+    """Install the wheel with an extra, and readers that go with it; the versions of all packages then.
+
+    Readers have the versions of constraints.txt, or older ones that fit what is tried.
 
     Raises:
         ExtraError: it cannot be installed, or another torch would be.
@@ -112,7 +114,7 @@ def install(python: Path, wheel: Path, extra: str, at: str, readers: Sequence[st
     held = [f"{name}=={version}" for name, version in installed.items() if name not in BUILDS_OF_TORCH]
     held = [pin for pin in held if not pin.startswith("simwarp==")]
     names = [canonicalize_name(name) for name in (*RUNNERS, *readers)]
-    wanted = [f"{name}=={tested[name]}" for name in names if name not in installed]
+    wanted = [f"{name}<={tested[name]}" for name in names if name not in installed]
     if not wanted:
         return installed
     # What the tests need changes nothing of what is tried

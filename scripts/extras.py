@@ -46,7 +46,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @dataclass(frozen=True)
 class Trial:
-    """Tests of an extra, and the packages that they read results back with, at the versions of constraints.txt."""
+    """Tests of an extra, and the packages that they read results back with."""
 
     tests: tuple[str, ...] = ()
     readers: tuple[str, ...] = ()
