@@ -203,6 +203,14 @@ def _servos(
 # ---- pairs that do not meet ------------------------------------------------------------------------------------------
 
 
+def _inverted(stage: Stage, path: Any) -> bool:
+    """Whether a collision group meets none but the groups that it lists.
+
+    What the parser says is memory that it has not set where the stage says nothing (OpenUSD 25.11 to 26.11).
+    """
+    return bool(stage.physics.CollisionGroup(stage.prim(path)).GetInvertFilteredGroupsAttr().Get())
+
+
 def _exclude(
     stage: Stage, bodies: BodyReader, builder: ModelBuilder, result: Assembled, prefix: str, report: ImportReport
 ) -> None:
@@ -235,7 +243,7 @@ def _exclude(
     for group in groups:
         own, listed = str(group.primPath), {str(other) for other in group.filteredGroups}
         report.hold("collision group", own)
-        apart = {str(g.primPath) for g in groups} - listed if group.invertFilteredGroups else listed
+        apart = {str(g.primPath) for g in groups} - listed if _inverted(stage, group.primPath) else listed
         for other in apart:
             part(members.get(own, []), members.get(other, []))
     for one, other in sorted(pairs):

@@ -58,6 +58,19 @@ def test_wandb_gets_every_iteration_and_needs_no_account(tmp_path, monkeypatch):
     assert len(read_progress(folder.progress)) == 3
 
 
+@pytest.mark.slow
+def test_wandb_itself_keeps_every_iteration_in_the_run_folder(tmp_path, monkeypatch):
+    """Its file is a log of records, uncompressed, of which each iteration has one with all names."""
+    pytest.importorskip("wandb")
+    monkeypatch.delenv("WANDB_MODE", raising=False)
+    folder = run(tmp_path, LoggerKind.WANDB)
+    (log,) = folder.path.glob("wandb/offline-run-*/run-*.wandb")
+    content = log.read_bytes()
+    for name in (b"train/mean_reward", b"loss/value", b"reward/near"):
+        assert content.count(name) >= 3, name
+    assert b"num_envs" in content
+
+
 def test_a_logger_that_is_not_installed_is_one_line_that_names_the_extra(tmp_path, monkeypatch, capfd):
     monkeypatch.setitem(sys.modules, "wandb", None)
     with pytest.raises(InputError, match="simwarp\\[wandb\\]"):

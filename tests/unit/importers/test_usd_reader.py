@@ -419,6 +419,32 @@ def test_groups_and_filtered_pairs(tmp_path):
     assert sorted(names, key=str) == sorted([{"a_cube", "b_cube"}, {"c_cube", "d_cube"}], key=str)
 
 
+@pytest.mark.parametrize(
+    ("line", "apart"),
+    [
+        ("", {("a", "b")}),
+        ("bool physics:invertFilteredGroups = false", {("a", "b")}),
+        ("bool physics:invertFilteredGroups = true", {("a", "c"), ("b", "c")}),
+    ],
+)
+def test_a_group_means_the_same_however_often_it_is_read(tmp_path, line, apart):
+    """Memory that a parser has not set holds either value, now and then."""
+    cubes = [body(name, inside=CUBE.format("").replace('"cube"', f'"{name}_cube"')) for name in "abc"]
+    groups = """def PhysicsCollisionGroup "NAME" (prepend apiSchemas = ["CollectionAPI:colliders"])
+{
+    rel collection:colliders:includes = [PATHS]
+    rel physics:filteredGroups = </g>
+    LINE
+}"""
+    first = groups.replace("NAME", "g").replace("PATHS", "</a>, </b>").replace("LINE", line)
+    second = groups.replace("NAME", "h").replace("PATHS", "</c>").replace("rel physics:filteredGroups = </g>", "")
+    text = stage(*cubes, first, second.replace("LINE", ""))
+    for _ in range(20):
+        builder = load(tmp_path, text).builder
+        found = {tuple(sorted(builder.shapes[i].name[0] for i in pair)) for pair in builder.excluded_shapes}
+        assert found == apart
+
+
 # ---- what is near, refused or wrong ----------------------------------------------------------------------------------
 
 DRIVEN = ["PhysicsDriveAPI:angular"]
