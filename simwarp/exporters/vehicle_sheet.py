@@ -85,7 +85,7 @@ def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
     mass, center = _masses(builder)
     places = [np.asarray(builder.bodies[side.spindle].pose.position, float) for side in parts.sides]
     x = [0.5 * (places[k][0] + places[k + 1][0]) for k in range(0, len(places), 2)]
-    ground = min(place[2] - spec.axles[side.axle].tire.radius for place, side in zip(places, parts.sides, strict=True))
+    ground = min(place[2] - spec.all_axles[side.axle].tire.radius for place, side in zip(places, parts.sides, strict=True))
     whole = [
         Fact("mass", _number(mass), "kg"),
         Fact("mass of the body alone", _number(builder.bodies[parts.chassis].mass), "kg"),
@@ -98,7 +98,7 @@ def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
         for name, part in (("first", share), ("second", 1.0 - share)):
             whole.append(Fact(f"load on the {name} axle at rest", _number(part * mass * GRAVITY), "N"))
     found = [Section("Vehicle", tuple(whole))]
-    for index, axle in enumerate(spec.axles):
+    for index, axle in enumerate(spec.all_axles):
         left, right = places[2 * index], places[2 * index + 1]
         lines = None if stands is None else stands.axles[index].lines
         found.append(Section(f"Axle {index}", tuple(_axle(axle, float(left[1] - right[1]), lines))))

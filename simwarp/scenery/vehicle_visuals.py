@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, Unpack
 
 import numpy as np
 
+from simwarp.core.rotation import frame_from_axis
 from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.solids import Array, mirrored, moved
@@ -18,8 +19,8 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle
 if TYPE_CHECKING:
     from simwarp.sensors.instances import PlainAppearanceOptions
     from simwarp.sensors.scene import Visuals
-    from simwarp.vehicle.construction import VehicleParts
-    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+    from simwarp.vehicle.construction import UnitParts, VehicleParts
+    from simwarp.vehicle.spec.vehicle_spec import Unit, VehicleSpec
     from simwarp.vehicle.vehicle_convoy import Convoy
 
 VEHICLES: Final = tuple(STYLES)
@@ -43,6 +44,11 @@ class VehicleVisuals:
 
 PLAIN: Final[Vec3] = (0.5, 0.1, 0.05)
 """Paint of a vehicle that is drawn from its shapes."""
+TRAILER_PAINT: Final[Vec3] = (0.55, 0.56, 0.58)
+"""Of trailers, unless a colour is given."""
+DARK: Final[Vec3] = (0.03, 0.03, 0.035)
+DRAWBAR: Final = 0.05
+"""Its radius [m]."""
 ALIKE: Final = 0.02
 """Wheelbase, track and tires that differ by a smaller share are those of the shipped vehicle."""
 
@@ -136,9 +142,40 @@ def add_vehicle_visual(
     for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(style, spec), strict=True)):
         place = pose()
         if not parts.has_wheel_bodies:  # the chassis carries its wheels as the vehicle stands
-            place = pose(np.add(parts.reference, standing_center(spec.axles[side.axle], index % 2)))
+            place = pose(np.add(parts.reference, standing_center(spec.all_axles[side.axle], index % 2)))
         instances.append(
             visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", pose=place, **appearance)
+        )  # fmt: skip
+    for number, (unit, part) in enumerate(zip(parts.units[1:], spec.units[1:], strict=True)):
+        instances += _show_trailer(visuals, unit, part, f"{prefix}trailer_{number}", color, appearance)
+    return instances
+
+
+def _show_trailer(
+    visuals: Visuals, unit: UnitParts, part: Unit, name: str, color: Vec3 | None, appearance: PlainAppearanceOptions
+) -> list[int]:  # fmt: skip
+    """A trailer's box, and the drawbar from it to the hitch where that lies outside of the box."""
+    paint = TRAILER_PAINT if color is None else color
+    size, center = np.array(part.chassis.size), np.array(part.chassis.size_center)
+    half = (0.5 * size).tolist()
+    instances = [
+        visuals.add_box(
+            unit.chassis, half=(half[0], half[1], half[2]), pose=pose(unit.reference + center), name=name, color=paint,
+            **appearance,
+        )
+    ]  # fmt: skip
+    assert part.hitch is not None  # of trailers
+    hitch, front = np.array(part.hitch.trailer_point), center[0] + half[0]
+    if hitch[0] > front:
+        foot = np.array([front, hitch[1], max(hitch[2], center[2] - half[2])])
+        way = hitch - foot
+        length = float(np.linalg.norm(way))
+        place = pose(unit.reference + 0.5 * (hitch + foot), frame_from_axis("drawbar", way / length))
+        instances.append(
+            visuals.add_capsule(
+                unit.chassis, radius=DRAWBAR, half_length=0.5 * length, name=f"{name}_drawbar", pose=place,
+                color=DARK, **appearance,
+            )
         )  # fmt: skip
     return instances
 
@@ -192,7 +229,7 @@ def _paint(style: BodyStyle, color: Vec3 | None) -> Array:
 
 def _wheels(style: BodyStyle, spec: VehicleSpec) -> tuple[VisualMesh, ...]:
     """Two per axle, left and right, in the sizes of its tires."""
-    left = [wheel_mesh(style, axle.tire.radius, axle.tire.width) for axle in spec.axles]
+    left = [wheel_mesh(style, axle.tire.radius, axle.tire.width) for axle in spec.all_axles]
     return tuple(wheel for mesh in left for wheel in (mesh, mirrored(mesh)))
 
 

@@ -25,7 +25,7 @@ def effort_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
 
     The torques are read from reactions of joints.
     """
-    names = wheel_names(len(vehicle.parts.spec.axles))
+    names = wheel_names(vehicle.parts.spec)
     found = [
         Channel(
             f"torque_{names[wheel]}_Nm", "N·m", "of the driveline on the wheel about its axle, positive forwards",
