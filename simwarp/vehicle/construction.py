@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from typing import Unpack
+from typing import Final, Unpack
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 from simwarp.vehicle.tires.parameter_vector import MODELS
+
+
+TRAILER_BOX: Final = "_trailer"
+"""Behind the name of a vehicle's box in contacts, before the trailer's number: that trailer's box."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,6 +202,8 @@ def add_chassis_box(
 ) -> int:  # fmt: skip
     """A box in contacts that stands for a vehicle: it meets other vehicles' and the world's shapes, its own never.
 
+    Each trailer gets one too, as large as its `chassis.size`, with `_trailer0` and so on behind the name.
+
     Args:
         builder: that `parts` was added to.
         parts: from `add_vehicle`.
@@ -215,7 +221,23 @@ def add_chassis_box(
     called = f"{parts.prefix}chassis_box" if name is None else name
     place = pose(parts.reference + finite_vector(called, "position", position, 3))
     shape = builder.add_shape_box(parts.chassis, half=half, pose=place, name=called, **options)
-    for body in parts.bodies:
-        if body != parts.chassis:
-            builder.exclude_collision(parts.chassis, body)
+    for number, (unit, described) in enumerate(zip(parts.units[1:], parts.spec.units[1:], strict=True)):
+        x, y, z = (0.5 * length for length in described.chassis.size)
+        builder.add_shape_box(
+            unit.chassis, half=(x, y, z), pose=pose(unit.reference + np.array(described.chassis.size_center)),
+            name=f"{called}{TRAILER_BOX}{number}", **options,
+        )  # fmt: skip
+    boxed = [unit.chassis for unit in parts.units]
+    for place_of, chassis in enumerate(boxed):
+        for body in parts.bodies:
+            if body not in boxed[: place_of + 1]:
+                builder.exclude_collision(chassis, body)
     return shape
+
+
+def trailer_boxes(builder: ModelBuilder, parts: VehicleParts) -> list[int]:
+    """The shapes that `add_chassis_box` added for trailers; none before that."""
+    pulled = {unit.chassis for unit in parts.units[1:]}
+    return [
+        index for index, shape in enumerate(builder.shapes) if shape.body in pulled and TRAILER_BOX in (shape.name or "")
+    ]

@@ -51,13 +51,17 @@ class Sample:
         return self._fetched[id(array)][1]
 
 
-def wheel_names(spec: VehicleSpec) -> tuple[str, ...]:
+def wheel_names(axles: int, behind: int = 0) -> tuple[str, ...]:
     """FL, FR of the first axle, RL, RR of the last, and 2L, 2R and so on of those between, from the front. Those of
-    trailers' axles go on with the numbers: behind a vehicle of two axles, 3L, 3R.
+    the `behind` axles of trailers go on with the numbers: behind a vehicle of two axles, 3L, 3R.
     """
-    own = len(spec.axles)
-    ends = {0: "F", own - 1: "R"} if own > 1 else {0: "F"}
-    return tuple(f"{ends.get(axle, str(axle + 1))}{side}" for axle in range(len(spec.all_axles)) for side in "LR")
+    ends = {0: "F", axles - 1: "R"} if axles > 1 else {0: "F"}
+    return tuple(f"{ends.get(axle, str(axle + 1))}{side}" for axle in range(axles + behind) for side in "LR")
+
+
+def wheel_names_of(spec: VehicleSpec) -> tuple[str, ...]:
+    """Those of a vehicle with its trailers."""
+    return wheel_names(len(spec.axles), len(spec.all_axles) - len(spec.axles))
 
 
 def articulation_names(spec: VehicleSpec) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from simwarp.vehicle.results.channel_samples import (
     along,
     articulation_names,
     entry,
-    wheel_names,
+    wheel_names_of,
 )
 from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
 from simwarp.vehicle.results.effort_channels import effort_channels
@@ -144,7 +144,7 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
             "depth in the soil" if on_soil else "of the tire",
         ),
     ]
-    for wheel, name in enumerate(wheel_names(vehicle.parts.spec)):
+    for wheel, name in enumerate(wheel_names_of(vehicle.parts.spec)):
         side = vehicle.parts.sides[wheel]
         for field, short, ending, unit, meaning in readings:
             found.append(
