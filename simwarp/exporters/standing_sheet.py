@@ -60,7 +60,9 @@ def standing_sheet(spec: VehicleSpec, found: Stance) -> list[StandingFact]:
     last = len(spec.axles) - 1  # without trailers' ones
     level = np.interp(com[0], x[[last, 0]], [design[last], design[0]]) if x[0] > x[last] else design[0]
     rows = [
-        _row("wheelbase", math.cos(pitch) * (x[0] - x[last]) + math.sin(pitch) * (z[0] - z[last]), found.wheelbase, "m"),
+        _row(
+            "wheelbase", math.cos(pitch) * (x[0] - x[last]) + math.sin(pitch) * (z[0] - z[last]), found.wheelbase, "m"
+        ),
         _row("centre of mass above the ground", math.cos(pitch) * com[2] + level, found.com_height, "m"),
         _row("pitch, nose down", math.degrees(pitch), math.degrees(found.pitch), "°"),
     ]

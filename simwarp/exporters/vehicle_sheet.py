@@ -86,7 +86,9 @@ def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
     mass, center = _masses(builder)
     places = [np.asarray(builder.bodies[side.spindle].pose.position, float) for side in parts.sides]
     x = [0.5 * (places[k][0] + places[k + 1][0]) for k in range(0, len(places), 2)]
-    ground = min(place[2] - spec.all_axles[side.axle].tire.radius for place, side in zip(places, parts.sides, strict=True))
+    ground = min(
+        place[2] - spec.all_axles[side.axle].tire.radius for place, side in zip(places, parts.sides, strict=True)
+    )
     whole = [
         Fact("mass", _number(mass), "kg"),
         Fact("mass of the body alone", _number(builder.bodies[parts.chassis].mass), "kg"),

@@ -349,7 +349,9 @@ def input_gains(parts: VehicleParts, base: VehicleParts) -> Array:
         FitError: something else differs that they share.
     """
     steering = _factor([each.travel for each in base.steerings], [each.travel for each in parts.steerings])
-    torque = [[axle.brake.max_torque for axle in each.spec.all_axles if axle.brake is not None] for each in (base, parts)]
+    torque = [
+        [axle.brake.max_torque for axle in each.spec.all_axles if axle.brake is not None] for each in (base, parts)
+    ]
     braking = _factor(*torque)
     throttle = _engine_factor(base.spec.engine, parts.spec.engine)
     for what, before, after in (

@@ -77,7 +77,9 @@ def vehicle_visuals_of(name: str, *, color: Vec3 | None = None, spec: VehicleSpe
     high, low = high - radii[0], low - radii[1]
     points = body.vertices * (1.0 if factors is None else factors) + np.array([0.5 * (front + rear), 0.0, 0.0])
     points[:, 2] += low + (high - low) * (points[:, 0] - rear) / (front - rear) if front > rear else low
-    return VehicleVisuals(body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec.axles), places=places)
+    return VehicleVisuals(
+        body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec.axles), places=places
+    )
 
 
 def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:

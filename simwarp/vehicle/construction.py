@@ -27,7 +27,6 @@ from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 from simwarp.vehicle.tires.parameter_vector import MODELS
 
-
 TRAILER_BOX: Final = "_trailer"
 """Behind the name of a vehicle's box in contacts, before the trailer's number: that trailer's box."""
 
@@ -239,5 +238,7 @@ def trailer_boxes(builder: ModelBuilder, parts: VehicleParts) -> list[int]:
     """The shapes that `add_chassis_box` added for trailers; none before that."""
     pulled = {unit.chassis for unit in parts.units[1:]}
     return [
-        index for index, shape in enumerate(builder.shapes) if shape.body in pulled and TRAILER_BOX in (shape.name or "")
+        index
+        for index, shape in enumerate(builder.shapes)
+        if shape.body in pulled and TRAILER_BOX in (shape.name or "")
     ]

@@ -22,8 +22,9 @@ def add_hitch(builder: ModelBuilder, name: str, hitch: Hitch, towing: int, trail
         frame: the trailer's frame of reference in the world as built.
     """
     anchor = frame.position + rotate(frame.rotation, np.array(hitch.trailer_point))
-    pitch, yaw = Dof(limit=_either_way(hitch.pitch_limit)), Dof(
-        limit=_either_way(hitch.yaw_limit), friction=hitch.yaw_friction, damping=hitch.yaw_damping
+    pitch, yaw = (
+        Dof(limit=_either_way(hitch.pitch_limit)),
+        Dof(limit=_either_way(hitch.yaw_limit), friction=hitch.yaw_friction, damping=hitch.yaw_damping),
     )
     if hitch.kind == "ball":
         x, y, z, w = (float(part) for part in frame.rotation)

@@ -65,7 +65,7 @@ class AxleStance:
     """An axle; means of its two wheels."""
 
     ride_height: float
-    """Of the frame of reference above the ground, over the wheels as built [m]; of a trailer's axle of the trailer's."""
+    """Of the frame of reference above the ground, over the wheels as built [m]; trailers' axles have the trailer's."""
     travel: float
     """Of the wheels' centres upwards from where they are built, in that frame [m]."""
     toe: float

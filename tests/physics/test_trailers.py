@@ -81,8 +81,7 @@ STANDS = ScriptSpec()
 
 @pytest.mark.parametrize("name", TRAINS)
 def test_loads_of_axles_and_hitch_are_those_of_statics(name):
-    """Each unit is in balance, in forces and in moments about its hitch, with the load of the hitch that statics finds.
-    """
+    """Each unit is in balance, in forces and in moments about its hitch, with the hitch load that statics finds."""
     train = start(load_vehicle(name), STANDS, reactions=True)
     train.sim.step(5000)
     loads = train.vehicle.tires.load.numpy()[0].astype(float).reshape(-1, 2).sum(axis=1)
@@ -218,13 +217,14 @@ def test_a_slow_trailer_goes_along_the_tractrix_of_its_hitch():
     """
     steering = ((0.0, 0.0), (1.0, 0.6), (6.0, 0.6), (8.0, -0.8), (14.0, -0.8), (16.0, 0.0), (20.0, 0.0))
     train = start(load_vehicle("sedan-trailer"), ScriptSpec(steering=steering, speed=((0.0, 2.0),)), speed=2.0)
-    path, headings = [train.hitch_place()[:2]], [train.heading(1)]
+    path: list[Any] = [train.hitch_place()[:2]]
+    headings = [train.heading(1)]
     for _ in range(1000):
         train.sim.step(10)
         path.append(train.hitch_place()[:2])
         headings.append(train.heading(1))
     times = 0.02 * np.arange(len(path))
-    expected = tractrix(times, np.array(path), 0.0, 3.9)
+    expected = tractrix(times, np.array(path, np.float64), 0.0, 3.9)
     turned = np.unwrap(headings)
     assert np.ptp(turned) > 0.7
     np.testing.assert_allclose(turned, expected, atol=3e-3)
@@ -261,7 +261,7 @@ def linear_model(spec: VehicleSpec) -> SingleTrack:
         place = np.array([body.pose.position for body in bodies])
         com = mass @ place / mass.sum()
         away = place - com
-        inertia = sum(
+        inertia: Any = sum(
             (matrix_of(body.pose.rotation) @ body.inertia @ matrix_of(body.pose.rotation).T)[2, 2]
             + body.mass * (d[0] ** 2 + d[1] ** 2)
             for body, d in zip(bodies, away, strict=True)
@@ -276,10 +276,11 @@ def linear_model(spec: VehicleSpec) -> SingleTrack:
         stiffness.append(2.0 * side / small)
         trail.append(moment / side)
     x = loads.axle_x
-    (mass, com, inertia), (trailer_mass, trailer_com, trailer_inertia) = found[0], found[1]
+    (own_mass, own_com, own_inertia), (trailer_mass, trailer_com, trailer_inertia) = found[0], found[1]
     return SingleTrack(
-        mass=mass, inertia=inertia, front=x[0] - com, rear=com - x[1], hitch=com - hitch, trailer_mass=trailer_mass,
-        trailer_inertia=trailer_inertia, trailer_com=hitch - trailer_com, trailer_axle=hitch - x[2],
+        mass=own_mass, inertia=own_inertia, front=x[0] - own_com, rear=own_com - x[1], hitch=own_com - hitch,
+        trailer_mass=trailer_mass, trailer_inertia=trailer_inertia, trailer_com=hitch - trailer_com,
+        trailer_axle=hitch - x[2],
         stiffness=(stiffness[0], stiffness[1], stiffness[2]), trail=(trail[0], trail[1], trail[2]),
     )  # fmt: skip
 
@@ -491,7 +492,9 @@ def test_trains_of_other_worlds_change_nothing(name):
         inputs[:, 1] = 0.2
         vehicle.input.assign(inputs)
         sim.step(600)
-        return np.concatenate([sim.state.body_x.numpy().reshape(len(steering), -1), vehicle.articulation.numpy()], axis=1)
+        return np.concatenate(
+            [sim.state.body_x.numpy().reshape(len(steering), -1), vehicle.articulation.numpy()], axis=1
+        )
 
     alone, again, among = run([0.3]), run([0.3]), run([-0.2, 0.3, 0.0])
     np.testing.assert_array_equal(alone, again)

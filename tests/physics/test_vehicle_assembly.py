@@ -83,7 +83,11 @@ MOBILITY = dict.fromkeys(VEHICLES, 6 + 8 + 1) | {
     "skid-steer": 6 + 4,  # all wheels do, two by two with shafts, which are no bodies
     "pinned-axle": 6 + 4 + 3 + 1,  # two spins and one roll
     "bushings": 6 + 8 + 1 + 8 * 5,  # five more of each arm
-    "truck-semitrailer": 6 + 8 + 1 + 2 + 3 * 4,  # yaw and pitch on the fifth wheel; heave, roll and spins of three axles
+    "truck-semitrailer": 6
+    + 8
+    + 1
+    + 2
+    + 3 * 4,  # yaw and pitch on the fifth wheel; heave, roll and spins of three axles
     "sedan-trailer": 6 + 8 + 1 + 3 + 4,  # a ball
 }
 

@@ -1,9 +1,9 @@
 """Other tires, powertrains and drivelines for a vehicle, by name.
 
 They lie beside the shipped vehicles: data/NAME/tires, powertrains and drivelines, one file per option; of those on
-tracks, data/tracked/NAME/drivelines. Tires that
-differ between the axles have a folder for the front, one for the rear and, for trailers, one of theirs. `hmmwv-reduced` shares those of `hmmwv`:
-the folder is what stands before the first dash of a vehicle's name.
+tracks, data/tracked/NAME/drivelines. Tires that differ between the axles have a folder for the front, one for the rear
+and, for trailers, one of theirs. `hmmwv-reduced` shares those of `hmmwv`: the folder is what stands before the first
+dash of a vehicle's name.
 """
 
 from __future__ import annotations

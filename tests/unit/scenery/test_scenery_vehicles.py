@@ -17,7 +17,8 @@ from simwarp.viewer import FreeCamera
 from tests.unit.scenery.scenery_meshes import assert_outward, color_of
 
 CAMERAS = {"hmmwv": (1.5, 0.0, 0.875), "gator": (0.65, 0.0, 0.75), "artcar": (-0.075, 0.0, 0.15),
-           "sedan": (1.5, 0.0, 0.875), "skid-steer": (0.3, 0.0, 0.3), "truck": (3.25, 0.0, 1.3), "truck-semitrailer": (3.25, 0.0, 1.3)}  # fmt: skip
+           "sedan": (1.5, 0.0, 0.875), "skid-steer": (0.3, 0.0, 0.3),
+           "truck": (3.25, 0.0, 1.3), "truck-semitrailer": (3.25, 0.0, 1.3)}  # fmt: skip
 """Where the driving tasks mount their cameras, in the vehicle's frame [m]."""
 
 
