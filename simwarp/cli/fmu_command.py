@@ -56,7 +56,7 @@ def run(arguments: list[str]) -> int:
     spec = load_any_vehicle(name)
     if isinstance(spec, VehicleSpec):
         spec = with_options(spec, tire=options.tire, powertrain=options.powertrain, driveline=options.driveline)
-        if any(axle.tire.template == "soil-rigid" for axle in spec.axles):
+        if any(axle.tire.template == "soil-rigid" for axle in spec.all_axles):
             raise UsageError("--tire: must be driven on a road, got tires on soil; leave out --tire soil-rigid")
     else:
         if options.tire is not None:

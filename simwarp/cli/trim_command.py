@@ -102,7 +102,7 @@ def run(arguments: list[str]) -> int:
 def changed(before: VehicleSpec, after: VehicleSpec) -> list[dict[str, Any]]:
     """Parameters of the axles that a trim changed: axle, name, value before and after, unit."""
     found = []
-    for index, (old, new) in enumerate(zip(before.axles, after.axles, strict=True)):
+    for index, (old, new) in enumerate(zip(before.all_axles, after.all_axles, strict=True)):
         rows: list[tuple[str, float | None, float | None, str]] = [
             ("tie rod", tierod_length(old.suspension), tierod_length(new.suspension), "m")
         ]
@@ -209,7 +209,7 @@ def _print_states(console: Console, spec: VehicleSpec, states: Sequence[tuple[St
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("", no_wrap=True)
     columns = []
-    for index in range(len(spec.axles)):
+    for index in range(len(spec.all_axles)):
         for (standing, rolling), when in zip(states, ("before", "after"), strict=False):
             heading = f"axle {index}" if len(states) == 1 else f"axle {index}\n{when}"
             table.add_column(heading, justify="right")

@@ -56,10 +56,13 @@ def standing_sheet(spec: VehicleSpec, found: Stance) -> list[StandingFact]:
     x = centers[:, :, 0].mean(axis=1)
     z = centers[:, :, 2].mean(axis=1)
     design = [axle.ride_height + math.cos(found.pitch) * axle.travel for axle in found.axles]
-    pitch = _pitch(design, x)
-    level = np.interp(com[0], x[[-1, 0]], [design[-1], design[0]]) if x[0] > x[-1] else design[0]
+    pitch = _pitch(design[: len(spec.axles)], x[: len(spec.axles)])
+    last = len(spec.axles) - 1  # without trailers' ones
+    level = np.interp(com[0], x[[last, 0]], [design[last], design[0]]) if x[0] > x[last] else design[0]
     rows = [
-        _row("wheelbase", math.cos(pitch) * (x[0] - x[-1]) + math.sin(pitch) * (z[0] - z[-1]), found.wheelbase, "m"),
+        _row(
+            "wheelbase", math.cos(pitch) * (x[0] - x[last]) + math.sin(pitch) * (z[0] - z[last]), found.wheelbase, "m"
+        ),
         _row("centre of mass above the ground", math.cos(pitch) * com[2] + level, found.com_height, "m"),
         _row("pitch, nose down", math.degrees(pitch), math.degrees(found.pitch), "°"),
     ]
@@ -80,7 +83,7 @@ def standing_sheet(spec: VehicleSpec, found: Stance) -> list[StandingFact]:
 def standing_notes(spec: VehicleSpec, found: Stance) -> list[str]:
     """Sentences about what of a standing vehicle is far from its design, or on a stop."""
     notes = []
-    for index, (axle, stands) in enumerate(zip(spec.axles, found.axles, strict=True)):
+    for index, (axle, stands) in enumerate(zip(spec.all_axles, found.axles, strict=True)):
         if abs(stands.travel) > min(TOLD, TOLD_SHARE * axle.tire.radius):
             side = "lower" if stands.travel > 0.0 else "higher"
             notes.append(

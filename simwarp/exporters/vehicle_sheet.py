@@ -13,6 +13,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.path_tracking import wheelbase
 from simwarp.vehicle.rigs.spring_rates import rate_range, spring_rate, without_stops
+from simwarp.vehicle.rigs.standing_loads import standing_loads
 from simwarp.vehicle.spec.parts import UNITS as KEY_UNITS, ForceLine, RigidPart, Spec
 from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import AntirollBar, Axle, VehicleSpec
@@ -85,7 +86,9 @@ def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
     mass, center = _masses(builder)
     places = [np.asarray(builder.bodies[side.spindle].pose.position, float) for side in parts.sides]
     x = [0.5 * (places[k][0] + places[k + 1][0]) for k in range(0, len(places), 2)]
-    ground = min(place[2] - spec.axles[side.axle].tire.radius for place, side in zip(places, parts.sides, strict=True))
+    ground = min(
+        place[2] - spec.all_axles[side.axle].tire.radius for place, side in zip(places, parts.sides, strict=True)
+    )
     whole = [
         Fact("mass", _number(mass), "kg"),
         Fact("mass of the body alone", _number(builder.bodies[parts.chassis].mass), "kg"),
@@ -97,14 +100,28 @@ def _of_wheels(spec: VehicleSpec, stands: Stance | None) -> list[Section]:
         share = (center[0] - x[1]) / (x[0] - x[1])
         for name, part in (("first", share), ("second", 1.0 - share)):
             whole.append(Fact(f"load on the {name} axle at rest", _number(part * mass * GRAVITY), "N"))
+    elif spec.trailers:
+        whole += _train(spec)
     found = [Section("Vehicle", tuple(whole))]
-    for index, axle in enumerate(spec.axles):
+    for index, axle in enumerate(spec.all_axles):
         left, right = places[2 * index], places[2 * index + 1]
         lines = None if stands is None else stands.axles[index].lines
         found.append(Section(f"Axle {index}", tuple(_axle(axle, float(left[1] - right[1]), lines))))
     for mount in spec.steerings:
         found.append(Section("Steering", (Fact("kind", mount.steering.template), *_numbers(mount.steering))))
     return found
+
+
+def _train(spec: VehicleSpec) -> Iterator[Fact]:
+    """Loads of a vehicle with trailers, by the lever rule."""
+    loads = standing_loads(spec)
+    for index, load in enumerate(loads.wheel_load):
+        whose = "" if index < loads.own_axles else ", of a trailer,"
+        yield Fact(f"load on axle {index}{whose} at rest", _number(2.0 * load), "N")
+    for number, (trailer, load) in enumerate(zip(spec.trailers, loads.hitch_load, strict=True)):
+        yield Fact(f"trailer {number}", trailer.name)
+        yield Fact(f"hitch of trailer {number}", trailer.hitch.kind)
+        yield Fact(f"load on the hitch of trailer {number} at rest", _number(load), "N")
 
 
 def _axle(axle: Axle, track: float, stands: Sequence[LineStance] | None) -> Iterator[Fact]:

@@ -349,7 +349,9 @@ def input_gains(parts: VehicleParts, base: VehicleParts) -> Array:
         FitError: something else differs that they share.
     """
     steering = _factor([each.travel for each in base.steerings], [each.travel for each in parts.steerings])
-    torque = [[axle.brake.max_torque for axle in each.spec.axles if axle.brake is not None] for each in (base, parts)]
+    torque = [
+        [axle.brake.max_torque for axle in each.spec.all_axles if axle.brake is not None] for each in (base, parts)
+    ]
     braking = _factor(*torque)
     throttle = _engine_factor(base.spec.engine, parts.spec.engine)
     for what, before, after in (
@@ -415,7 +417,7 @@ def _explicit(tire: Tire) -> dict[str, Any]:
 
 def _tire_rows(parts: VehicleParts) -> Array:
     """(wheels, entries) parameter vectors."""
-    vectors = [tire_vector(axle.tire).values for axle in parts.spec.axles]
+    vectors = [tire_vector(axle.tire).values for axle in parts.spec.all_axles]
     rows = np.zeros((len(parts.sides), max(map(len, vectors))))
     for row, side in zip(rows, parts.sides, strict=True):
         row[: len(vectors[side.axle])] = vectors[side.axle]

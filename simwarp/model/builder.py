@@ -230,9 +230,17 @@ class ModelBuilder(Readable, ShapeList, FlexibleParts):
         """A slide along `axis`, fixed in the parent; q [m]. Arguments as for `add_joint_revolute`."""
         return self._add_single(JointType.PRISMATIC, name, parent, child, anchor, axis, options)
 
-    def add_joint_spherical(self, name: str, parent: int, child: int, *, anchor: Vec3, dofs: Sequence[Dof] = ()) -> int:
-        """A ball joint; q is the rotation vector [rad], qd the relative angular velocity, in axes of frame 0."""
-        return self._add(JointType.SPHERICAL, name, parent, child, anchor, None, dofs)
+    def add_joint_spherical(
+        self, name: str, parent: int, child: int, *, anchor: Vec3, rotation: Quat = (0.0, 0.0, 0.0, 1.0),
+        dofs: Sequence[Dof] = (),
+    ) -> int:  # fmt: skip
+        """A ball joint; q is the rotation vector [rad], qd the relative angular velocity, in axes of frame 0.
+
+        Args:
+            rotation: of frame 0's axes, which the parent carries, in the world as built, xyzw quaternion.
+        """
+        frame = checked_rotation(checked_name("joint", name), "rotation", rotation)
+        return self._add(JointType.SPHERICAL, name, parent, child, anchor, None, dofs, rotation=frame)
 
     def add_joint_cylindrical(
         self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()

@@ -130,16 +130,19 @@ def add_suspension_visuals(visuals: Visuals, parts: VehicleParts) -> list[int]:
         The instances.
     """
     instances = []
-    for number, axle in enumerate(parts.spec.axles):
+    shifts = [unit.origin for unit in parts.spec.units]
+    for number, axle in enumerate(parts.spec.all_axles):
+        unit = parts.unit_of(number)
+        reference = unit.reference - shifts[parts.units.index(unit)]
         for index, bar in enumerate(suspension_bars(axle)):
             way = bar.end - bar.start
             length = float(np.linalg.norm(way))
             if length == 0.0:
                 continue
-            place = pose(parts.reference + 0.5 * (bar.start + bar.end), frame_from_axis("link", way / length))
+            place = pose(reference + 0.5 * (bar.start + bar.end), frame_from_axis("link", way / length))
             instances.append(
                 visuals.add_capsule(
-                    parts.chassis, radius=THICK * bar.kind.thickness * axle.tire.radius, half_length=0.5 * length,
+                    unit.chassis, radius=THICK * bar.kind.thickness * axle.tire.radius, half_length=0.5 * length,
                     name=f"{parts.prefix}axle_{number}_bar_{index}", pose=place, color=bar.kind.color,
                 )
             )  # fmt: skip

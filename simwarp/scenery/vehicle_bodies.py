@@ -244,6 +244,31 @@ def _skid_steer(main: Array) -> list[VisualMesh]:
     ]  # fmt: skip
 
 
+def _tractor(main: Array) -> list[VisualMesh]:
+    """A cab over its engine on a frame, with a fifth wheel."""
+    return [
+        box((1.1, 1.22, 0.5), main, (2.1, 0.0, 1.2)), box((1.02, 1.2, 0.62), main, (2.08, 0.0, 2.32)),
+        box((0.02, 1.06, 0.4), _GLASS, (3.11, 0.0, 2.25)), *_pair((0.4, 0.015, 0.32), _GLASS, (2.55, 1.21, 2.25)),
+        box((0.02, 0.85, 0.25), _BLACK, (3.21, 0.0, 1.2)), *_pair((0.03, 0.2, 0.1), _LAMP, (3.2, 0.95, 0.85)),
+        box((0.14, 1.2, 0.15), _DARK, (3.1, 0.0, 0.56)), *_pair((0.05, 0.08, 0.24), _BLACK, (3.05, 1.36, 2.2)),
+        *_pair((0.04, 0.06, 0.02), _BLACK, (3.05, 1.25, 2.4)), box((0.5, 1.1, 0.2), main, (1.75, 0.0, 3.1)),
+        *_pair((2.7, 0.05, 0.13), _DARK, (0.15, 0.4, 0.9)), *_pair((0.55, 0.26, 0.28), _STEEL, (0.15, 0.9, 0.72)),
+        *_pair((0.66, 0.34, 0.02), _BLACK, (-1.85, 0.9, 1.12)), *_pair((0.03, 0.2, 0.07), _RED, (-2.55, 0.9, 0.85)),
+        box((0.42, 0.45, 0.05), _BLACK, (-1.25, 0.0, 1.09)), box((0.05, 1.1, 0.06), _DARK, (-2.5, 0.0, 0.62)),
+    ]  # fmt: skip
+
+
+def _truck(main: Array) -> list[VisualMesh]:
+    """The same with a loaded bed in place of the fifth wheel."""
+    bed = np.minimum(1.1 * tone("8d9296"), 1.0)
+    return [
+        *_tractor(main)[:-2], box((2.1, 1.24, 0.05), bed, (-1.2, 0.0, 1.2)),
+        *_pair((2.1, 0.03, 0.4), bed, (-1.2, 1.22, 1.6)), box((0.03, 1.2, 0.5), bed, (0.87, 0.0, 1.7)),
+        box((0.03, 1.2, 0.4), bed, (-3.28, 0.0, 1.6)), box((2.0, 1.16, 0.3), tone("7c6a4e"), (-1.2, 0.0, 1.5)),
+        *[box((0.03, 0.04, 0.42), _DARK, (x, side * 1.26, 1.6)) for x in (-2.6, -1.2, 0.2) for side in (1.0, -1.0)],
+    ]  # fmt: skip
+
+
 @dataclasses.dataclass(frozen=True)
 class BodyStyle:
     """Appearance of a vehicle, and the placement of its visual in its frame of reference.
@@ -271,6 +296,8 @@ STYLES: Final = {
     "gator": BodyStyle(_gator, tone("2f7d32"), tone("f2c20a"), 0.45, (2.95, 1.54, 1.83), (-0.007, 0.0)),
     "artcar": BodyStyle(_artcar, tone("d3261f"), tone("e6e6e6"), 0.62, (0.81, 0.42, 0.26), (-0.037, -0.035)),
     "skid-steer": BodyStyle(_skid_steer, tone("f2c20a"), tone("6a6d70"), 0.5, (0.99, 0.685, 0.4), (0.0, 0.0)),
+    "truck-semitrailer": BodyStyle(_tractor, tone("2b4d8f"), tone("c9ccd0"), 0.53, (6.0, 2.5, 3.3), (0.02, 0.02)),
+    "truck": BodyStyle(_truck, tone("b3402a"), tone("c9ccd0"), 0.53, (6.5, 2.5, 3.3), (0.02, 0.02)),
     "sedan": BodyStyle(_sedan, tone("2f66b0"), tone("c9ccd0"), 0.7, (4.85, 1.86, 1.46), (0.13, 0.005)),
 }
 PLAIN_STYLE: Final = BodyStyle(lambda _: [], _DARK, _STEEL, 0.55, (0.0, 0.0, 0.0), (0.0, 0.0))

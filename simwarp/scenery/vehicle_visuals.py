@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, Unpack
 
 import numpy as np
 
+from simwarp.core.rotation import frame_from_axis
 from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.solids import Array, mirrored, moved
 from simwarp.scenery.vehicle_bodies import PLAIN_STYLE, STYLES, BodyStyle, wheel_mesh
 from simwarp.scenery.visual import Label, Proxy, Visual
+from simwarp.vehicle.construction import trailer_boxes
 from simwarp.vehicle.reduced.reduced_construction import standing_center
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 if TYPE_CHECKING:
     from simwarp.sensors.instances import PlainAppearanceOptions
     from simwarp.sensors.scene import Visuals
-    from simwarp.vehicle.construction import VehicleParts
-    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+    from simwarp.vehicle.construction import UnitParts, VehicleParts
+    from simwarp.vehicle.spec.vehicle_spec import Axle, Unit, VehicleSpec
     from simwarp.vehicle.vehicle_convoy import Convoy
 
 VEHICLES: Final = tuple(STYLES)
@@ -31,7 +34,7 @@ class VehicleVisuals:
     """A vehicle's visual.
 
     Attributes:
-        body: in the vehicle's frame of reference (X forward, Y left, Z up), without wheels.
+        body: without trailers, in the vehicle's frame of reference (X forward, Y left, Z up), without wheels.
         wheels: front left, front right, rear left, rear right, about their own middles; they spin about y.
         places: (4, 3) middles of the wheels in the vehicle's frame when it stands on them [m].
     """
@@ -43,12 +46,17 @@ class VehicleVisuals:
 
 PLAIN: Final[Vec3] = (0.5, 0.1, 0.05)
 """Paint of a vehicle that is drawn from its shapes."""
+TRAILER_PAINT: Final[Vec3] = (0.55, 0.56, 0.58)
+"""Of trailers, unless a colour is given."""
+DARK: Final[Vec3] = (0.03, 0.03, 0.035)
+DRAWBAR: Final = 0.05
+"""Its radius [m]."""
 ALIKE: Final = 0.02
 """Wheelbase, track and tires that differ by a smaller share are those of the shipped vehicle."""
 
 
 def vehicle_visuals_of(name: str, *, color: Vec3 | None = None, spec: VehicleSpec | None = None) -> VehicleVisuals:
-    """The picture of a shipped vehicle: 430 to 700 triangles for its body, 280 for a wheel.
+    """The picture of a shipped vehicle without its trailers: 320 to 700 triangles for its body, 280 for a wheel.
 
     Args:
         name: one of `VEHICLES`, or that with a hyphen and more, such as "hmmwv-reduced".
@@ -69,7 +77,9 @@ def vehicle_visuals_of(name: str, *, color: Vec3 | None = None, spec: VehicleSpe
     high, low = high - radii[0], low - radii[1]
     points = body.vertices * (1.0 if factors is None else factors) + np.array([0.5 * (front + rear), 0.0, 0.0])
     points[:, 2] += low + (high - low) * (points[:, 0] - rear) / (front - rear) if front > rear else low
-    return VehicleVisuals(body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec), places=places)
+    return VehicleVisuals(
+        body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec.axles), places=places
+    )
 
 
 def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:
@@ -88,7 +98,7 @@ def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:
     body = moved(joined(style.parts(_paint(style, color))), (middle, 0.0, 0.0))
     wheels = [
         moved(wheel, (*place[:2], spec.axles[-(index // 2)].tire.radius))
-        for index, (wheel, place) in enumerate(zip(_wheels(style, spec), places.tolist(), strict=True))
+        for index, (wheel, place) in enumerate(zip(_wheels(style, spec.axles), places.tolist(), strict=True))
     ]
     mesh = joined([body, *wheels])
     (long, wide, tall), at = style.size, 0.5 * float(mesh.vertices[:, 0].min() + mesh.vertices[:, 0].max())
@@ -123,6 +133,7 @@ def add_vehicle_visual(
     spec = parts.spec
     name = spec.name if like is None else _kind(like)
     prefix = parts.prefix if prefix is None else prefix
+    visuals.hide(*trailer_boxes(visuals.builder, parts))
     own: PlainAppearanceOptions = {"label": int(Label.VEHICLE), "reflectance": 0.6}
     appearance = own | appearance
     if has_body(name):
@@ -133,12 +144,43 @@ def add_vehicle_visual(
     else:
         instances = [_show_box(visuals, parts, box, f"{prefix}body", PLAIN if color is None else color, appearance)]
     style = STYLES[_kind(name)] if has_body(name) else PLAIN_STYLE
-    for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(style, spec), strict=True)):
+    for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(style, spec.all_axles), strict=True)):
         place = pose()
         if not parts.has_wheel_bodies:  # the chassis carries its wheels as the vehicle stands
-            place = pose(np.add(parts.reference, standing_center(spec.axles[side.axle], index % 2)))
+            place = pose(np.add(parts.reference, standing_center(spec.all_axles[side.axle], index % 2)))
         instances.append(
             visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", pose=place, **appearance)
+        )  # fmt: skip
+    for number, (unit, part) in enumerate(zip(parts.units[1:], spec.units[1:], strict=True)):
+        instances += _show_trailer(visuals, unit, part, f"{prefix}trailer_{number}", color, appearance)
+    return instances
+
+
+def _show_trailer(
+    visuals: Visuals, unit: UnitParts, part: Unit, name: str, color: Vec3 | None, appearance: PlainAppearanceOptions
+) -> list[int]:  # fmt: skip
+    """A trailer's box, and the drawbar from it to the hitch where that lies outside of the box."""
+    paint = TRAILER_PAINT if color is None else color
+    size, center = np.array(part.chassis.size), np.array(part.chassis.size_center)
+    half = (0.5 * size).tolist()
+    instances = [
+        visuals.add_box(
+            unit.chassis, half=(half[0], half[1], half[2]), pose=pose(unit.reference + center), name=name, color=paint,
+            **appearance,
+        )
+    ]  # fmt: skip
+    assert part.hitch is not None  # of trailers
+    hitch, front = np.array(part.hitch.trailer_point), center[0] + half[0]
+    if hitch[0] > front:
+        foot = np.array([front, hitch[1], max(hitch[2], center[2] - half[2])])
+        way = hitch - foot
+        length = float(np.linalg.norm(way))
+        place = pose(unit.reference + 0.5 * (hitch + foot), frame_from_axis("drawbar", way / length))
+        instances.append(
+            visuals.add_capsule(
+                unit.chassis, radius=DRAWBAR, half_length=0.5 * length, name=f"{name}_drawbar", pose=place,
+                color=DARK, **appearance,
+            )
         )  # fmt: skip
     return instances
 
@@ -190,9 +232,9 @@ def _paint(style: BodyStyle, color: Vec3 | None) -> Array:
     return style.color if color is None else finite_vector("vehicle visual", "color", color, 3)
 
 
-def _wheels(style: BodyStyle, spec: VehicleSpec) -> tuple[VisualMesh, ...]:
+def _wheels(style: BodyStyle, axles: Sequence[Axle]) -> tuple[VisualMesh, ...]:
     """Two per axle, left and right, in the sizes of its tires."""
-    left = [wheel_mesh(style, axle.tire.radius, axle.tire.width) for axle in spec.axles]
+    left = [wheel_mesh(style, axle.tire.radius, axle.tire.width) for axle in axles]
     return tuple(wheel for mesh in left for wheel in (mesh, mirrored(mesh)))
 
 

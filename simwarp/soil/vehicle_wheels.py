@@ -27,12 +27,12 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
     """
     spec = vehicle.parts.spec
     if not isinstance(vehicle.tires, SoilTires):
-        found = ", ".join(dict.fromkeys(axle.tire.template for axle in spec.axles))
+        found = ", ".join(dict.fromkeys(axle.tire.template for axle in spec.all_axles))
         raise ModelError(
             f"soil: tires of vehicle '{spec.name}' must be {TEMPLATE}, got {found}, which do not deform it; "
             f"with_options(spec, tire='{TEMPLATE}'), or --tire {TEMPLATE}"
         )
-    tires = [spec.axles[side.axle].tire for side in vehicle.parts.sides]
+    tires = [spec.all_axles[side.axle].tire for side in vehicle.parts.sides]
     return [
         SoilWheel(
             body=side.spindle, radius=tire.radius, width=tire.width, crown=soil_rigid_parameters(tire).crown
@@ -123,7 +123,7 @@ def soil_under(
     ]
     first_tires = given[0].tires
     options.setdefault("ground", first_tires.terrain if isinstance(first_tires, SoilTires) else None)
-    narrowest = min(axle.tire.width for each in below for axle in each[0].parts.spec.axles)
+    narrowest = min(axle.tire.width for each in below for axle in each[0].parts.spec.all_axles)
     options.setdefault("spacing", min(USUAL_SPACING, 0.5 * narrowest))
     rigid = [wheel for each in wheels for wheel in each]
     bent = [mesh for each in meshes for mesh in each]

@@ -196,7 +196,7 @@ def _ground_parts(built: _Built) -> Any:
     """Tires that are no force laws, and their friction: their numbers are in shapes and tables."""
     if built.spec.axles[0].tire.template in MODELS:
         return None
-    return [(axle.tire, axle.wheel) for axle in built.spec.axles], friction_of(built.document)
+    return [(axle.tire, axle.wheel) for axle in built.spec.all_axles], friction_of(built.document)
 
 
 def _shares_maneuver(one: Maneuver, other: Maneuver) -> bool:

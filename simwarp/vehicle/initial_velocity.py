@@ -62,7 +62,7 @@ def roll_bodies(
 
 def wheel_rate(spec: VehicleSpec, side: Side, speed: float) -> float:
     """Of a wheel that rolls on its unloaded radius [rad/s]."""
-    return speed / spec.axles[side.axle].tire.radius
+    return speed / spec.all_axles[side.axle].tire.radius
 
 
 def roll_driveline(

@@ -22,6 +22,8 @@ class VehicleTables:
     chassis: int
     point: wp.vec3  # whose motion is reported, from the chassis' centre of mass, body axes [m]
     drag: float  # 0.5 · density · coefficient · area [kg/m]
+    trailer_body: wp.array[int]  # chassis of the trailers, of which each hangs on the one before
+    trailer_drag: wp.array[float]  # likewise
     steering_dof: wp.array[int]
     steering_travel: wp.array[float]  # at full input [rad or m]
     brake_dof: wp.array[int]
@@ -43,6 +45,7 @@ class VehicleMotion:
     omega_b: wp.array2d[wp.vec3]  # [rad/s]; the third is the yaw rate
     acceleration_b: wp.array2d[wp.vec3]  # over the last step, without gravity [m/s²]
     last_v: wp.array2d[wp.vec3]  # velocity at the start of the step, world [m/s]
+    articulation: wp.array3d[float]  # (W, V, trailers) yaw of each in axes of the unit before it [rad]
 
 
 @wp.func
@@ -84,6 +87,12 @@ def publish_motion(of: Member, vehicle: VehicleTables, state: StateArrays, dt: f
         motion.acceleration_b[of.world, of.vehicle] = ((v - motion.last_v[of.world, of.vehicle]) / dt) * axes
     else:
         motion.acceleration_b[of.world, of.vehicle] = wp.vec3()
+    before = axes
+    for each in range(vehicle.trailer_body.shape[0]):
+        behind = matrix_to_float(wp.quat_to_matrix(state.body_rot[of.world, of.body + vehicle.trailer_body[each]]))
+        ahead = wp.vec3(behind[0, 0], behind[1, 0], behind[2, 0]) * before
+        motion.articulation[of.world, of.vehicle, each] = wp.atan2(ahead[1], ahead[0])
+        before = behind
 
 
 @wp.func
@@ -170,6 +179,10 @@ def run_vehicle(
             control.joint_target_qd[world, of.dof + vehicle.motor_dof[side]] = shares[side] * vehicle.motor_speed
     v = state.body_v[world, chassis]
     control.element_force[world, chassis] = (-vehicle.drag * wp.length(v)) * v
+    for each in range(vehicle.trailer_body.shape[0]):
+        behind = of.body + vehicle.trailer_body[each]
+        v_behind = state.body_v[world, behind]
+        control.element_force[world, behind] = (-vehicle.trailer_drag[each] * wp.length(v_behind)) * v_behind
     q = state.body_rot[world, chassis]
     torque_b = run_powertrain(of, dt, throttle, clutch, powertrain, memory, parameters, control, state)
     arm = to_float(wp.quat_rotate(q, to_double(vehicle.point)))

@@ -65,9 +65,9 @@ class AxleStance:
     """An axle; means of its two wheels."""
 
     ride_height: float
-    """Of the vehicle's frame of reference above the ground, over the wheels as built [m]."""
+    """Of the frame of reference above the ground, over the wheels as built [m]; trailers' axles have the trailer's."""
     travel: float
-    """Of the wheels' centres upwards from where they are built, in the vehicle's frame of reference [m]."""
+    """Of the wheels' centres upwards from where they are built, in that frame [m]."""
     toe: float
     """Positive where the wheels' fronts point inwards [rad]."""
     camber: float
@@ -93,10 +93,11 @@ class Stance(Readable):
     pitch: float
     """Positive nose down [rad]."""
     wheelbase: float
-    """Between the centres of the first and the last axle, level [m]."""
+    """Between the centres of the first and the last axle, level, without those of trailers [m]."""
     com_height: float
     """Of the centre of mass of the whole vehicle above the ground [m]."""
     axles: tuple[AxleStance, ...]
+    """Those of trailers come last."""
 
     def _readable_title(self) -> str:
         return f": {plural(len(self.axles), 'axle')}, {self.height:.4f} m above the ground"
@@ -160,20 +161,22 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
     places = np.asarray(state.body_x.numpy()[0], np.float64)
     rotations = state.body_rot.numpy()[0]
     turn = matrix_of(rotations[parts.chassis])
-    origin = places[parts.chassis] + turn @ parts.reference
     forward = turn[:, 0] * (1.0, 1.0, 0.0)
     forward /= np.linalg.norm(forward)
     left = np.cross((0.0, 0.0, 1.0), forward)
     level = np.array([forward, left, (0.0, 0.0, 1.0)])
     forces, loads = vehicle.tires.force_w.numpy()[0], vehicle.tires.load.numpy()[0]
-    chassis = simulation.model.builder.bodies[parts.chassis].pose
     masses = np.array([simulation.model.builder.bodies[body].mass for body in parts.bodies])
     com_height = float(masses @ places[list(parts.bodies), 2] / masses.sum())
-    axles, middles = [], []
+    axles, middles, axles_as_built = [], [], parts.spec.all_axles
     for first in range(0, len(parts.sides), 2):
         pair = parts.sides[first : first + 2]
-        axle = parts.spec.axles[pair[0].axle]
-        built = np.add(axle.location, axle.suspension.spindle.com)
+        unit = parts.unit_of(pair[0].axle)
+        axle = axles_as_built[pair[0].axle]
+        shift = parts.spec.units[parts.units.index(unit)].origin
+        turn = matrix_of(rotations[unit.chassis])
+        origin = places[unit.chassis] + turn @ unit.reference
+        built = np.subtract(np.add(axle.location, axle.suspension.spindle.com), shift)
         centers = np.array([places[side.spindle] for side in pair])
         middles.append(centers.mean(axis=0))
         center = np.mean([turn.T @ (places[side.spindle] - origin) for side in pair], axis=0)
@@ -181,9 +184,11 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
         signs = np.array([side.side for side in pair])
         pushes = [-side.side * (forces[first + k] @ left) for k, side in enumerate(pair)]
         springs: tuple[ForceLine, ...] = getattr(axle.suspension, "springs", ())
-        frame = pose(chassis.position + rotate(chassis.rotation, parts.reference + axle.location), chassis.rotation)
+        held = simulation.model.builder.bodies[unit.chassis].pose
+        offset = unit.reference + np.subtract(axle.location, shift)
+        frame = pose(held.position + rotate(held.rotation, offset), held.rotation)
         name = pair[0].name.rpartition(".")[0]
-        lengths = line_lengths(simulation, axle.suspension, name, parts.chassis, frame)
+        lengths = line_lengths(simulation, axle.suspension, name, unit.chassis, frame)
         above = origin + turn @ (built[0], 0.0, 0.0)
         axles.append(
             AxleStance(
@@ -194,9 +199,12 @@ def _read(simulation: Simulation, vehicle: Vehicle) -> Stance:
                 lines=tuple(_line(line, length) for line, length in zip(springs, lengths[0].tolist(), strict=True)),
             )
         )  # fmt: skip
+    turn = matrix_of(rotations[parts.chassis])
+    origin = places[parts.chassis] + turn @ parts.reference
     pitch = float(np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0)))
+    rear = middles[len(parts.spec.axles) - 1]
     return Stance(
-        height=float(origin[2]), pitch=pitch, wheelbase=float((middles[0] - middles[-1]) @ forward),
+        height=float(origin[2]), pitch=pitch, wheelbase=float((middles[0] - rear) @ forward),
         com_height=com_height, axles=tuple(axles),
     )  # fmt: skip
 
@@ -225,4 +233,4 @@ def stop_at(line: ForceLine, length: float) -> tuple[str, float]:
 
 def sprung(spec: VehicleSpec, axle: int) -> bool:
     """Whether an axle has springs; dampers alone are none."""
-    return any(elastic(line) for line in getattr(spec.axles[axle].suspension, "springs", ()))
+    return any(elastic(line) for line in getattr(spec.all_axles[axle].suspension, "springs", ()))

@@ -148,7 +148,7 @@ def trim(
     heights = [wish for wish in wishes if wish.reading is Reading.RIDE_HEIGHT]
     if move_stops:
         for wish in heights:
-            if abs(_asked_travel(wish, found)) > SEARCHED * spec.axles[wish.axle].tire.radius:
+            if abs(_asked_travel(wish, found)) > SEARCHED * spec.all_axles[wish.axle].tire.radius:
                 _travel(spec, wish, found, device)  # no stop is what is in the way: it refuses the height at once
         freed = _with_stops_moved(spec, heights, found, device)
         spec, found = (spec, found) if freed == spec else (freed, stance(freed, device=device))
@@ -159,14 +159,14 @@ def trim(
 
 
 def _aligned(spec: VehicleSpec, axle: int) -> bool:
-    return has_tierod(spec.axles[axle].suspension)
+    return has_tierod(spec.all_axles[axle].suspension)
 
 
 def _wishes(
     spec: VehicleSpec, reading: Reading, values: Any, adjustable: Callable[[int], bool], why: str
 ) -> list[_Wish]:
     """What is asked for of each axle, or a SpecError that says why it cannot be had."""
-    key, count = reading.value, len(spec.axles)
+    key, count = reading.value, len(spec.all_axles)
     if values is None:
         return []
     if isinstance(values, (list, tuple, np.ndarray)):
@@ -175,12 +175,12 @@ def _wishes(
         asked = [(axle, value) for axle, value in enumerate(values) if value is not None]
         for axle, _ in asked:
             if not adjustable(axle):
-                template = spec.axles[axle].suspension.template
+                template = spec.all_axles[axle].suspension.template
                 raise SpecError(f"{key}: must be left out of axle {axle} of '{spec.name}', which {why} ({template})")
     else:
         asked = [(axle, values) for axle in range(count) if adjustable(axle)]
         if not asked:
-            templates = ", ".join(dict.fromkeys(axle.suspension.template for axle in spec.axles))
+            templates = ", ".join(dict.fromkeys(axle.suspension.template for axle in spec.all_axles))
             raise SpecError(f"{key}: must be left out of '{spec.name}', every axle of which {why} ({templates})")
     return [_Wish(reading, axle, _target(reading, value)) for axle, value in asked]
 
@@ -212,14 +212,14 @@ def _lengths_at(spec: VehicleSpec, axle: int, travels: Sequence[float] | Array, 
 
 def _with_stops_moved(spec: VehicleSpec, heights: Sequence[_Wish], found: Stance, device: str) -> VehicleSpec:
     """The vehicle with the stops out of the way that its springs would stand on at the heights asked for."""
-    axles = list(spec.axles)
+    axles = list(spec.all_axles)
     for wish in heights:
         axle: Any = axles[wish.axle]
         lengths = _lengths_at(spec, wish.axle, [_asked_travel(wish, found)], device)[0]
         moved = {index: {key: to} for index, _, key, to in _blocking(axle, lengths)}
         springs = tuple(dataclasses.replace(line, **moved.get(i, {})) for i, line in enumerate(axle.suspension.springs))
         axles[wish.axle] = dataclasses.replace(axle, suspension=dataclasses.replace(axle.suspension, springs=springs))
-    return dataclasses.replace(spec, axles=tuple(axles))
+    return spec.with_axles(axles)
 
 
 def _blocking(axle: Axle, lengths: Array) -> list[tuple[int, str, str, float]]:
@@ -237,7 +237,7 @@ def _blocking(axle: Axle, lengths: Array) -> list[tuple[int, str, str, float]]:
 
 def _travel(spec: VehicleSpec, wish: _Wish, found: Stance, device: str) -> _Travel:
     """The travel of an axle between its stops and where its linkage locks, if it has the height that is asked for."""
-    axle, now = spec.axles[wish.axle], found.axles[wish.axle]
+    axle, now = spec.all_axles[wish.axle], found.axles[wish.axle]
     reach, asked = SEARCHED * axle.tire.radius, _asked_travel(wish, found)
     travels = np.linspace(-reach, reach, GRID)
     if abs(asked) < reach:  # a state of its own: a stop may be nearer to it than to the next state of the grid
@@ -264,7 +264,7 @@ def _travel(spec: VehicleSpec, wish: _Wish, found: Stance, device: str) -> _Trav
 
 def _why_not(spec: VehicleSpec, index: int, travel: float, device: str) -> str:
     """What keeps an axle from a travel, and the remedy."""
-    axle = spec.axles[index]
+    axle = spec.all_axles[index]
     away = f"that is {abs(travel):.3g} m from where its wheels are built; ask for less, or build them elsewhere"
     if abs(travel) > 2.0 * AROUND_WHEEL * axle.tire.radius:
         return away  # further than any linkage is long: a bench would try for minutes
@@ -286,12 +286,12 @@ def _why_not(spec: VehicleSpec, index: int, travel: float, device: str) -> str:
 def _with_hinges(spec: VehicleSpec) -> VehicleSpec:
     """The vehicle with hinges in the place of bushings, which hold an arm by forces and not on a bench."""
     axles = []
-    for axle in spec.axles:
+    for axle in spec.all_axles:
         suspension = axle.suspension
         if isinstance(suspension, DoubleWishbone):
             suspension = dataclasses.replace(suspension, upper_arm_bushing=None, lower_arm_bushing=None)
         axles.append(dataclasses.replace(axle, suspension=suspension))
-    return dataclasses.replace(spec, axles=tuple(axles))
+    return spec.with_axles(axles)
 
 
 def _free(axle: Axle, lengths: Array) -> bool:
@@ -341,7 +341,7 @@ def _stops_met(found: Stance) -> str:
 
 def _limit(spec: VehicleSpec, wish: _Wish) -> float:
     """Of one step of an unknown [m or rad]."""
-    return LARGEST_LIFT * spec.axles[wish.axle].tire.radius if wish.reading is Reading.RIDE_HEIGHT else LARGEST_TURN
+    return LARGEST_LIFT * spec.all_axles[wish.axle].tire.radius if wish.reading is Reading.RIDE_HEIGHT else LARGEST_TURN
 
 
 def _arrived(wishes: Sequence[_Wish], found: Stance) -> bool:
@@ -352,7 +352,7 @@ def _adjusted(
     spec: VehicleSpec, wishes: Sequence[_Wish], x: Array, travels: dict[int, _Travel], begin: Sequence[AxleStance]
 ) -> VehicleSpec:
     """The vehicle with lifted springs, turned uprights and other seats of its spindles."""
-    axles = list(spec.axles)
+    axles = list(spec.all_axles)
     for wish, value in zip(wishes, x.tolist(), strict=True):
         suspension = axles[wish.axle].suspension
         match wish.reading:
@@ -364,4 +364,4 @@ def _adjusted(
             case Reading.CAMBER:
                 suspension = with_camber_changed(suspension, value)
         axles[wish.axle] = dataclasses.replace(axles[wish.axle], suspension=suspension)
-    return dataclasses.replace(spec, axles=tuple(axles))
+    return spec.with_axles(axles)

@@ -70,6 +70,7 @@ class Vehicles(ForceElement):
         position: (W, V) vec3d of the points, world [m].
         angles, velocity_b, omega_b, acceleration_b: (W, V) vec3, as those of `Vehicle`.
         gear, engine_speed, engine_torque, drive_torque: (W, V), as those of `Vehicle`.
+        articulation: (W, V, trailers), as that of `Vehicle`.
 
     Raises:
         ModelError: there is no vehicle, they are not alike, or the model shares an array that each world's vehicles
@@ -92,7 +93,7 @@ class Vehicles(ForceElement):
         for name, values in shifts.items():
             setattr(self._tables, name, wp.array(values, dtype=int, device=model.device))
         self._tables.point = wp.vec3(*(first.reference + finite_vector("Vehicle", "point", point, 3)))
-        self._motion: Any = motion_arrays(shape, model)
+        self._motion: Any = motion_arrays(shape, model, len(first.spec.trailers))
         self._powertrain = powertrain_tables(
             model, first.driveline, first.gears, first.spec.engine, first.spec.transmission
         )
@@ -102,6 +103,7 @@ class Vehicles(ForceElement):
         self.velocity_b: wp.array = self._motion.velocity_b
         self.omega_b: wp.array = self._motion.omega_b
         self.acceleration_b: wp.array = self._motion.acceleration_b
+        self.articulation: wp.array = self._motion.articulation
         self.gear: wp.array = self._powertrain_state.gear
         self.engine_speed: wp.array = self._powertrain_state.engine_speed
         self.engine_torque: wp.array = self._powertrain_state.engine_torque
@@ -304,6 +306,8 @@ class Vehicle(ForceElement):
         gear: (W,) -1 reverse, 0 neutral, 1 and up forward. Writable: a manual gearbox takes it as it is.
         engine_speed, engine_torque, drive_torque: (W,) of the engine's shaft [rad/s], of the engine alone, and of the
             transmission on the drive shaft [N·m].
+        articulation: (W, trailers) yaw of each trailer seen from the unit that tows it, positive where it is turned to
+            the left [rad].
 
     Raises:
         ModelError: the model shares an array that each world's vehicle has to write.
@@ -334,6 +338,7 @@ class Vehicle(ForceElement):
         self.velocity_b: wp.array = vehicles.velocity_b[:, number]
         self.omega_b: wp.array = vehicles.omega_b[:, number]
         self.acceleration_b: wp.array = vehicles.acceleration_b[:, number]
+        self.articulation: wp.array = vehicles.articulation[:, number] if vehicles.articulation.size else none
         self.gear: wp.array = vehicles.gear[:, number]
         self.engine_speed: wp.array = vehicles.engine_speed[:, number]
         self.engine_torque: wp.array = vehicles.engine_torque[:, number]
@@ -348,7 +353,7 @@ class Vehicle(ForceElement):
             "chassis": self.model.body_names[self.parts.chassis],
             "wheels": Names(len(self.parts.sides), (self.model.body_names[side.spindle] for side in self.parts.sides)),
             "input": f"{array_text(self.input)}: steering, throttle, braking, clutch",
-            "tires": ", ".join(dict.fromkeys(axle.tire.template for axle in self.parts.spec.axles)),
+            "tires": ", ".join(dict.fromkeys(axle.tire.template for axle in self.parts.spec.all_axles)),
         }
 
     @property
@@ -378,9 +383,10 @@ class Vehicle(ForceElement):
     @property
     def assigned_bodies(self) -> tuple[int, ...]:
         """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
+        pulled = tuple(unit.chassis for unit in self.parts.units)
         if self.reduced is not None or not isinstance(self.tires, Tires):
-            return (self.parts.chassis,)
-        return (self.parts.chassis, *(side.spindle for side in self.parts.sides))
+            return pulled
+        return (*pulled, *(side.spindle for side in self.parts.sides))
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
@@ -494,21 +500,25 @@ def _reduced_tables(parts: VehicleParts) -> VehicleTables:
     """Chassis and drag: a reduced vehicle has no joints to act on."""
     table, chassis = VehicleTables(), parts.spec.chassis
     table.chassis = parts.chassis
-    table.drag = 0.5 * chassis.air_density * chassis.drag_coefficient * chassis.drag_area
+    table.drag = chassis.drag_factor
     return table
 
 
 def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     starts = model.joint_dof_start
     brakes = [
-        (starts[side.spin], parts.spec.axles[side.axle].brake)
+        (starts[side.spin], parts.spec.all_axles[side.axle].brake)
         for side in parts.sides
-        if parts.spec.axles[side.axle].brake is not None
+        if parts.spec.all_axles[side.axle].brake is not None
     ]
     table = VehicleTables()
     chassis = parts.spec.chassis
     table.chassis = parts.chassis
-    table.drag = 0.5 * chassis.air_density * chassis.drag_coefficient * chassis.drag_area
+    table.drag = chassis.drag_factor
+    behind = [unit.chassis for unit in parts.units[1:]]
+    table.trailer_body = wp.array(behind, dtype=int, device=model.device)
+    drags = [unit.chassis.drag_factor for unit in parts.spec.units[1:]]
+    table.trailer_drag = wp.array(drags, dtype=float, device=model.device)
     table.steering_dof = wp.array([starts[s.joint] for s in parts.steerings], dtype=int, device=model.device)
     table.steering_travel = wp.array([s.travel for s in parts.steerings], dtype=float, device=model.device)
     table.brake_dof = wp.array([dof for dof, _ in brakes], dtype=int, device=model.device)
@@ -524,12 +534,13 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     return table
 
 
-def motion_arrays(shape: tuple[int, int], model: Model) -> Any:
+def motion_arrays(shape: tuple[int, int], model: Model, trailers: int = 0) -> Any:
     """A `VehicleMotion` of (W, V) vehicles that stand still."""
     motion: Any = VehicleMotion()
     motion.position = wp.zeros(shape, dtype=wp.vec3d, device=model.device)
     for name in ("angles", "velocity_b", "omega_b", "acceleration_b", "last_v"):
         setattr(motion, name, wp.zeros(shape, dtype=wp.vec3, device=model.device))
+    motion.articulation = wp.zeros((*shape, trailers), dtype=float, device=model.device)
     return motion
 
 
@@ -545,7 +556,7 @@ def _tires(
             f"obstacles: must be left out with '{template}' tires, which are shapes themselves and meet every shape"
             " that may touch them"
         )
-    on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
+    on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.all_axles]
     if all(on_soil):
         return SoilTires(len(sides), model, terrain=ground)
     meshes = [side.mesh for side in sides if side.mesh is not None]
@@ -578,6 +589,6 @@ def _tires(
 
 def _mounts(parts: VehicleParts) -> list[Mount]:
     """Tires on their spindles, whose centres of mass are the wheels' centres."""
-    axles = parts.spec.axles
+    axles = parts.spec.all_axles
     rows = [tire_vector(axle.tire, f"{parts.spec.name}: axles[{index}].tire") for index, axle in enumerate(axles)]
     return [Mount(rows[side.axle], side.spindle, side="left" if side.side > 0.0 else "right") for side in parts.sides]

@@ -29,6 +29,7 @@ class Car:
 
     chassis: int  # body
     shape: int  # of its box in contacts
+    trailer_shapes: wp.array[int]  # of its trailers' boxes
     reference: wp.vec3d  # its point, in axes of the chassis [m]
     bodies: wp.array[int]  # (N,) all that it consists of
     start_x: wp.array[wp.vec3d]  # (N,) of its bodies, settled, the reference point above the origin [m]
@@ -103,6 +104,10 @@ def touch(world: int, car: Car, drive: Drive):
     force = car.force[world, car.shape]
     if force[0] != 0.0 or force[1] != 0.0 or force[2] != 0.0:
         drive.hit[world] = True
+    for each in range(car.trailer_shapes.shape[0]):
+        behind = car.force[world, car.trailer_shapes[each]]
+        if behind[0] != 0.0 or behind[1] != 0.0 or behind[2] != 0.0:
+            drive.hit[world] = True
 
 
 @wp.func

@@ -52,10 +52,18 @@ class DrivenVehicle:
 HMMWV: Final = DrivenVehicle("hmmwv-reduced", "hmmwv", None, (2.3, 1.05, 0.5), (0.0, 0.0, 0.2), (1.5, 0.0, 0.875))
 GATOR: Final = DrivenVehicle("gator", "gator", "tmeasy", (1.35, 0.75, 0.35), (0.0, 0.0, 0.2), (0.65, 0.0, 0.75))
 SEDAN: Final = DrivenVehicle("sedan", "sedan", "tmeasy", (2.2, 0.9, 0.4), (0.0, 0.0, 0.0), (1.5, 0.0, 0.875))
+TRUCK: Final = DrivenVehicle("truck", "truck", "tmeasy", (3.2, 1.25, 0.9), (0.0, 0.0, 1.2), (3.25, 0.0, 1.3))
+SEMITRAILER: Final = dataclasses.replace(
+    TRUCK, vehicle_name="truck-semitrailer", full_name="truck-semitrailer", chassis_half=(1.2, 1.25, 1.0),
+    chassis_place=(2.0, 0.0, 1.3),
+)  # fmt: skip
+SEDAN_TRAILER: Final = dataclasses.replace(SEDAN, vehicle_name="sedan-trailer", full_name="sedan-trailer")
 _FULL: Final = {"hmmwv": HMMWV, "gator": GATOR, "sedan": SEDAN}
 _REDUCED: Final = {f"{name}-14dof": known for name, known in _FULL.items()}
 DRIVEN_VEHICLES: Final[Mapping[str, DrivenVehicle]] = MappingProxyType(
-    _FULL | {name: dataclasses.replace(known, vehicle_name=name) for name, known in _REDUCED.items()}
+    _FULL
+    | {each.vehicle_name: each for each in (TRUCK, SEMITRAILER, SEDAN_TRAILER)}
+    | {name: dataclasses.replace(known, vehicle_name=name) for name, known in _REDUCED.items()}
 )
 """Vehicles of the size of a road, by the names that the field ``vehicle`` has for them."""
 
@@ -70,8 +78,9 @@ class VehicleChoiceConfig(DrivingConfig):
     """Fields of driving tasks whose world has room for any of `DRIVEN_VEHICLES`."""
 
     vehicle: str | None = None
-    """Vehicle that is driven: hmmwv, gator or sedan, or one of them reduced, such as hmmwv-14dof; several with commas
-    between them, such as hmmwv,gator,sedan, share the batch, a group of worlds for each. None: the task's own."""
+    """Vehicle that is driven: hmmwv, gator, sedan, truck, truck-semitrailer, sedan-trailer, or one of the first three
+    reduced, such as hmmwv-14dof; several with commas between them, such as hmmwv,gator,sedan, share the batch, a group
+    of worlds for each. None: the task's own."""
 
     def validate(self) -> None:
         """Check that the vehicles are known, and different ones."""

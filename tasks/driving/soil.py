@@ -105,7 +105,7 @@ class DrivenSoil:
         friction: float, spacing: float, pages: int | None, time: float,
     ) -> None:  # fmt: skip
         parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
-        widest = max(axle.tire.width for axle in parts[0].spec.axles)
+        widest = max(axle.tire.width for axle in parts[0].spec.all_axles)
         wheels = sum(len(each.sides) for each in parts)
         settling = sw.soil.PRESETS["mid" if kind is SoilKind.RANDOM else kind.value]
         self.element = sw.soil.soil_under(

@@ -18,7 +18,7 @@ CONTACT_ARRAYS: Final = ("shape_friction",)
 
 def stands_on_shapes(spec: sw.vehicle.VehicleSpec) -> bool:
     """Return True if a vehicle's tires are shapes in contact, which need a shape below them."""
-    return all(axle.tire.template in IN_CONTACT for axle in spec.axles)
+    return all(axle.tire.template in IN_CONTACT for axle in spec.all_axles)
 
 
 def add_flat_ground(builder: sw.ModelBuilder, *, mask: int = TIRE_GROUP) -> int:

@@ -83,6 +83,12 @@ MOBILITY = dict.fromkeys(VEHICLES, 6 + 8 + 1) | {
     "skid-steer": 6 + 4,  # all wheels do, two by two with shafts, which are no bodies
     "pinned-axle": 6 + 4 + 3 + 1,  # two spins and one roll
     "bushings": 6 + 8 + 1 + 8 * 5,  # five more of each arm
+    "truck-semitrailer": 6
+    + 8
+    + 1
+    + 2
+    + 3 * 4,  # yaw and pitch on the fifth wheel; heave, roll and spins of three axles
+    "sedan-trailer": 6 + 8 + 1 + 3 + 4,  # a ball
 }
 
 
@@ -100,7 +106,8 @@ def test_the_right_side_mirrors_the_left(name):
     bodies = {body.name: body for body in builder.bodies}
     flip = np.diag([1.0, -1.0, 1.0])
     lefts = [key for key in bodies if "left" in key]
-    assert len(lefts) >= (2 if name == "skid-steer" else 4)  # without suspensions there are the wheels alone
+    # without suspensions there are the wheels alone, and a beam axle adds knuckles where it steers
+    assert len(lefts) >= {"skid-steer": 2, "truck": 3}.get(name, 4)
     for key in lefts:
         left, right = bodies[key], bodies[key.replace("left", "right")]
         assert right.mass == left.mass
@@ -142,11 +149,11 @@ def test_a_vehicle_is_the_same_anywhere(name):
 @pytest.mark.parametrize("name", VEHICLES)
 def test_mass_is_the_description_s(name):
     spec: Any = VEHICLES[name]
-    total = sum(part.mass for part in spec.chassis.components)
+    total = sum(part.mass for unit in spec.units for part in unit.chassis.components)
     for mount in spec.steerings:
         total += mount.steering.link.mass if hasattr(mount.steering, "link") else 0.0
         total += mount.steering.arm.mass if hasattr(mount.steering, "arm") else 0.0
-    for axle in spec.axles:
+    for axle in spec.all_axles:
         for field in dataclasses.fields(axle.suspension):
             part = getattr(axle.suspension, field.name)
             if isinstance(part, RigidPart):
@@ -336,7 +343,8 @@ def test_rows_of_the_loops():
         add_vehicle(builder, spec)
         counts[name] = build_tables(builder).row_count
     assert counts == {
-        "artcar": 18, "gator": 2, "hmmwv": 18, "hmmwv-reduced": 24, "sedan": 16, "skid-steer": 0,
+        "artcar": 18, "gator": 2, "hmmwv": 18, "hmmwv-reduced": 24, "sedan": 16, "skid-steer": 0, "sedan-trailer": 19,
+        "truck": 12, "truck-semitrailer": 27,
         "macpherson-strut": 16, "multi-link": 36, "solid-axle": 24, "pinned-axle": 8, "trailing-arm": 8,
         "antiroll-bar": 20, "bushings": 62,
     }  # fmt: skip

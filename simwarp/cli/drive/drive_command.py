@@ -281,7 +281,7 @@ def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
     for name in ALONE:
         if getattr(options, name) is not None:
             raise UsageError(f"--{name.replace('_', '-')}: is of one run, not of many {key}s; leave out one of them")
-    if any(axle.tire.template == "soil-rigid" for axle in spec.axles):
+    if any(axle.tire.template == "soil-rigid" for axle in spec.all_axles):
         raise UsageError(f"--{key}s: must be driven on a road, got tires on soil; leave out --tire soil-rigid")
     if options.view or options.worlds != 1:
         rule = "--view shows one run" if options.view else "--worlds: follows from the values"

@@ -136,7 +136,7 @@ def check_study(spec: AnyVehicleSpec, drive: DriveChoices, study: StudyOptions) 
     for name in ALONE:
         if getattr(drive, name) is not None and name != "csv":
             raise UsageError(f"--{name.replace('_', '-')}: is of one run, not of a study; leave out one of them")
-    if any(axle.tire.template == "soil-rigid" for axle in spec.axles):
+    if any(axle.tire.template == "soil-rigid" for axle in spec.all_axles):
         raise UsageError(f"{option}: must be driven on a road, got tires on soil; leave out --tire soil-rigid")
     if drive.view:
         raise UsageError(f"--view shows one run; leave it out beside {option}")

@@ -65,7 +65,7 @@ def run_suspension(target: str, arguments: list[str]) -> int:
     parameters = found.parameters()
     for curve in pushed:
         parameters |= curve.parameters()
-    template = spec.axles[options.axle].suspension.template
+    template = spec.all_axles[options.axle].suspension.template
     console.print(f"{spec.name}, axle {options.axle}: {template}", style="bold", highlight=False, soft_wrap=True)
     print_values(console, parameters, suspension_meanings(parameters, front=found.front))
     _print_stops(console, found)

@@ -119,7 +119,7 @@ def _tires(target: str, options: TireOptions) -> tuple[dict[str, Tire], tuple[fl
         return {Path(name).stem: read_spec(Tire, name) for name in files}, options.loads
     spec = wheeled_vehicle(target, "tire")
     own = checked_axle(spec, options.axle).tire
-    tires = {name: with_options(spec, tire=name).axles[options.axle].tire for name in options.tires}
+    tires = {name: with_options(spec, tire=name).all_axles[options.axle].tire for name in options.tires}
     found = {Path(name).stem: tire for name, tire in tires.items()} or {own.template: own}
     if options.loads:
         return found, options.loads

@@ -82,6 +82,8 @@ def _check(spec: VehicleSpec, rows: int, columns: int) -> None:
     if rows < 3 or columns < 3 or columns % 2 == 0:
         raise SpecError(f"tables: must have 3 rows or more and an odd number of columns, got {rows} and {columns}")
     name = f"'{spec.name}'"
+    if spec.trailers:
+        raise SpecError(f"trailers: must be left out of what is reduced, got {len(spec.trailers)} of {name}")
     if len(spec.axles) != 2:
         raise SpecError(f"axles: must be two to be reduced, got {len(spec.axles)} of {name}")
     if isinstance(spec.driveline, DifferentialDrive):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.results.chassis_motion import ChassisMotion
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 Array = npt.NDArray[np.float64]
 
@@ -50,10 +51,22 @@ class Sample:
         return self._fetched[id(array)][1]
 
 
-def wheel_names(axles: int) -> tuple[str, ...]:
-    """FL, FR of the first axle, RL, RR of the last, and 2L, 2R and so on of those between, from the front."""
+def wheel_names(axles: int, behind: int = 0) -> tuple[str, ...]:
+    """FL, FR of the first axle, RL, RR of the last, and 2L, 2R and so on of those between, from the front. Those of
+    the `behind` axles of trailers go on with the numbers: behind a vehicle of two axles, 3L, 3R.
+    """
     ends = {0: "F", axles - 1: "R"} if axles > 1 else {0: "F"}
-    return tuple(f"{ends.get(axle, str(axle + 1))}{side}" for axle in range(axles) for side in "LR")
+    return tuple(f"{ends.get(axle, str(axle + 1))}{side}" for axle in range(axles + behind) for side in "LR")
+
+
+def wheel_names_of(spec: VehicleSpec) -> tuple[str, ...]:
+    """Those of a vehicle with its trailers."""
+    return wheel_names(len(spec.axles), len(spec.all_axles) - len(spec.axles))
+
+
+def articulation_names(spec: VehicleSpec) -> tuple[str, ...]:
+    """Columns of the angles between a vehicle and its trailers, from the front."""
+    return tuple(f"articulation{number + 1}_rad" for number in range(len(spec.trailers)))
 
 
 def along(axes: Array, vector: Array, axis: int) -> Array:

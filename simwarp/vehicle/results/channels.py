@@ -21,6 +21,7 @@ from simwarp.core.host_views import HostViews
 from simwarp.core.object_repr import Readable, ReadableFields, plural
 from simwarp.core.types import formatted
 from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.results.channel_samples import articulation_names
 from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
 from simwarp.vehicle.results.named_channels import NamedReadings
 from simwarp.vehicle.results.track_readings import TrackReadings
@@ -54,7 +55,8 @@ class WheelReadings:
     def __init__(self, simulation: Simulation, vehicle: Vehicle) -> None:
         self._simulation, self._vehicle = simulation, vehicle
         self._on_soil = isinstance(vehicle.tires, SoilTires)
-        self.names = (*COLUMNS, *(SINKAGES if self._on_soil else ()))
+        self._articulations = articulation_names(vehicle.parts.spec)
+        self.names = (*COLUMNS, *self._articulations, *(SINKAGES if self._on_soil else ()))
         """Of the columns."""
         axles = len(vehicle.parts.spec.axles)
         self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
@@ -83,6 +85,8 @@ class WheelReadings:
             found |= {"spins": of(vehicle.reduced.turn_rate), "axes": of(vehicle.reduced.axis)}
         else:
             found |= {"spins": of(state.joint_qd, self._turns), "axes": of(state.body_rot, self._spindles)}
+        if self._articulations:
+            found["articulation"] = of(vehicle.articulation)
         return found | ({"sinkage": of(vehicle.tires.deflection)} if self._on_soil else {})
 
     def columns(self, motion: ChassisMotion, taken: Mapping[str, Array], times: int = 1) -> dict[str, Array]:
@@ -99,6 +103,8 @@ class WheelReadings:
             found |= {f"omega_{wheel}_radps": spins[:, k], f"Fz_{wheel}_N": loads[:, k]}
         for k, wheel in enumerate(WHEELS[:2]):
             found[f"steerangle_{wheel}_rad"] = np.arctan2(-axes[:, k, 0], axes[:, k, 1])
+        for trailer, name in enumerate(self._articulations):
+            found[name] = taken["articulation"][:, trailer]
         if self._on_soil:
             found |= {name: taken["sinkage"][:, wheel] for name, wheel in zip(SINKAGES, self._wheels, strict=True)}
         return found

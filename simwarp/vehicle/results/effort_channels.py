@@ -11,7 +11,7 @@ import numpy as np
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import JointType
 from simwarp.simulation.simulation import Simulation
-from simwarp.vehicle.results.channel_samples import Array, Channel, Sample, wheel_names
+from simwarp.vehicle.results.channel_samples import Array, Channel, Sample, wheel_names_of
 from simwarp.vehicle.results.chassis_motion import matrices
 from simwarp.vehicle.suspensions.steerings import HANDWHEEL
 from simwarp.vehicle.vehicle import Vehicle
@@ -25,7 +25,7 @@ def effort_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
 
     The torques are read from reactions of joints.
     """
-    names = wheel_names(len(vehicle.parts.spec.axles))
+    names = wheel_names_of(vehicle.parts.spec)
     found = [
         Channel(
             f"torque_{names[wheel]}_Nm", "N·m", "of the driveline on the wheel about its axle, positive forwards",

@@ -12,7 +12,15 @@ import numpy as np
 from simwarp.core.types import JointType, formatted
 from simwarp.core.wording import suggestions
 from simwarp.simulation.simulation import Simulation
-from simwarp.vehicle.results.channel_samples import Array, Channel, Sample, along, entry, wheel_names
+from simwarp.vehicle.results.channel_samples import (
+    Array,
+    Channel,
+    Sample,
+    along,
+    articulation_names,
+    entry,
+    wheel_names_of,
+)
 from simwarp.vehicle.results.chassis_motion import ChassisMotion, matrices
 from simwarp.vehicle.results.effort_channels import effort_channels
 from simwarp.vehicle.spec.vehicle_spec import SpecError
@@ -86,7 +94,7 @@ class _WheelAxes:
     def __init__(self, simulation: Simulation, vehicle: Vehicle, wheel: int) -> None:
         self._spindle, self._vehicle, self._wheel = vehicle.parts.sides[wheel].spindle, vehicle, wheel
         self._state = simulation.state
-        tire = vehicle.parts.spec.axles[vehicle.parts.sides[wheel].axle].tire
+        tire = vehicle.parts.spec.all_axles[vehicle.parts.sides[wheel].axle].tire
         self._radius = tire.radius
         plane = getattr(vehicle.tires, "terrain", None)
         self._plane = None if plane is None else plane.rot.numpy().astype(float)[:, :, 2]
@@ -136,7 +144,7 @@ def _wheel_channels(simulation: Simulation, vehicle: Vehicle) -> list[Channel]:
             "depth in the soil" if on_soil else "of the tire",
         ),
     ]
-    for wheel, name in enumerate(wheel_names(len(vehicle.parts.spec.axles))):
+    for wheel, name in enumerate(wheel_names_of(vehicle.parts.spec)):
         side = vehicle.parts.sides[wheel]
         for field, short, ending, unit, meaning in readings:
             found.append(
@@ -174,14 +182,17 @@ def _corner_channels(simulation: Simulation, vehicle: Vehicle, wheel: int, name:
         meaning = "of the wheel's centre up along the chassis' z, from as the full vehicle is built"
         return [Channel(f"travel_{name}_m", "m", meaning, travels)]
     bodies = simulation.model.builder.bodies
-    built = matrices(np.asarray(bodies[parts.chassis].pose.rotation, float))
+    chassis = parts.unit_of(side.axle).chassis
+    built = matrices(np.asarray(bodies[chassis].pose.rotation, float))
     zero = built.T @ (
-        np.asarray(bodies[side.spindle].pose.position, float) - np.asarray(bodies[parts.chassis].pose.position, float)
+        np.asarray(bodies[side.spindle].pose.position, float) - np.asarray(bodies[chassis].pose.position, float)
     )
 
     def travel(s: Sample) -> Array:
-        places = s.of(state.body_x)
-        return along(s.motion.rotation, places[:, side.spindle] - places[:, parts.chassis], 2) - zero[2]
+        places, turn = s.of(state.body_x), s.motion.rotation
+        if chassis != parts.chassis:
+            turn = matrices(s.of(state.body_rot)[:, chassis].astype(float))
+        return along(turn, places[:, side.spindle] - places[:, chassis], 2) - zero[2]
 
     found = [Channel(f"travel_{name}_m", "m", "of the wheel's centre up along the chassis' z, from as built", travel)]
     place = "left" if side.side > 0.0 else "right"
@@ -238,6 +249,17 @@ def _tabled(table: Any, x: Array) -> Array:
     return np.asarray(values[first] + slope * (x - places[first]))
 
 
+def _train_channels(vehicle: Vehicle) -> list[Channel]:
+    """Angles between a vehicle and its trailers."""
+    return [
+        Channel(
+            name, "rad", "yaw of the trailer seen from the unit before it, positive to the left",
+            partial(entry, source=vehicle, field="articulation", index=number),
+        )
+        for number, name in enumerate(articulation_names(vehicle.parts.spec))
+    ]  # fmt: skip
+
+
 def _reaction_channels(simulation: Simulation) -> list[Channel]:
     """Of every joint; they can be read in a Simulation with `joint_reactions=True`. Of shafts the torque along them."""
     found, diagnostics, joints = [], simulation.diagnostics, simulation.model.builder.joints
@@ -265,6 +287,7 @@ def channels_of(simulation: Simulation, vehicle: AnyVehicle) -> tuple[Channel, .
     if not isinstance(vehicle, TrackedVehicle):
         found += _wheel_channels(simulation, vehicle)
         found += effort_channels(simulation, vehicle)
+        found += _train_channels(vehicle)
     return (*found, *_reaction_channels(simulation))
 
 

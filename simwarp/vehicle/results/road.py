@@ -54,7 +54,7 @@ def check_road(maneuver: Maneuver, spec: VehicleSpec, on_soil: bool, road: RoadS
         check_own_ground(maneuver)
     if maneuver.bump is None and not maneuver.patches and (road is None or road.friction is None):
         return
-    template = next((axle.tire.template for axle in spec.axles if axle.tire.template not in MODELS), None)
+    template = next((axle.tire.template for axle in spec.all_axles if axle.tire.template not in MODELS), None)
     template = "soil" if template is None and on_soil else template
     if template is not None:
         rule = f"must be driven on tires that are force laws, got {template}; leave out --tire and --soil"

@@ -243,7 +243,7 @@ def add_on_road(
         builder, driven, at=start, speed=maneuver.initial_speed, gear=maneuver.held_gear, wheel_bodies=wheel_bodies
     )
     if road is not None:
-        sinks = on_soil or any(axle.tire.template == "soil-rigid" for axle in spec.axles)
+        sinks = on_soil or any(axle.tire.template == "soil-rigid" for axle in spec.all_axles)
         add_road(builder, road, friction=friction, below_soil=sinks)
     elif not on_soil and any(side.meets_shapes for side in parts.sides):
         add_ground(builder, None, _lean(maneuver), Material(friction=friction))

@@ -32,6 +32,7 @@ MEANINGS: Final = {
     "brake": "input, 0 to 1",
     "steer": "input, -1 to 1, positive to the left",
     "steerangle_*_rad": "of the wheel about the chassis' z, positive to the left",
+    "articulation*_rad": "yaw of a trailer seen from the unit before it, positive to the left",
     "sink_*_m": "depth of the soil below the wheel's centre",
     "slip": "of the driven wheels, positive when driving",
     "pull_N": "pull at the carriage, positive forwards",

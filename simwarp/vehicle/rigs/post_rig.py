@@ -54,7 +54,7 @@ class Posts(ForceElement):
             raise SpecError(f"grip: must be above 0 and below 1e6, got {grip:g}; 1 is a tire's usual road")
         self.grip = grip
         model, sides = vehicle.model, vehicle.parts.sides
-        vectors = [rig_vector(vehicle.parts.spec.axles[side.axle].tire) for side in sides]
+        vectors = [rig_vector(vehicle.parts.spec.all_axles[side.axle].tire) for side in sides]
         mounts = [Mount(vector, side.spindle) for vector, side in zip(vectors, sides, strict=True)]
         self._tires = Tires(mounts, model.world_count, model.body_count, model.device)
         shape = (model.world_count, len(sides))
@@ -137,7 +137,7 @@ class PostRig(Readable):
     @staticmethod
     def _start(spec: VehicleSpec) -> float:
         """Height of the frame of reference at which the first wheel touches its post [m]."""
-        lows = [axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius for axle in spec.axles]
+        lows = [axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius for axle in spec.all_axles]
         return -min(lows)
 
     def _readable_title(self) -> str:

@@ -1,8 +1,12 @@
-"""Mass, centre of mass and wheel loads of a vehicle that stands as it is built, and the shares of its brakes."""
+"""Mass, centre of mass and wheel loads of a vehicle that stands as it is built, and the shares of its brakes.
+
+A trailer stands on its axles and on its hitch, which loads the unit that tows it.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -28,11 +32,13 @@ GRAVITY: Final = 9.81
 
 @dataclasses.dataclass(frozen=True)
 class StandingLoads:
-    """A vehicle on level ground, in its frame of reference; A axles.
+    """A vehicle on level ground, in its frame of reference; A axles with those of its trailers.
 
     Attributes:
-        mass: of the whole vehicle [kg].
-        com: (3,) centre of mass as built [m].
+        mass: of the vehicle without its trailers [kg].
+        com: (3,) its centre of mass as built [m].
+        own_axles: how many axles are its own; those of trailers follow.
+        hitch_load: (trailers,) vertical force of each on the unit before it, positive downwards [N].
         axle_x: (A,) of the wheels' centres [m].
         center_z: (A,) of the wheels' centres [m].
         track: (A,) between the wheels' centres [m].
@@ -43,6 +49,8 @@ class StandingLoads:
 
     mass: float
     com: Array
+    own_axles: int
+    hitch_load: Array
     axle_x: Array
     center_z: Array
     track: Array
@@ -52,14 +60,15 @@ class StandingLoads:
 
     @property
     def wheelbase(self) -> float:
-        """From the first to the last axle [m]."""
-        return float(self.axle_x[0] - self.axle_x[-1])
+        """From the first to the last axle of the vehicle without its trailers [m]."""
+        return float(self.axle_x[0] - self.axle_x[self.own_axles - 1])
 
     @property
     def com_height(self) -> float:
         """Of the centre of mass above the ground, on which first and last axle stand [m]."""
-        levels = (self.center_z - self.loaded_radius)[[-1, 0]]
-        return float(self.com[2] - np.interp(self.com[0], self.axle_x[[-1, 0]], levels))
+        ends = [self.own_axles - 1, 0]
+        levels = (self.center_z - self.loaded_radius)[ends]
+        return float(self.com[2] - np.interp(self.com[0], self.axle_x[ends], levels))
 
 
 def driven_axles(spec: VehicleSpec) -> tuple[int, ...]:
@@ -91,27 +100,54 @@ def standing_loads(spec: VehicleSpec, *, device: str = "cpu") -> StandingLoads:
     spec.require_linkages("the rig of its suspensions")
     builder = ModelBuilder()
     parts = add_vehicle(builder, spec, at=pose())
-    bodies = builder.bodies[parts.bodies.start : parts.bodies.stop]
-    masses = np.array([body.mass for body in bodies])
-    com = masses @ np.array([body.pose.position for body in bodies]) / masses.sum()
     centers = np.array([builder.bodies[side.spindle].pose.position for side in parts.sides]).reshape(-1, 2, 3)
     x = centers[:, :, 0].mean(axis=1)
-    weight = GRAVITY * float(masses.sum())
-    away = x - x.mean()
-    spread = float(away @ away)
-    tilt = 0.0 if spread == 0.0 else (float(com[0]) - float(x.mean())) / spread
-    loads = 0.5 * weight * (1.0 / len(x) + tilt * away)
+    loads, hitches = np.zeros(len(x)), np.zeros(len(spec.trailers))
+    behind, at = 0.0, 0.0  # force of the unit behind on its hitch, and where [N, m]
+    for number in range(len(parts.units) - 1, -1, -1):
+        unit = parts.units[number]
+        mass, com = _mass_of(builder, unit.bodies)
+        hitch, places = spec.units[number].hitch, x[unit.axles.start : unit.axles.stop]
+        force = GRAVITY * mass + behind
+        lever = (GRAVITY * mass * float(com[0]) + behind * at) / force
+        if hitch is not None:
+            at = spec.units[number].origin[0] + hitch.trailer_point[0]
+            # two supports, the hitch and the middle of its axles, which are taken to share alike
+            behind = force * (lever - float(places.mean())) / (at - float(places.mean()))
+            hitches[number - 1] = behind
+            loads[unit.axles.start : unit.axles.stop] = 0.5 * (force - behind) / len(places)
+        else:
+            loads[unit.axles.start : unit.axles.stop] = 0.5 * _shares(places, lever) * force
     radii = np.array(
         [
             axle.tire.radius - float(static_deflection(axle.tire, load, device=device))
             if axle.tire.template in MODELS and load > 0.0
             else axle.tire.radius
-            for axle, load in zip(spec.axles, loads, strict=True)
+            for axle, load in zip(spec.all_axles, loads, strict=True)
         ]
     )
-    brakes = np.array([0.0 if axle.brake is None else axle.brake.max_torque / axle.tire.radius for axle in spec.axles])
+    brakes = np.array(
+        [0.0 if axle.brake is None else axle.brake.max_torque / axle.tire.radius for axle in spec.all_axles]
+    )
     share = brakes / brakes.sum() if brakes.sum() > 0.0 else brakes
     track = centers[:, 0, 1] - centers[:, 1, 1]
     return StandingLoads(
-        float(masses.sum()), np.asarray(com, np.float64), x, centers[:, :, 2].mean(axis=1), track, loads, radii, share
-    )
+        mass, com, len(spec.axles), hitches, x, centers[:, :, 2].mean(axis=1), track, loads, radii, share
+    )  # fmt: skip
+
+
+def _mass_of(builder: ModelBuilder, bodies: Sequence[int]) -> tuple[float, Array]:
+    """Mass [kg] and centre of mass (3,) [m] of some bodies as built."""
+    masses = np.array([builder.bodies[body].mass for body in bodies])
+    places = np.array([builder.bodies[body].pose.position for body in bodies])
+    return float(masses.sum()), np.asarray(masses @ places / masses.sum(), np.float64)
+
+
+def _shares(places: Array, lever: float) -> Array:
+    """Shares (A,) of a force at `lever` that axles at (A,) places [m] bear: of more than two, those on equal springs
+    below a rigid chassis.
+    """
+    away = places - places.mean()
+    spread = float(away @ away)
+    tilt = 0.0 if spread == 0.0 else (lever - float(places.mean())) / spread
+    return np.asarray(1.0 / len(places) + tilt * away)

@@ -58,7 +58,7 @@ class SuspensionBench:
     """
 
     def __init__(self, of: BenchMaker, motion: SuspensionMotion, travels: Array) -> None:
-        self.part, self.motion, self.radius = of.spec.axles[of.axle], motion, of.radius
+        self.part, self.motion, self.radius = of.spec.all_axles[of.axle], motion, of.radius
         self.axle, self.loads, self.states = of.axle, of.loads, len(travels)
         self.middle = len(travels) // 2
         self.reference = float(travels[self.middle])

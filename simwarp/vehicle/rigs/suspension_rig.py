@@ -135,7 +135,7 @@ def _standing_travel(bench_of: BenchMaker) -> float:
         SpecError: the springs bear it nowhere near.
     """
     loads, axle = bench_of.loads, bench_of.axle
-    reach, middle = SEARCH * bench_of.spec.axles[axle].tire.radius, 0.0
+    reach, middle = SEARCH * bench_of.spec.all_axles[axle].tire.radius, 0.0
     for _ in range(2):  # in a wide range, and between two of its points
         curve = bench_of(SuspensionMotion.PARALLEL, middle + np.linspace(-reach, reach, SEARCH_POINTS)).curve()
         travel = middle + np.linspace(-reach, reach, SEARCH_POINTS)
@@ -159,6 +159,7 @@ def checked_axle(spec: VehicleSpec, axle: int) -> Axle:
     Raises:
         SpecError: there is none.
     """
-    if not 0 <= axle < len(spec.axles):
-        raise SpecError(f"axle: must be from 0 (front) to {len(spec.axles) - 1} of '{spec.name}', got {axle}")
-    return spec.axles[axle]
+    axles = spec.all_axles
+    if not 0 <= axle < len(axles):
+        raise SpecError(f"axle: must be from 0 (front) to {len(axles) - 1} of '{spec.name}', got {axle}")
+    return axles[axle]

@@ -32,10 +32,13 @@ def describe(spec: AnyVehicleSpec) -> str:
     if isinstance(spec, TrackedVehicleSpec):
         kinds = [f"tracks of {spec.left.shoes} and {spec.right.shoes} shoes"]
     else:
-        templates = [getattr(axle.suspension, "template", "") for axle in spec.axles]
+        templates = [getattr(axle.suspension, "template", "") for axle in spec.all_axles]
         kinds = list(dict.fromkeys(_SUSPENSIONS.get(template, template) for template in templates))
     mass = sum(part.mass for part in spec.chassis.components)
     parts = [f"{', '.join(kinds)}, chassis {mass:.4g} kg"]
+    for trailer in () if isinstance(spec, TrackedVehicleSpec) else spec.trailers:
+        pulled = sum(part.mass for part in trailer.chassis.components)
+        parts.append(f"trailer of {pulled:.4g} kg on a {trailer.hitch.kind.replace('-', ' ')}")
     for kind in KINDS:
         names = option_names(spec.name, kind)
         if names:

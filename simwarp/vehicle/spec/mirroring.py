@@ -14,6 +14,7 @@ from simwarp.vehicle.spec.beam_axle_parts import BeamAxle
 from simwarp.vehicle.spec.drivetrain_parts import AutomaticShafts, ShaftsDriveline2WD, ShaftsDriveline4WD
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
+    Chassis,
     PinnedAxle,
     PitmanArm,
     RackPinion,
@@ -25,6 +26,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     SteeringMount,
     Suspension,
     Tire,
+    Trailer,
     Vec3,
     VehicleSpec,
 )
@@ -42,11 +44,6 @@ def mirrored(spec: VehicleSpec) -> VehicleSpec:
         SpecError: a solid axle's drag link holds the left knuckle and nothing describes one on the right; or a tire
             that differs between left and right is mounted alike on both sides.
     """
-    chassis = dataclasses.replace(
-        spec.chassis,
-        components=tuple(mirrored_part(part) for part in spec.chassis.components),
-        size_center=flipped(spec.chassis.size_center),
-    )
     driveline, transmission = spec.driveline, spec.transmission
     # a torque about x turns the other way
     if isinstance(driveline, (ShaftsDriveline2WD, ShaftsDriveline4WD)):
@@ -54,10 +51,27 @@ def mirrored(spec: VehicleSpec) -> VehicleSpec:
     if isinstance(transmission, AutomaticShafts):
         transmission = dataclasses.replace(transmission, reaction=-transmission.reaction)
     return dataclasses.replace(
-        spec, chassis=chassis, driveline=driveline, transmission=transmission,
+        spec, chassis=_chassis(spec.chassis), driveline=driveline, transmission=transmission,
         axles=tuple(_axle(index, axle) for index, axle in enumerate(spec.axles)),
         steerings=tuple(_mount(mount) for mount in spec.steerings),
+        trailers=tuple(_trailer(trailer) for trailer in spec.trailers),
     )  # fmt: skip
+
+
+def _chassis(chassis: Chassis) -> Chassis:
+    return dataclasses.replace(
+        chassis, components=tuple(mirrored_part(part) for part in chassis.components),
+        size_center=flipped(chassis.size_center),
+    )  # fmt: skip
+
+
+def _trailer(trailer: Trailer) -> Trailer:
+    hitch = dataclasses.replace(
+        trailer.hitch, towing_point=flipped(trailer.hitch.towing_point),
+        trailer_point=flipped(trailer.hitch.trailer_point),
+    )  # fmt: skip
+    axles = tuple(_axle(index, axle) for index, axle in enumerate(trailer.axles))
+    return dataclasses.replace(trailer, hitch=hitch, chassis=_chassis(trailer.chassis), axles=axles)
 
 
 def flipped(vector: Vec3) -> Vec3:

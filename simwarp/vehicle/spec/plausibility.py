@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, Protocol
 
 from simwarp.vehicle.spec.drivetrain_parts import (
@@ -19,7 +19,8 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     SimpleDriveline,
 )
 from simwarp.vehicle.spec.parts import Spec, SpecError, refuse
-from simwarp.vehicle.spec.vehicle_parts import Axle, Chassis, SteeringMount
+from simwarp.vehicle.spec.trailer_parts import Unit
+from simwarp.vehicle.spec.vehicle_parts import Axle, SteeringMount
 
 WHEELBASES: Final = (0.05, 50.0)
 """From model cars to heavy transporters [m]."""
@@ -57,8 +58,8 @@ class Assembled(Protocol):
         ...
 
     @property
-    def chassis(self) -> Chassis:
-        """The sprung body."""
+    def units(self) -> tuple[Unit, ...]:
+        """The vehicle without its trailers, then these."""
         ...
 
     @property
@@ -80,8 +81,11 @@ def check_vehicle(spec: Assembled) -> None:
     """
     _check_steerings(spec)
     _check_driven_axles(spec)
-    _check_lengths(spec)
+    for unit in spec.units:
+        _check_lengths(unit, spec.steerings if unit.hitch is None else ())
     _check_start(spec)
+    for unit in spec.units[1:]:
+        _check_level(unit, spec.start_height)
 
 
 def _check_steerings(spec: Assembled) -> None:
@@ -123,29 +127,33 @@ def _indices(count: int) -> str:
     return "0" if count == 1 else f"0 to {count - 1}"
 
 
-def _check_lengths(spec: Assembled) -> None:
-    places = [axle.location[0] for axle in spec.axles]
+def _check_lengths(unit: Unit, steerings: Sequence[SteeringMount]) -> None:
+    places = [axle.location[0] for axle in unit.axles]
+    if unit.hitch is not None:
+        places.insert(0, unit.hitch.trailer_point[0])
     wheelbase = max(places) - min(places)
     if len(places) > 1:
         reach, scale = REACH * wheelbase, f"{REACH:g} wheelbases of {wheelbase:.4g} m"
         far = max(range(1, len(places)), key=lambda index: abs(places[index] - places[0]))
         if not WHEELBASES[0] <= wheelbase <= WHEELBASES[1]:
-            rule = f"{WHEELBASES[0]:g} to {WHEELBASES[1]:g} m along x from axles[0].location"
-            raise SpecError(f"axles[{far}].location: must be {rule}, got {wheelbase:.6g} m; {METRES}")
+            start = "axles[0].location" if unit.hitch is None else "hitch.trailer_point"
+            which = far if unit.hitch is None else far - 1
+            rule = f"{WHEELBASES[0]:g} to {WHEELBASES[1]:g} m along x from {start}"
+            raise SpecError(f"{unit.key}axles[{which}].location: must be {rule}, got {wheelbase:.6g} m; {METRES}")
     else:
-        radius = spec.axles[0].tire.radius
+        radius = unit.axles[0].tire.radius
         reach, scale = TIRE_REACH * radius, f"{TIRE_REACH:g} radii of its tire of {radius:.4g} m"
-    parts: list[tuple[str, Spec]] = [(f"axles[{index}]", axle) for index, axle in enumerate(spec.axles)]
-    parts += [(f"steerings[{index}]", mount) for index, mount in enumerate(spec.steerings)]
-    parts += [(f"chassis.components[{index}]", part) for index, part in enumerate(spec.chassis.components)]
+    parts: list[tuple[str, Spec]] = [(f"axles[{index}]", axle) for index, axle in enumerate(unit.axles)]
+    parts += [(f"steerings[{index}]", mount) for index, mount in enumerate(steerings)]
+    parts += [(f"chassis.components[{index}]", part) for index, part in enumerate(unit.chassis.components)]
     for key, part in parts:
-        for where, length, value in lengths(part, key):
+        for where, length, value in lengths(part, f"{unit.key}{key}"):
             if length > reach:
                 raise SpecError(f"{where}: must be within {reach:.4g} m ({scale}), got {value}; {METRES}")
     for key in ("size", "size_center"):
-        value = getattr(spec.chassis, key)
+        value = getattr(unit.chassis, key)
         if math.hypot(*value) > BODY_REACH / REACH * reach:
-            raise refuse(f"chassis.{key}", f"within {BODY_REACH / REACH * reach:.4g} m", value, METRES)
+            raise refuse(f"{unit.key}chassis.{key}", f"within {BODY_REACH / REACH * reach:.4g} m", value, METRES)
 
 
 def lengths(part: Spec, key: str) -> Iterator[tuple[str, float, object]]:
@@ -174,12 +182,28 @@ def is_point(name: str) -> bool:
     return not (name.endswith("inertia") or name in ("products", "momentum", "moment") or "axis" in name)
 
 
+def _lowest(unit: Unit) -> tuple[float, float]:
+    """Height of the lowest tire's bottom in the vehicle's frame as built, and that tire's radius [m]."""
+    heights = [
+        unit.origin[2] + axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius for axle in unit.axles
+    ]
+    lowest = min(range(len(heights)), key=heights.__getitem__)
+    return heights[lowest], unit.axles[lowest].tire.radius
+
+
 def _check_start(spec: Assembled) -> None:
     """The lowest wheel stands near the ground."""
-    heights = [axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius for axle in spec.axles]
-    lowest = min(range(len(heights)), key=heights.__getitem__)
-    radius, bottom = spec.axles[lowest].tire.radius, heights[lowest]
+    bottom, radius = _lowest(spec.units[0])
     low, high = -bottom - SUNK * radius, -bottom + LIFTED * radius
     if not low <= spec.start_height <= high:
         rule = f"from {low:.4g} to {high:.4g} m, where the wheels are near the ground"
         raise refuse("start_height", rule, spec.start_height, f"they touch it at {-bottom:.4g}")
+
+
+def _check_level(unit: Unit, start_height: float) -> None:
+    """A trailer's wheels are near the ground where its hitch lies as high as that of what tows it."""
+    bottom, radius = _lowest(unit)
+    above = bottom + start_height
+    if unit.hitch is not None and not -SUNK * radius <= above <= LIFTED * radius:
+        rule = f"as high above the trailer's wheels as the towing point is: they are {above:.4g} m above the ground"
+        raise refuse(f"{unit.key}hitch.trailer_point", rule, unit.hitch.trailer_point, METRES)

@@ -60,16 +60,16 @@ HELD_BY: Final[dict[type, tuple[str, ...]]] = {
 """Points of the part that holds the foot of a drop link, or other parts whose centres of mass lie on it."""
 
 
-def check_reach(axles: Sequence[Axle]) -> None:
-    """All axles of a vehicle.
+def check_reach(axles: Sequence[Axle], key: str = "") -> None:
+    """All axles of a vehicle or of a trailer, whose keys begin with `key`.
 
     Raises:
         SpecError: a point that is too far off, with the distance that is allowed; a drop link that is too short.
     """
     for index, axle in enumerate(axles):
-        _check_hardpoints(f"axles[{index}]", axle)
+        _check_hardpoints(f"{key}axles[{index}]", axle)
         if axle.antiroll_bar is not None and type(axle.suspension) in HELD_BY:
-            _check_bar(f"axles[{index}].antiroll_bar", axle, axle.antiroll_bar)
+            _check_bar(f"{key}axles[{index}].antiroll_bar", axle, axle.antiroll_bar)
 
 
 def _around(axle: Axle) -> float:

@@ -1,9 +1,9 @@
 """Other tires, powertrains and drivelines for a vehicle, by name.
 
 They lie beside the shipped vehicles: data/NAME/tires, powertrains and drivelines, one file per option; of those on
-tracks, data/tracked/NAME/drivelines. Tires that
-differ between the axles have a folder for the front and one for the rear. `hmmwv-reduced` shares those of `hmmwv`:
-the folder is what stands before the first dash of a vehicle's name.
+tracks, data/tracked/NAME/drivelines. Tires that differ between the axles have a folder for the front, one for the rear
+and, for trailers, one of theirs. `hmmwv-reduced` shares those of `hmmwv`: the folder is what stands before the first
+dash of a vehicle's name.
 """
 
 from __future__ import annotations
@@ -72,11 +72,7 @@ def with_options(
     if tire is not None:
         if isinstance(spec, TrackedVehicleSpec):
             raise SpecError(f"tire: '{spec.name}' has tracks and no tires, got {formatted(tire)}; leave it out")
-        axles = tuple(
-            dataclasses.replace(axle, tire=read_spec(Tire, find(spec, "tire", tire, "front" if index == 0 else "rear")))
-            for index, axle in enumerate(spec.axles)
-        )
-        spec = replaced(spec, tire, axles=axles)
+        spec = _with_tires(spec, tire)
     if driveline is not None:
         path = find(spec, "driveline", driveline)
         hint: Any = TrackDriveline if isinstance(spec, TrackedVehicleSpec) else Driveline
@@ -85,6 +81,19 @@ def with_options(
         parts = read_spec(Powertrain, find(spec, "powertrain", powertrain))
         spec = replaced(spec, powertrain, engine=parts.engine, transmission=parts.transmission)
     return spec
+
+
+def _with_tires(spec: VehicleSpec, tire: str) -> VehicleSpec:
+    """Other tires on all axles: those for the front on the first, those for trailers on theirs where there are such."""
+    behind = "trailer" if (folder_of(spec.name, "tire") / "trailer").is_dir() else "rear"
+    axles = []
+    for index, axle in enumerate(spec.all_axles):
+        side = behind if index >= len(spec.axles) else "rear" if index else "front"
+        axles.append(dataclasses.replace(axle, tire=read_spec(Tire, find(spec, "tire", tire, side))))
+    try:
+        return spec.with_axles(axles)
+    except SpecError as error:
+        raise SpecError(f"{Path(tire).name}: {error}") from None
 
 
 def replaced(spec: AnySpec, option: str, **parts: Any) -> AnySpec:

@@ -106,6 +106,9 @@ def _tires_in(spec: Any) -> Iterator[tuple[Keys, Tire]]:
     if isinstance(spec, VehicleSpec):
         for index, axle in enumerate(spec.axles):
             yield ("axles", index, "tire"), axle.tire
+        for number, trailer in enumerate(spec.trailers):
+            for index, axle in enumerate(trailer.axles):
+                yield ("trailers", number, "axles", index, "tire"), axle.tire
 
 
 class Source:

@@ -31,6 +31,11 @@ class Chassis(Spec):
     """Of the box that stands for the body in contact and pictures [m]."""
     size_center: Point = ZERO
 
+    @property
+    def drag_factor(self) -> float:
+        """Drag over the square of the speed [kg/m]."""
+        return 0.5 * self.air_density * self.drag_coefficient * self.drag_area
+
     def check(self) -> None:
         """The components' inertia is that of a body."""
         _, _, inertia = merged(self.components)

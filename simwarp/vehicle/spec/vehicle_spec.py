@@ -9,7 +9,8 @@ to its plane) where `inertia_axes` says "arm".
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Final
 
 from simwarp.core.constraints import MinLen
 from simwarp.core.object_repr import Names, Readable, Row, plural
@@ -68,6 +69,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     TrailingArm,
 )
 from simwarp.vehicle.spec.tabulated_suspension import REDUCED, TabulatedSuspension
+from simwarp.vehicle.spec.trailer_parts import Hitch, Trailer, Unit, moved_axle, units_of
 from simwarp.vehicle.spec.vehicle_parts import Axle, Brake, Chassis, SteeringMount, Tire, Wheel
 
 __all__ = [
@@ -94,6 +96,7 @@ __all__ = [
     "EngineShafts",
     "EngineSimple",
     "ForceLine",
+    "Hitch",
     "MacPhersonStrut",
     "ManeuverDefaults",
     "ManualShafts",
@@ -119,15 +122,19 @@ __all__ = [
     "TabulatedSuspension",
     "ThreeLink",
     "Tire",
+    "Trailer",
     "TrailingArm",
     "Transmission",
     "TriangularArm",
+    "Unit",
     "Vec3",
     "VehicleSpec",
     "Wheel",
     "check_map",
     "refuse",
 ]
+
+FULL_TRAIN: Final = "a reduced vehicle tows none: take the full vehicle"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -147,6 +154,39 @@ class VehicleSpec(Readable, Spec):
     """Of the frame of reference above the ground at the start [m]."""
     maneuver_defaults: ManeuverDefaults = NONE_GIVEN
     """Speeds and radii of tests that suit it, where nothing else is asked for."""
+    trailers: tuple[Trailer, ...] = ()
+    """Each is held by the vehicle or by the trailer before it."""
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """The vehicle without its trailers, then these."""
+        return units_of(self.chassis, self.axles, self.trailers)
+
+    @property
+    def all_axles(self) -> tuple[Axle, ...]:
+        """Those of the vehicle, then those of its trailers, placed in the vehicle's frame of reference as built."""
+        behind = (moved_axle(axle, unit.origin) for unit in self.units[1:] for axle in unit.axles)
+        return (*self.axles, *behind) if self.trailers else self.axles
+
+    def with_axles(self, axles: Sequence[Axle]) -> VehicleSpec:
+        """The vehicle with other parts at all of its axles, which stay in their places.
+
+        Args:
+            axles: as many as `all_axles` has, in that order.
+
+        Raises:
+            SpecError: they do not fit.
+        """
+        left = iter(axles)
+        own = tuple(next(left) for _ in self.axles)
+        trailers = []
+        for trailer in self.trailers:
+            changed = tuple(
+                dataclasses.replace(next(left), location=axle.location, antiroll_bar=axle.antiroll_bar)
+                for axle in trailer.axles
+            )
+            trailers.append(dataclasses.replace(trailer, axles=changed))
+        return dataclasses.replace(self, axles=own, trailers=tuple(trailers))
 
     @property
     def full_name(self) -> str:
@@ -172,7 +212,8 @@ class VehicleSpec(Readable, Spec):
         if isinstance(self.driveline, DifferentialDrive):
             self._check_differential_drive(self.driveline)
         check_vehicle(self)
-        check_reach(self.axles)
+        for unit in self.units:
+            check_reach(unit.axles, unit.key)
         self._check_wheelbase()
         self._check_tables()
 
@@ -187,11 +228,12 @@ class VehicleSpec(Readable, Spec):
         return self.transmission is not None or isinstance(self.driveline, DifferentialDrive)
 
     def _readable_title(self) -> str:
-        return f" '{self.name}': {plural(len(self.axles), 'axle')}"
+        behind = f", {plural(len(self.trailers), 'trailer')}" if self.trailers else ""
+        return f" '{self.name}': {plural(len(self.all_axles), 'axle')}{behind}"
 
     def _readable_rows(self) -> dict[str, Row]:
         """The templates of its parts."""
-        axles, mounts = self.axles, self.steerings
+        axles, mounts = self.all_axles, self.steerings
         parts = {"driveline": self.driveline, "engine": self.engine, "transmission": self.transmission}
         return {
             "suspensions": Names(len(axles), (axle.suspension.template for axle in axles)),
@@ -219,6 +261,8 @@ class VehicleSpec(Readable, Spec):
             raise SpecError(f"axles: must be two of tables or none, got {found}; tables are those of a whole vehicle")
         if isinstance(self.driveline, (DifferentialDrive, MultiAxleDriveline)):
             raise refuse("driveline", "one of an engine and up to two axles beside tables", self.driveline.template)
+        if self.trailers:
+            raise SpecError(f"trailers: must be left out beside tables, got {len(self.trailers)}; {FULL_TRAIN}")
 
     def _check_wheelbase(self) -> None:
         if self.wheelbase is None:

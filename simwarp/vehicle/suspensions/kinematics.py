@@ -126,7 +126,7 @@ def spring_lengths(spec: VehicleSpec, axle: int, travels: npt.ArrayLike, *, devi
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
     held = hold_axle(spec, axle, travels, travels, device=device)
-    part = spec.axles[axle]
+    part = spec.all_axles[axle]
     found = line_lengths(held.simulation, part.suspension, FRAME, WORLD, pose(part.location))
     found[~held.reached] = np.nan
     return found
@@ -142,10 +142,11 @@ def hold_axle(
         SpecError: no such axle, or a travel other than 0 of rigid wheels.
     """
     spec.require_linkages("the bench of its axles")
-    if not 0 <= axle < len(spec.axles):
-        raise SpecError(f"axle: must be in 0..{len(spec.axles) - 1}, got {axle!r}")
+    count = len(spec.all_axles)
+    if not 0 <= axle < count:
+        raise SpecError(f"axle: must be in 0..{count - 1}, got {axle!r}")
     lefts, rights, inputs = (np.ravel(v) for v in np.broadcast_arrays(*map(_floats, (left, right, steering))))
-    part = spec.axles[axle]
+    part = spec.all_axles[axle]
     if isinstance(part.suspension, RigidSuspension) and (np.any(lefts) or np.any(rights)):
         raise SpecError(f"travels: must be 0 for the template '{part.suspension.template}', which has no springs")
     builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))

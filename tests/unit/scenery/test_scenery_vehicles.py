@@ -17,7 +17,8 @@ from simwarp.viewer import FreeCamera
 from tests.unit.scenery.scenery_meshes import assert_outward, color_of
 
 CAMERAS = {"hmmwv": (1.5, 0.0, 0.875), "gator": (0.65, 0.0, 0.75), "artcar": (-0.075, 0.0, 0.15),
-           "sedan": (1.5, 0.0, 0.875), "skid-steer": (0.3, 0.0, 0.3)}  # fmt: skip
+           "sedan": (1.5, 0.0, 0.875), "skid-steer": (0.3, 0.0, 0.3),
+           "truck": (3.25, 0.0, 1.3), "truck-semitrailer": (3.25, 0.0, 1.3)}  # fmt: skip
 """Where the driving tasks mount their cameras, in the vehicle's frame [m]."""
 
 
@@ -109,12 +110,19 @@ def test_every_shipped_vehicle_is_seen_on_its_own_bodies(name):
     parts = add_vehicle(builder, load_vehicle(name), at=sw.pose((3.0, -2.0, 0.5)))
     visuals = Visuals(builder)
     instances = add_vehicle_visual(visuals, parts, prefix="car_")
-    assert [visuals.instances[index].name for index in instances] == ["car_body", *(f"car_wheel_{k}" for k in range(4))]
     sides: tuple[Side, ...] = parts.sides
-    assert [visuals.instances[i].body for i in instances] == [parts.chassis, *(side.spindle for side in sides)]
+    wheels = [f"car_wheel_{k}" for k in range(len(sides))]
+    names = [visuals.instances[index].name for index in instances]
+    assert names[: len(sides) + 1] == ["car_body", *wheels]
+    bodies = [visuals.instances[index].body for index in instances]
+    assert bodies[: len(sides) + 1] == [parts.chassis, *(side.spindle for side in sides)]
+    # trailers come last, each on a body of its own
+    trailers = [unit.chassis for unit in parts.units[1:]]
+    assert sorted(set(bodies[len(sides) + 1 :])) == trailers
+    assert all(name.startswith("car_trailer_") for name in names[len(sides) + 1 :])
     # places of the picture are those of the wheels, but for the travel of the springs
     places = vehicle_visuals_of(name).places
-    for place, side in zip(places, sides, strict=True):
+    for place, side in zip(places, sides[: len(places)], strict=True):
         wheel = builder.bodies[side.spindle].pose.position - np.array([3.0, -2.0, 0.5])
         np.testing.assert_allclose(place[:2], wheel[:2], atol=5e-3)
         assert abs(place[2] - wheel[2]) < 0.06

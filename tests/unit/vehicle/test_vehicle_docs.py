@@ -79,7 +79,8 @@ def test_the_keys_of_a_template_are_listed(union, cls):
 PARTS = {
     "vehicle": specs.VehicleSpec, "`chassis`": specs.Chassis, "rigid part": specs.RigidPart, "`axles`": specs.Axle,
     "`wheel`": specs.Wheel, "`brake`": specs.Brake, "`antiroll_bar`": specs.AntirollBar,
-    "`steerings`": specs.SteeringMount, "`springs`": specs.ForceLine,
+    "`steerings`": specs.SteeringMount, "`springs`": specs.ForceLine, "`trailers`": specs.Trailer,
+    "`hitch`": specs.Hitch,
 }  # fmt: skip
 
 
@@ -137,7 +138,7 @@ def test_the_columns_of_scripts_are_listed():
 
 def test_the_usual_columns_are_listed():
     names = [name for row in table_rows("usual column") for name in re.findall(r"`(\w+)`", row[0])]
-    assert sorted(names) == sorted((*COLUMNS, *SINKAGES, *PULLS))
+    assert sorted(names) == sorted((*COLUMNS, "articulation1_rad", *SINKAGES, *PULLS))
 
 
 def test_rigid_tires_are_listed():
@@ -174,7 +175,7 @@ def test_the_outputs_that_are_listed_exist():
     owners = {"sim": sim, "vehicle": vehicle}
     listed = table_rows("array")
     assert len(listed) > 12
-    sizes = {"W": 2, "B": sim.model.body_count, "4": 4, "wheels": 4, "dofs": sim.model.dof_count}
+    sizes = {"W": 2, "B": sim.model.body_count, "4": 4, "wheels": 4, "dofs": sim.model.dof_count, "trailers": 0}
     for cells in listed:
         names = re.findall(r"`([\w.]+)`", cells[0])
         parent = names[0].rpartition(".")[0]

@@ -121,7 +121,7 @@ def test_links_that_are_refused_do_not_reach_and_others_do(name, monkeypatch):
     assert -0.2 * radius < enough < -1e-3
     # the wheel does not rise by quite what its arm's ball does
     assert hold_axle(barred(spec, foot, 1.2 * enough), 0, travels, travels).reached.all()
-    monkeypatch.setattr(vehicle_spec, "check_reach", lambda _: None)
+    monkeypatch.setattr(vehicle_spec, "check_reach", lambda *_: None)
     assert not hold_axle(barred(spec, foot, 0.75 * enough), 0, travels, travels).reached.all()
 
 

@@ -186,6 +186,26 @@ def test_reset_gear_and_camera_keys(view):
     assert read_row(vehicle(view).gear, 1) == 1
 
 
+@pytest.mark.slow
+def test_a_truck_is_driven_by_hand_and_its_trailer_follows():
+    view = LiveView(vehicle_subject("truck-semitrailer", 1, "cpu"), worlds=1, port=0)
+    add_panels(view)
+    view.speed = 0.0
+    view.wheel.open = True
+    try:
+        with DrivingPage(view, steer=0.5, throttle=1.0) as page:
+            run_for(view, 6.0)
+            assert vehicle(view).velocity_b.numpy()[0, 0] > 3.0
+            # to the left, and the trailer behind it turned to the right
+            assert vehicle(view).angles.numpy()[0, 2] > 0.1
+            assert vehicle(view).articulation.numpy()[0, 0] < -0.05
+            page.say(brake=1.0)
+            run_for(view, 4.0)
+            assert abs(vehicle(view).velocity_b.numpy()[0, 0]) < 0.1
+    finally:
+        view.stop()
+
+
 def test_arrows_turn_a_robot_on_the_spot_and_a_gear_key_reverses_it():
     view = LiveView(vehicle_subject("skid-steer", 2, "cpu"), worlds=2, port=0)
     add_panels(view)
