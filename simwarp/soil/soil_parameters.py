@@ -86,6 +86,9 @@ class SoilSpec(Configuration):
 
 PRESETS: Final = {
     "soft": SoilSpec(k_phi=0.2e6, elastic=4.0e7),
+    "sand": SoilSpec(
+        k_phi=1528.43e3, k_c=0.99e3, exponent=1.1, cohesion=1040.0, friction_angle=math.radians(28.0), elastic=2.0e8,
+    ),
     "mid": SoilSpec(k_phi=2.0e6),
     "hard": SoilSpec(
         k_phi=5.301e6, k_c=1.02e5, exponent=0.793, cohesion=1300.0, friction_angle=math.radians(31.1),
@@ -99,9 +102,9 @@ PRESETS: Final = {
         shear_length=0.03, elastic=4.0e7,
     ),
 }  # fmt: skip
-"""Soft and mid soil of Chrono's demonstrations; hard: LETE sand; clay: clayey soil of Thailand at 38 % moisture; snow:
-of the United States (Wong 2008, Theory of Ground Vehicles, table 2.3, which does not have the shear length and
-elasticity of clay and snow: these are of the usual size)."""
+"""Soft and mid soil of Chrono's demonstrations; sand: dry sand of the Land Locomotion Laboratory; hard: LETE sand; clay:
+clayey soil of Thailand at 38 % moisture; snow: of the United States (Wong 2008, Theory of Ground Vehicles, table 2.3,
+which does not have the shear length and elasticity of sand, clay and snow: these are of the usual size)."""
 
 
 def soil_preset(name: str) -> SoilSpec:
