@@ -197,7 +197,7 @@ class Soil(ForceElement):
         model: of the worlds.
         shapes: what sinks in: `SoilWheel`, `SoilBox`, `SoilSphere`, `SoilCapsule`, `SoilCylinder`, several on one body
             too, see `soil_shapes`; and `SoilBlade`, which cuts.
-        soil: a `SoilSpec`, the name of a preset (soft, mid, hard, clay, snow), or several of them for `soil_map`.
+        soil: a `SoilSpec`, the name of a preset (soft, mid, hard, clay, snow, sand), or several of them for `soil_map`.
         ground: the undeformed ground (`simwarp.vehicle.tires.ground`); the plane z = 0 when None.
         spacing: of the nodes [m].
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.

@@ -89,9 +89,6 @@ class SoilSpec(Configuration):
 
 PRESETS: Final = {
     "soft": SoilSpec(k_phi=0.2e6, elastic=4.0e7),
-    "sand": SoilSpec(
-        k_phi=1528.43e3, k_c=0.99e3, exponent=1.1, cohesion=1040.0, friction_angle=math.radians(28.0), elastic=2.0e8,
-    ),
     "mid": SoilSpec(k_phi=2.0e6),
     "hard": SoilSpec(
         k_phi=5.301e6, k_c=1.02e5, exponent=0.793, cohesion=1300.0, friction_angle=math.radians(31.1),
@@ -104,6 +101,9 @@ PRESETS: Final = {
     "snow": SoilSpec(
         k_phi=196.72e3, k_c=4.37e3, exponent=1.6, cohesion=1030.0, friction_angle=math.radians(19.7),
         shear_length=0.03, elastic=4.0e7, density=250.0,
+    ),
+    "sand": SoilSpec(
+        k_phi=1528.43e3, k_c=0.99e3, exponent=1.1, cohesion=1040.0, friction_angle=math.radians(28.0), elastic=2.0e8,
     ),
 }  # fmt: skip
 """Soft and mid soil of Chrono's demonstrations; sand: dry sand of the Land Locomotion Laboratory; hard: LETE sand;

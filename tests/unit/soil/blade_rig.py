@@ -21,9 +21,10 @@ def pushed(
 ) -> tuple[sw.Simulation, Soil]:  # fmt: skip
     """A simulation in which a blade moves along its heading, and its soil; `climb` is how much it rises on the way."""
     builder = sw.ModelBuilder()
-    turn = np.array([math.sin(0.5 * roll) * math.cos(0.5 * yaw), math.sin(0.5 * roll) * math.sin(0.5 * yaw),
-                     math.cos(0.5 * roll) * math.sin(0.5 * yaw), math.cos(0.5 * roll) * math.cos(0.5 * yaw)])  # fmt: skip
-    body = builder.add_body("blade", mass=mass, inertia=(mass,) * 3, pose=sw.pose((0.0, 0.0, 0.5), tuple(turn)))
+    lean, level = math.sin(0.5 * roll), math.cos(0.5 * roll)
+    ahead, aside = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    turn = (lean * ahead, lean * aside, level * aside, level * ahead)
+    body = builder.add_body("blade", mass=mass, inertia=(mass,) * 3, pose=sw.pose((0.0, 0.0, 0.5), turn))
     builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(math.cos(yaw), math.sin(yaw), climb))
     model = builder.finalize(worlds, "cpu")
     edge = sw.pose((0.0, 0.0, -0.5 - depth))

@@ -51,15 +51,13 @@ def test_what_is_cut_lies_ahead_and_beside(yaw):
 
 
 def test_the_ground_seen_is_the_ground_cut():
-    """Heights between nodes, summed over the plane, are the volumes; the trench is as deep as the blade, the heap stands
-    at its angle of repose.
-    """
+    """Heights between nodes, summed over the plane, are the volumes; the heap stands at its angle of repose."""
     simulation, element = pushed(0.1, spacing=0.05)
     simulation.step(3000)
     x, y = np.meshgrid(np.arange(-1.0, 4.0, 0.025), np.arange(-2.5, 2.5, 0.025))
     heights = element.height(np.stack([x.ravel(), y.ravel()], axis=1)).numpy()[0].reshape(x.shape)
     cell = 0.025**2
-    cut, heap, _ = volumes(element)
+    _, heap, _ = volumes(element)
     assert heights.sum() * cell == pytest.approx(0.0, abs=2e-3 * heap)
     assert heights[heights > 0.0].sum() * cell == pytest.approx(heap, rel=0.05)  # cells across the border have both
     assert heights.min() == pytest.approx(-0.1, abs=1e-6)
@@ -175,7 +173,7 @@ def test_a_turned_grid_gives_the_same_force():
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_a_blade_comes_to_rest_and_gains_nothing(dt):
     """Of 200 kg with a push at the start: the soil takes all of its energy, and never gives any back."""
-    simulation, element = pushed(0.1, mass=200.0, speed=2.0, dt=dt)
+    simulation, _ = pushed(0.1, mass=200.0, speed=2.0, dt=dt)
     energy = [float(simulation.measure_energy().numpy()[0])]
     for _ in range(round(1.5 / dt)):
         simulation.step(1)
