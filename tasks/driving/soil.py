@@ -70,7 +70,7 @@ class DrivenSoil:
 
     Attributes:
         element: the force element (`simwarp.soil.Soil`); it comes after the vehicle.
-        parameter: (W, 1, 8) of `SoilSpec.values`.
+        parameter: (W, 1, 9) of `SoilSpec.values`.
 
     Raises:
         ModelError: the spacing does not suit the wheels.

@@ -55,7 +55,7 @@ class SoilDraws:
         rigid_share: of them.
 
     Attributes:
-        parameter: (W, 1, 8) of `SoilSpec.values`.
+        parameter: (W, 1, 9) of `SoilSpec.values`.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class SoilDraws:
         return torch.tensor(soil.values(), dtype=torch.float32, device=self.parameter.device)
 
     def _draw_rows(self) -> torch.Tensor:
-        """Return (W, 8): what the draws of the running episodes say."""
+        """Return (W, 9): what the draws of the running episodes say."""
         shares = self._random.uniform("soil", size=DRAWS + 1)
         rows = torch.lerp(self._low, self._high, shares.index_select(1, self._draw_of))
         rows = torch.where(self._logarithmic, rows.exp(), rows)
@@ -89,7 +89,7 @@ class SoilDraws:
 
 
 def _spread(row: torch.Tensor) -> torch.Tensor:
-    """Return a row (8,) with logarithms and the angle in place of what is drawn by them."""
+    """Return a row (9,) with logarithms and the angle in place of what is drawn by them."""
     spread = row.clone()
     spread[LOGARITHMIC] = row[LOGARITHMIC].log()
     spread[sw.soil.SoilParameter.TAN_PHI] = row[sw.soil.SoilParameter.TAN_PHI].atan()

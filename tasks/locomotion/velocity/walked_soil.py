@@ -66,7 +66,7 @@ class WalkedSoil:
     Attributes:
         element: the force element (`simwarp.soil.Soil`), after all that acts on the robot's bodies.
         forces: what it does to the robot's parts, by names of shapes and of bodies.
-        parameter: (W, 1, 8) of `SoilSpec.values`.
+        parameter: (W, 1, 9) of `SoilSpec.values`.
 
     Raises:
         ModelError: the spacing does not suit the shapes, or one of them cannot sink in.

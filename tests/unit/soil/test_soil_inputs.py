@@ -125,7 +125,7 @@ def test_options_of_a_soil(options, message):
         ("b", "shapes must be a list, got 'b'; write shapes=[...]"),
         (
             ["b"],
-            "shapes must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, got 'b' among them; wrap it",
+            "must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, SoilBlade, got 'b' among them; wrap it",
         ),
         ([], "shapes must be at least one, got none; name those that sink in"),
         (
@@ -239,7 +239,7 @@ def test_soil_lies_on_the_vehicles_ground():
 
 COMMANDS = [
     (["--soil", "mid"], "tires of vehicle 'hmmwv' must be soil-rigid, got tmeasy", "--tire soil-rigid"),
-    (["--tire", "soil-rigid", "--soil", "mud"], "preset must be soft, mid, hard, clay, snow, sand, got 'mud'", "SoilSpec"),
+    (["--tire", "soil-rigid", "--soil", "mud"], "preset must be soft, mid, hard, clay, snow, sand, got", "SoilSpec"),
     (
         ["--tire", "soil-rigid", "--spacing", "0.2"],
         "at most half the narrowest shape's width, 0.127 m, got 0.2",
