@@ -1,6 +1,7 @@
 """Blades: volume, draft against the fundamental equation of earth moving, symmetry, energy, bits, what is refused."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -249,12 +250,13 @@ def test_bad_blades_are_refused_in_one_line():
     builder = sw.ModelBuilder()
     builder.add_body("b", mass=1.0, inertia=(1.0,) * 3)
     model = builder.finalize(1, "cpu")
+    usual: dict[str, Any] = {"body": "b", "width": 1.0, "height": 0.4}
     for values, words in (
         ({"width": 0.0}, "width"), ({"height": -1.0}, "height"), ({"rake": 60.0}, "degrees"), ({"rake": 0.1}, "rake"),
         ({"repose": 0.0}, "repose"), ({"friction_angle": -0.1}, "friction_angle"),
     ):  # fmt: skip
         with pytest.raises(sw.ModelError, match=words) as caught:
-            Soil(model, [SoilBlade(**({"body": "b", "width": 1.0, "height": 0.4} | values))])
+            Soil(model, [SoilBlade(**(usual | values))])
         assert "\n" not in str(caught.value)
     with pytest.raises(sw.ModelError, match="density"):
         SoilSpec(k_phi=1e6, density=0.0)

@@ -125,7 +125,7 @@ def test_options_of_a_soil(options, message):
         ("b", "shapes must be a list, got 'b'; write shapes=[...]"),
         (
             ["b"],
-            "must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, SoilBlade, got 'b' among them; wrap it",
+            "of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, SoilBlade, got 'b' among them; wrap it",
         ),
         ([], "shapes must be at least one, got none; name those that sink in"),
         (
