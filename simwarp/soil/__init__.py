@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Final
 from simwarp.core.names_on_demand import names_on_demand
 
 # At once: a function of its name would be hidden by the module when that is imported later
-from simwarp.soil.soil_shapes import SoilBox, SoilCapsule, SoilCylinder, SoilShape, SoilSphere, SoilWheel, soil_shapes
+from simwarp.soil.soil_shapes import (
+    SoilBlade,
+    SoilBox,
+    SoilCapsule,
+    SoilCylinder,
+    SoilShape,
+    SoilSphere,
+    SoilWheel,
+    soil_shapes,
+)
 
 if TYPE_CHECKING:
     from simwarp.soil.bulldozing import Bulldozing
@@ -20,9 +29,9 @@ if TYPE_CHECKING:
     from simwarp.soil.vehicle_wheels import pads_of, soil_under, soil_under_tracks, wheels_of
 
 __all__ = [
-    "PAGE_SIDE", "PRESETS", "Bulldozing", "PressureNormal", "ShearMemory", "Soil", "SoilBox", "SoilCapsule",
-    "SoilCylinder", "SoilMesh", "SoilParameter", "SoilShape", "SoilSpec", "SoilSphere", "SoilWheel", "pads_of",
-    "soil_preset", "soil_shapes", "soil_under", "soil_under_tracks", "wheels_of",
+    "PAGE_SIDE", "PRESETS", "Bulldozing", "PressureNormal", "ShearMemory", "Soil", "SoilBlade", "SoilBox",
+    "SoilCapsule", "SoilCylinder", "SoilMesh", "SoilParameter", "SoilShape", "SoilSpec", "SoilSphere", "SoilWheel",
+    "pads_of", "soil_preset", "soil_shapes", "soil_under", "soil_under_tracks", "wheels_of",
 ]  # fmt: skip
 
 _MODULES: Final = {

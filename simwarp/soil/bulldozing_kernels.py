@@ -14,7 +14,7 @@ from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.soil.deformed_surface_kernels import greatest_raise, node_drop
 from simwarp.soil.footprint_kernels import Pose, footprint_of, node_number, shape_pose, surface_above
 from simwarp.soil.pages_kernels import claim_page, find_page, slot_in
-from simwarp.soil.soil_tables_kernels import SoilNodes, SoilShapes, SoilTables
+from simwarp.soil.soil_tables_kernels import BLADE, SoilNodes, SoilShapes, SoilTables
 from simwarp.soil.wheel_surface_kernels import NOTHING
 from simwarp.vehicle.tires.ground_kernels import ground_below
 
@@ -121,6 +121,8 @@ def put_shape(world: int, at: int, shape: int, mine: int, p: Pose, a: Area, soil
     patch.x1 = a.x0 - 1
     patch.y1 = a.y0 - 1
     q = shape_pose(world, shape, 0.0, shapes, state)
+    if q.kind == BLADE:
+        return patch
     away = to_float(q.x - p.x)
     half = q.radius + q.half_width + soil.spacing
     widest = soil.spacing * float(wp.max(a.x1 - a.x0, a.y1 - a.y0)) + 2.0 * half + p.radius + p.half_width

@@ -9,7 +9,7 @@ from simwarp.kernels.core.vector_math import to_double, to_float
 from simwarp.soil.deformed_surface_kernels import FARTHEST
 from simwarp.soil.pages_kernels import find_page, slot_in
 from simwarp.soil.shape_surface_kernels import GENTLE, ball_low, box_column, capsule_low, lowest_face
-from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, WHEEL, SoilNodes, SoilShapes, SoilTables
+from simwarp.soil.soil_tables_kernels import BALL, BLADE, BOX, CAPSULE, WHEEL, SoilNodes, SoilShapes, SoilTables
 from simwarp.soil.wheel_surface_kernels import UPRIGHT, Column, column_above
 from simwarp.vehicle.tires.ground_kernels import GroundPoint, ground_below
 
@@ -228,7 +228,7 @@ def footprint_of(world: int, p: Pose, lift: float, soil: SoilTables, assets: Ass
     """The nodes that a shape may touch now or at the end of the step, on ground that rises by at most `lift` [m]."""
     foot = Footprint()
     foot.x1 = -1
-    if not wp.isfinite(wp.length_sq(p.axis) + wp.length_sq(p.moved)):
+    if p.kind == BLADE or not wp.isfinite(wp.length_sq(p.axis) + wp.length_sq(p.moved)):
         return foot
     g = ground_below(world, p.x, wp.vec3(), p.radius, soil.terrain, assets)
     if g.found == 0 or wp.max(wp.abs(p.x[0]), wp.abs(p.x[1])) > FARTHEST * wp.float64(soil.spacing):

@@ -17,12 +17,13 @@ from simwarp.core.constraints import Parsed, RuleError
 from simwarp.core.object_repr import Row, plural
 from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, formatted, number, numbers
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
-from simwarp.model.checks import checked_instances, whole_number
+from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
 from simwarp.model.rules import RULES, Flag, instance_of, word_of
 from simwarp.simulation.attachments import ForceElement, StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
+from simwarp.soil.blades import Blades
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.deformed_surface_kernels import SoilCover, find_heights
 from simwarp.soil.pressing_kernels import carry_bodies, claim_pages, clear_soil, press_shapes, report_shapes
@@ -30,6 +31,7 @@ from simwarp.soil.sheet_pressing_kernels import press_sheets, report_sheets, sur
 from simwarp.soil.soil_columns_kernels import PARAMETERS, SIDE
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
+    SoilBlade,
     SoilShape,
     SoilWheel,
     carriers_of,
@@ -39,7 +41,7 @@ from simwarp.soil.soil_shapes import (
     shape_tables,
     share_bodies,
 )
-from simwarp.soil.soil_sheets import SoilMesh, pages_below, sheet_tables
+from simwarp.soil.soil_sheets import SoilMesh, checked_meshes, pages_below, sheet_tables
 from simwarp.soil.soil_tables_kernels import NODE_VALUES, PAGE_NODES, SoilNodes, SoilReports, SoilTables
 from simwarp.soil.static_sinkage_kernels import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
@@ -194,8 +196,8 @@ class Soil(ForceElement):
     Args:
         model: of the worlds.
         shapes: what sinks in: `SoilWheel`, `SoilBox`, `SoilSphere`, `SoilCapsule`, `SoilCylinder`, several on one body
-            too; see `soil_shapes`.
-        soil: a `SoilSpec`, the name of a preset (soft, mid, hard, clay, snow), or several of them for `soil_map`.
+            too, see `soil_shapes`; and `SoilBlade`, which cuts.
+        soil: a `SoilSpec`, the name of a preset (soft, mid, hard, clay, snow, sand), or several of them for `soil_map`.
         ground: the undeformed ground (`simwarp.vehicle.tires.ground`); the plane z = 0 when None.
         spacing: of the nodes [m].
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.
@@ -209,7 +211,7 @@ class Soil(ForceElement):
         meshes: flexible ones whose surfaces sink in; in the outputs they come after all shapes.
 
     Attributes:
-        parameter: (1 or W, soils, 8) of `SoilSpec.values`; write it where worlds differ (`per_world`).
+        parameter: (1 or W, soils, 9) of `SoilSpec.values`; write it where worlds differ (`per_world`).
         load, sinkage, slip_ratio: (W, shapes) vertical force [N], depth of the rut below the shape's centre [m], slip
             of wheels.
         force_w, torque_w: (W, shapes) vec3 on the shape, at its centre, world axes [N, N·m].
@@ -238,7 +240,8 @@ class Soil(ForceElement):
     ) -> None:  # fmt: skip
         self.model = model
         self.shapes = (*checked_shapes(shapes), *checked_shapes(wheels))
-        self.meshes = checked_meshes(meshes, bulldozing)
+        bladed = any(isinstance(shape, SoilBlade) for shape in self.shapes)
+        self.meshes = checked_meshes(meshes, bulldozing is not None, bladed)
         self.soils = soils_of(soil)
         self.spacing = _checked_spacing(spacing, self.shapes, self.meshes)
         least = pages_at_a_time(self.shapes, self.spacing) + pages_below(self.meshes, self.spacing)
@@ -269,9 +272,10 @@ class Soil(ForceElement):
         self._sheet_nodes = tuple(int(body) for body in self._sheets.body.numpy())
         self.bulldozing = bulldozing
         self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
+        self._blades = Blades(self.shapes, self.spacing, device) if bladed else None
         tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
         each = (worlds, len(self.shapes) + len(self.meshes))
-        self._nodes = _nodes(worlds, self.pages, each[1], bulldozing is not None, device)
+        self._nodes = _nodes(worlds, self.pages, each[1], self._moves_soil, device)
         self._reports = with_zeros(SoilReports(), each, device)
         self.load: wp.array = self._reports.load
         self.sinkage: wp.array = self._reports.sinkage
@@ -291,13 +295,18 @@ class Soil(ForceElement):
         return f": {kinds}, {shapes} in each of {plural(self.model.world_count, 'world')}"
 
     def _readable_rows(self) -> Mapping[str, Row]:
-        each = PAGE_NODES * (NODE_VALUES + (self.bulldozing is not None)) * 4
+        each = PAGE_NODES * (NODE_VALUES + self._moves_soil) * 4
         rows: dict[str, Row] = {
             "nodes": f"every {self.spacing:g} m, in {self.pages} pages per world ({self.pages * each / 1e6:.2g} MB)",
         }
         if self.bulldozing is not None:
             rows["bulldozing"] = self.bulldozing.description()
         return rows
+
+    @property
+    def _moves_soil(self) -> bool:
+        """Nodes may rise and be cut."""
+        return self.bulldozing is not None or self._blades is not None
 
     @property
     def wheels(self) -> tuple[SoilWheel, ...]:
@@ -434,7 +443,7 @@ class Soil(ForceElement):
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
         names = ["node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest"]
-        if self.bulldozing is not None:
+        if self._moves_soil:
             names += ["raised", "highest", "pending"]
         return {name: getattr(self._nodes, name) for name in names}
 
@@ -473,6 +482,10 @@ class Soil(ForceElement):
         if self.shapes:
             out = [self._nodes, self._reports, control]
             launches.append(record(press_shapes, len(self.shapes), inputs=inputs, outputs=out))
+        if self._blades is not None:
+            launches.append(
+                self._blades.record_forces(simulation, dt, self._placed(simulation), self._nodes, self._reports)
+            )
         if self.meshes:
             launches.append(
                 record(
@@ -485,6 +498,8 @@ class Soil(ForceElement):
             launches.append(record(carry_bodies, shared, inputs=summed, outputs=[control]))
         if self._flow is not None:
             launches.append(self._flow.record(simulation, dt, self._placed(simulation), self._nodes))
+        if self._blades is not None:
+            launches.append(self._blades.record_cutting(simulation, dt, self._placed(simulation), self._nodes))
         return launches
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
@@ -501,23 +516,6 @@ class Soil(ForceElement):
     def record_reset(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that makes the soil fresh in worlds of a mask."""
         return [simulation.shares.record(clear_soil, inputs=[mask], outputs=[self._nodes])]
-
-
-def checked_meshes(meshes: Any, bulldozing: Bulldozing | None) -> tuple[SoilMesh, ...]:
-    """Meshes as they were given.
-
-    Raises:
-        ModelError: it is no list of them, one is there twice, or soil is pushed aside besides.
-    """
-    remedy = "wrap what add_shell returned in one"
-    listed: tuple[SoilMesh, ...] = checked_instances("soil", "meshes", meshes, (SoilMesh,), "of SoilMesh", remedy)
-    names = [each.mesh.name for each in listed]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ModelError(f"soil: meshes must be different, got '{twice}' twice; name it once")
-    if listed and bulldozing is not None:
-        raise ModelError("soil: bulldozing must be None below meshes, got one; leave it away")
-    return listed
 
 
 def _checked_spacing(spacing: float, shapes: Sequence[SoilShape], meshes: Sequence[SoilMesh]) -> float:

@@ -34,6 +34,7 @@ class SoilParameter(enum.IntEnum):
     SHEAR_LENGTH = int(columns.SHEAR_LENGTH)
     ELASTIC = int(columns.ELASTIC)
     DAMPING = int(columns.DAMPING)
+    DENSITY = int(columns.DENSITY)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,6 +50,7 @@ class SoilSpec(Configuration):
         shear_length: way K_J over which shear comes up [m].
         elastic: stiffness of unloading and reloading, per area [Pa/m].
         damping: per area [Pa·s/m].
+        density: of the soil as it lies [kg/m³]; blades alone ask for it.
 
     Raises:
         ModelError: a value breaks its rule.
@@ -62,6 +64,7 @@ class SoilSpec(Configuration):
     shear_length: Annotated[Positive, Meaning("metres; a preset shows the order of magnitude")] = 0.01
     elastic: Annotated[Positive, Meaning("Pa/m; a preset shows the order of magnitude")] = 2.0e8
     damping: Passive = 3.0e4
+    density: Annotated[Positive, Meaning("kg/m^3; 1590 for loose sand")] = 1590.0
 
     def check(self) -> None:
         """Checks that unloading is stiffer than loading.
@@ -80,7 +83,7 @@ class SoilSpec(Configuration):
         """The parameters in the order of `SoilParameter`."""
         return (
             self.k_phi, self.k_c, self.exponent, self.cohesion, math.tan(self.friction_angle), self.shear_length,
-            self.elastic, self.damping,
+            self.elastic, self.damping, self.density,
         )  # fmt: skip
 
 
@@ -93,15 +96,23 @@ PRESETS: Final = {
     ),
     "clay": SoilSpec(
         k_phi=692.15e3, k_c=13.19e3, exponent=0.5, cohesion=4140.0, friction_angle=math.radians(13.0), elastic=1.0e8,
+        density=1770.0,
     ),
     "snow": SoilSpec(
         k_phi=196.72e3, k_c=4.37e3, exponent=1.6, cohesion=1030.0, friction_angle=math.radians(19.7),
-        shear_length=0.03, elastic=4.0e7,
+        shear_length=0.03, elastic=4.0e7, density=250.0,
+    ),
+    "sand": SoilSpec(
+        k_phi=1528.43e3, k_c=0.99e3, exponent=1.1, cohesion=1040.0, friction_angle=math.radians(28.0), elastic=2.0e8,
     ),
 }  # fmt: skip
-"""Soft and mid soil of Chrono's demonstrations; hard: LETE sand; clay: clayey soil of Thailand at 38 % moisture; snow:
-of the United States (Wong 2008, Theory of Ground Vehicles, table 2.3, which does not have the shear length and
-elasticity of clay and snow: these are of the usual size)."""
+"""Soft and mid soil of Chrono's demonstrations; sand: dry sand of the Land Locomotion Laboratory; hard: LETE sand;
+clay: clayey soil of Thailand at 38 % moisture; snow: of the United States (Wong 2008, Theory of Ground Vehicles, table
+2.3, which does not have the shear length and elasticity of sand, clay and snow: these are of the usual size).
+
+Densities: loose mixed-grained sand, 1.59 g/cm³ dry, and soft glacial clay, 1.77 g/cm³ saturated (Terzaghi and Peck
+1967, Soil Mechanics in Engineering Practice, table 6.3); settled snow, 0.2 to 0.3 g/cm³ (Paterson 1994, The Physics of
+Glaciers, table 2.1)."""
 
 
 def soil_preset(name: str) -> SoilSpec:

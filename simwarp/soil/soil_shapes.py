@@ -10,17 +10,20 @@ from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import warp as wp
 
-from simwarp.core.constraints import Meaning, Positive
+from simwarp.core.constraints import Angle, Ge, Gt, Meaning, NotNegative, Positive
 from simwarp.core.rotation import rotate
 from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, pose
 from simwarp.model.checks import checked_instances, whole_number
 from simwarp.model.model import Model
 from simwarp.model.rules import Lengths, Passive, Vector3, held_fields, instance_of
 from simwarp.soil.soil_columns_kernels import SIDE
-from simwarp.soil.soil_tables_kernels import BALL, BOX, CAPSULE, WHEEL, SoilShapes as ShapeTables
+from simwarp.soil.soil_parameters import USUAL_ANGLE
+from simwarp.soil.soil_tables_kernels import BALL, BLADE, BOX, CAPSULE, WHEEL, SoilShapes as ShapeTables
 
 GivenPose: TypeAlias = Annotated[Pose, instance_of(Pose, "make it by sw.pose")]
 Carrier: TypeAlias = Annotated[int | str, Meaning("an integer, the body's index, or its name")]
+USUAL_FRICTION: Final = math.radians(20.0)
+"""Between steel and sand [rad]."""
 Size: TypeAlias = Annotated[Positive, Meaning("its size in metres")]
 
 
@@ -104,7 +107,41 @@ class SoilCylinder:
     pose: GivenPose = dataclasses.field(default_factory=pose)
 
 
-SoilShape: TypeAlias = SoilWheel | SoilBox | SoilSphere | SoilCapsule | SoilCylinder
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilBlade:
+    """A blade that cuts soil and pushes it ahead, as a bulldozer's.
+
+    What stands above its edge where that has passed heaps up ahead of it, slides down by its angle of repose, and round
+    its ends. The soil resists by the fundamental equation of earth moving (Reece 1965, McKyes 1985), with the heap as a
+    surcharge; it presses on nothing but the face: an edge that should not sink in stands on other shapes.
+
+    Attributes:
+        body: index or name.
+        width: of the edge [m].
+        height: of the face [m]; says how far ahead soil slides.
+        rake: angle of the face from the ground ahead [rad]; pi / 2: upright, less: it leans back.
+        pose: of the middle of the edge from the body's centre of mass, body axes: x ahead, y along the edge, z up.
+        friction_angle: between face and soil [rad].
+        adhesion: between them [Pa].
+        repose: angle that heaps slide down to [rad].
+    """
+
+    body: Carrier
+    width: Size
+    height: Size
+    rake: Annotated[float, Ge(math.radians(20.0)), Angle(math.radians(130.0)), Meaning("radians")] = 0.5 * math.pi
+    pose: GivenPose = dataclasses.field(default_factory=pose)
+    friction_angle: Annotated[NotNegative, Angle(math.radians(45.0)), Meaning("radians")] = USUAL_FRICTION
+    adhesion: Passive = 0.0
+    repose: Annotated[float, Gt(0.05), Angle(math.radians(60.0)), Meaning("radians")] = USUAL_ANGLE
+
+    @property
+    def reach(self) -> float:
+        """How far ahead and beyond the ends soil slides [m]: as far as a heap of the face's height does, and a half."""
+        return 1.5 * self.height / math.tan(self.repose)
+
+
+SoilShape: TypeAlias = SoilWheel | SoilBox | SoilSphere | SoilCapsule | SoilCylinder | SoilBlade
 
 
 class _Row(NamedTuple):
@@ -165,9 +202,15 @@ def _cylinder_row(s: SoilCylinder) -> _Row:
     return _Row(int(WHEEL), s.pose.position, s.radius, s.half_length, axis=axis, width=width)
 
 
+def _blade_row(s: SoilBlade) -> _Row:
+    up, ahead = _axis(s.pose, (0.0, 0.0, 1.0)), _axis(s.pose, (1.0, 0.0, 0.0))
+    around = math.hypot(0.5 * s.width, s.height)
+    return _Row(int(BLADE), s.pose.position, around, axis=up, side=ahead, width=s.width)
+
+
 _ROWS: Final[dict[type, Callable[[Any], _Row]]] = {
     SoilWheel: _wheel_row, SoilBox: _box_row, SoilSphere: _sphere_row, SoilCapsule: _capsule_row,
-    SoilCylinder: _cylinder_row,
+    SoilCylinder: _cylinder_row, SoilBlade: _blade_row,
 }  # fmt: skip
 
 
@@ -254,7 +297,9 @@ def share_bodies(table: Any, model: Model, shapes: Sequence[SoilShape], adds: Se
     """
     bodies = [body_of(model, shape.body) for shape in shapes]
     of_body = {body: [k for k, other in enumerate(bodies) if other == body] for body in bodies}
-    shared = {body: add for body, add in zip(of_body, adds, strict=True) if add or len(of_body[body]) > 1}
+    pushed = {body for body, shape in zip(bodies, shapes, strict=True) if isinstance(shape, SoilBlade)}
+    several = {body for body in of_body if len(of_body[body]) > 1}
+    shared = {body: add for body, add in zip(of_body, adds, strict=True) if add or body in several | pushed}
     members = [of_body[body] for body in shared]
     table.alone = _ints([body not in shared for body in bodies], model.device)
     table.shared, table.adds = _ints(list(shared), model.device), _ints(list(shared.values()), model.device)

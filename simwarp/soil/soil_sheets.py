@@ -15,6 +15,7 @@ from simwarp.core.wording import close_names
 from simwarp.meshes.mesh_parts import MeshPart
 from simwarp.meshes.mesh_specification import FlexibleMesh
 from simwarp.meshes.mesh_surfaces import surface_of
+from simwarp.model.checks import checked_instances
 from simwarp.model.model import Model
 from simwarp.model.rules import held_fields, instance_of
 from simwarp.soil.sheet_pressing_kernels import SoilSheets
@@ -55,6 +56,25 @@ def loose_triangles(mesh: FlexibleMesh) -> Any:
 
 def _part_lift(part: MeshPart) -> float:
     return 0.0 if part.thickness is None else 0.5 * part.thickness
+
+
+def checked_meshes(meshes: Any, pushed_aside: bool, bladed: bool) -> tuple[SoilMesh, ...]:
+    """Meshes as they were given.
+
+    Raises:
+        ModelError: it is no list of them, one is there twice, or soil is pushed aside or cut besides.
+    """
+    remedy = "wrap what add_shell returned in one"
+    listed: tuple[SoilMesh, ...] = checked_instances("soil", "meshes", meshes, (SoilMesh,), "of SoilMesh", remedy)
+    names = [each.mesh.name for each in listed]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ModelError(f"soil: meshes must be different, got '{twice}' twice; name it once")
+    if listed and bladed:
+        raise ModelError("soil: meshes must be none beside blades, got some; give them a soil of their own")
+    if listed and pushed_aside:
+        raise ModelError("soil: bulldozing must be None below meshes, got one; leave it away")
+    return listed
 
 
 def pages_below(sheets: Sequence[SoilMesh], spacing: float) -> int:

@@ -18,6 +18,7 @@ WHEEL = wp.constant(0)  # a cylinder about its axis
 BOX = wp.constant(1)
 BALL = wp.constant(2)
 CAPSULE = wp.constant(3)
+BLADE = wp.constant(4)  # cuts soil ahead of its edge, and presses on no node
 
 
 @wp.struct
@@ -43,7 +44,7 @@ class SoilTables:
 class SoilShapes:
     """What sinks in, shared by all worlds. First axis: shape."""
 
-    kind: wp.array[int]  # WHEEL, BOX, BALL or CAPSULE
+    kind: wp.array[int]  # WHEEL, BOX, BALL, CAPSULE or BLADE
     body: wp.array[int]
     offset_b: wp.array[wp.vec3]  # of the shape's centre from the centre of mass, body axes [m]
     axis_b: wp.array[wp.vec3]  # of a wheel or capsule; the third of a box
@@ -57,6 +58,19 @@ class SoilShapes:
     member_start: wp.array[int]  # CSR over them
     member: wp.array[int]  # their shapes
     adds: wp.array[int]  # 1 where another element writes the forces of such a body first, 2: its blocks too
+
+
+@wp.struct
+class SoilBlades:
+    """Blades among the shapes, shared by all worlds: their axis is up, their side ahead. First axis: blade."""
+
+    shape: wp.array[int]
+    width: wp.array[float]  # of the edge [m]
+    rake: wp.array[float]  # of the face, from the ground ahead [rad]
+    friction: wp.array[float]  # angle of friction between face and soil [rad]
+    adhesion: wp.array[float]  # between them [Pa]
+    repose: wp.array[float]  # tangent of the angle that heaps slide down to
+    reach: wp.array[float]  # ahead and beyond the ends, within which soil slides [m]
 
 
 @wp.struct

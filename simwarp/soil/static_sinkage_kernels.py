@@ -26,6 +26,7 @@ from simwarp.soil.pages_kernels import find_page, slot_in
 from simwarp.soil.pressing_kernels import claim_pages_below, clear_world
 from simwarp.soil.soil_columns_kernels import K_C
 from simwarp.soil.soil_tables_kernels import (
+    BLADE,
     LEAN_X,
     LEAN_Y,
     SHEAR,
@@ -292,7 +293,7 @@ def find_resting_shifts(
     q = state.body_rot[world, shapes.body[shape]]
     load = to_float(wp.quat_rotate(q, to_double(rest_force_b[world, shape])))[2]
     g = ground_below(world, p.x, wp.vec3(), p.radius, soil.terrain, assets)
-    if load <= 0.0 or g.found == 0:
+    if load <= 0.0 or g.found == 0 or p.kind == BLADE:
         return
     copy = world_row(world, soil.parameter.shape[0])
     kind = soil_at(world, p.x, soil)

@@ -11,32 +11,14 @@ import torch
 import simwarp as sw
 
 from ..randomisation.randomness import WorldRandom
+from ..randomisation.soil_draws import RIGID_SHARE, SoilDraws, rigid_soil
 
-RIGID_SHARE: Final = 0.2
-"""Of the episodes with drawn soil: in them the ground is nearly rigid."""
-RIGID_MODULUS: Final = 1.0e8
-"""Its k_phi, at an exponent of 1 [N/m^3]: a Gator's wheels sink in by millimetres."""
-RIGID_ELASTIC: Final = 4.0e8
-"""Its stiffness of unloading, that of the preset hard [Pa/m]."""
-STEEPEST: Final = math.radians(60.0)
-"""Largest friction angle of a soil [rad]."""
 USUAL_SPEED: Final = 8.0
 """At which ruts of a whole episode find room [m/s]."""
 LONGEST_RUT: Final = 200.0
 """What is remembered at most behind a vehicle [m]."""
 GROUNDS: Final = ("hills", "ground")
 """Names of the plane or height field in a scene that shows the ground."""
-DRAWS: Final = 4
-"""Numbers that a soil is drawn with."""
-LOGARITHMIC: Final = [sw.soil.SoilParameter.K_PHI, sw.soil.SoilParameter.ELASTIC]
-"""Parameters whose logarithm is uniform."""
-DRAW_OF: Final = tuple(
-    {sw.soil.SoilParameter.EXPONENT: 1, sw.soil.SoilParameter.COHESION: 2, sw.soil.SoilParameter.TAN_PHI: 3}.get(
-        parameter, 0
-    )
-    for parameter in sw.soil.SoilParameter
-)
-"""Which number each parameter is drawn with: k_c, shear length, elastic and damping go with k_phi."""
 
 
 class SoilKind(enum.Enum):
@@ -44,6 +26,7 @@ class SoilKind(enum.Enum):
 
     NONE = "none"
     SOFT = "soft"
+    SAND = "sand"
     MID = "mid"
     HARD = "hard"
     CLAY = "clay"
@@ -69,18 +52,11 @@ def pages_for(time: float, spacing: float, wheels: int, width: float) -> int:
     return math.ceil(tracks * way) + 4 * wheels
 
 
-def rigid_soil(friction: float) -> sw.soil.SoilSpec:
-    """Return a soil that hardly gives way, with the friction of a road."""
-    return sw.soil.SoilSpec(
-        k_phi=RIGID_MODULUS, exponent=1.0, friction_angle=min(math.atan(friction), STEEPEST), elastic=RIGID_ELASTIC
-    )
-
-
 class DrivenSoil:
     """The soil of a driving task, which differs by world and episode where it is `SoilKind.RANDOM`.
 
-    Then log k_phi, n, phi and c are drawn between those of the presets soft and hard, each by itself; k_c, the shear
-    length and the stiffness of unloading go with log k_phi. One in five episodes is nearly rigid (`RIGID_SHARE`).
+    Then its parameters are drawn between those of the presets soft and hard (`SoilDraws`). One in five episodes is
+    nearly rigid (`RIGID_SHARE`).
 
     Args:
         vehicle: on `soil-rigid` tires; or several, which meet each other's ruts.
@@ -94,7 +70,7 @@ class DrivenSoil:
 
     Attributes:
         element: the force element (`simwarp.soil.Soil`); it comes after the vehicle.
-        parameter: (W, 1, 8) of `SoilSpec.values`.
+        parameter: (W, 1, 9) of `SoilSpec.values`.
 
     Raises:
         ModelError: the spacing does not suit the wheels.
@@ -113,26 +89,18 @@ class DrivenSoil:
             pages=pages or pages_for(time, spacing, wheels, widest),
         )  # fmt: skip
         self._parts = parts
-        self.parameter = sw.to_torch(self.element.parameter)
-        self._random = random
-        self._rigid = self._row(rigid_soil(friction))
-        self._preset = None if kind is SoilKind.RANDOM else self._row(sw.soil.PRESETS[kind.value])
-        self._low, self._high = (_spread(self._row(sw.soil.PRESETS[name])) for name in ("soft", "hard"))
-        self._draw_of = torch.tensor(DRAW_OF, device=self.parameter.device)
-        self._logarithmic = torch.zeros_like(self._low, dtype=torch.bool)
-        self._logarithmic[LOGARITHMIC] = True
+        soil = None if kind is SoilKind.RANDOM else settling
+        ends = {"soft": sw.soil.PRESETS["soft"], "hard": sw.soil.PRESETS["hard"]}
+        self._draws = SoilDraws(self.element, soil, random, **ends, rigid=rigid_soil(friction), rigid_share=RIGID_SHARE)
+        self.parameter = self._draws.parameter
         self._shifts: torch.Tensor | None = None
-
-    def _row(self, soil: sw.soil.SoilSpec) -> torch.Tensor:
-        return torch.tensor(soil.values(), dtype=torch.float32, device=self.parameter.device)
 
     def draw(self, world_mask: torch.Tensor) -> None:
         """Write the parameters of the running episodes where ``world_mask`` (W,) is true.
 
         Until the first call a soil that is drawn is mid: vehicles settle on that.
         """
-        rows = self._draw_rows() if self._preset is None else self._preset.expand(len(world_mask), -1)
-        self.parameter.copy_(torch.where(world_mask.view(-1, 1, 1), rows.unsqueeze(1), self.parameter))
+        self._draws.draw(world_mask)
 
     def keep(self, bodies: torch.Tensor) -> None:
         """Remember how the soil carries the vehicles, which have come to rest.
@@ -167,19 +135,3 @@ class DrivenSoil:
         shown = [name for name in GROUNDS if name in scene.names]
         if shown:
             scene.cover_with(self.element, shown[0])
-
-    def _draw_rows(self) -> torch.Tensor:
-        """Return (W, 8): what the draws of the running episodes say."""
-        shares = self._random.uniform("soil", size=DRAWS + 1)
-        rows = torch.lerp(self._low, self._high, shares.index_select(1, self._draw_of))
-        rows = torch.where(self._logarithmic, rows.exp(), rows)
-        rows[:, sw.soil.SoilParameter.TAN_PHI] = rows[:, sw.soil.SoilParameter.TAN_PHI].tan()
-        return torch.where(shares[:, DRAWS:] < RIGID_SHARE, self._rigid, rows)
-
-
-def _spread(row: torch.Tensor) -> torch.Tensor:
-    """Return a row (8,) with logarithms and the angle in place of what is drawn by them."""
-    spread = row.clone()
-    spread[LOGARITHMIC] = row[LOGARITHMIC].log()
-    spread[sw.soil.SoilParameter.TAN_PHI] = row[sw.soil.SoilParameter.TAN_PHI].atan()
-    return spread

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -17,6 +19,19 @@ from .errors import InputError, near_names
 from .rotations import in_world_axes
 
 
+@dataclasses.dataclass(frozen=True)
+class SoilForces:
+    """What a soil does to parts of a robot.
+
+    Attributes:
+        force: (W, S, 3) on its shapes, axes of the world, as of the last physics step [N].
+        rows: name of a shape or body -> which of the S are its own.
+    """
+
+    force: torch.Tensor
+    rows: Mapping[str, Sequence[int]]
+
+
 class NamedContacts(Readable):
     """Contacts of N shapes or bodies in W worlds, as of the last physics step of a control step.
 
@@ -27,6 +42,7 @@ class NamedContacts(Readable):
         period: time of a control step [s].
         threshold: of the force from which on a part touches [N].
         owner: name of the task: the errors name it.
+        soil: whose forces on the parts are contacts too; None: there is none.
 
     Attributes:
         names: in the order of the columns.
@@ -42,8 +58,9 @@ class NamedContacts(Readable):
     """
 
     def __init__(
-        self, names: tuple[str, ...], simulation: Any, views: Any, period: float, threshold: float, owner: str
-    ) -> None:
+        self, names: tuple[str, ...], simulation: Any, views: Any, period: float, threshold: float, owner: str,
+        soil: SoilForces | None = None,
+    ) -> None:  # fmt: skip
         if not names or not all(isinstance(name, str) for name in names):
             raise InputError(f"task '{owner}': contacts need names of shapes or bodies, got {formatted(names)}")
         if not threshold >= 0.0:
@@ -87,6 +104,11 @@ class NamedContacts(Readable):
         self._columns = torch.tensor(columns, device=device)
         self._bodies = torch.tensor(bodies, device=device)
         self._offsets = torch.tensor(offsets, dtype=torch.float32, device=device).expand(worlds, -1, -1)
+        self._soil = soil
+        rows = [[] if soil is None else soil.rows.get(name, ()) for name in names]
+        self._soil_rows = torch.tensor([row for each in rows for row in each], dtype=torch.int64, device=device)
+        parts = [part for part, each in enumerate(rows) for _ in each]
+        self._soil_parts = torch.tensor(parts, dtype=torch.int64, device=device)
         self._views = views
         size = (worlds, len(names))
         self.force = torch.zeros(*size, 3, device=device)
@@ -122,6 +144,8 @@ class NamedContacts(Readable):
     def follow(self) -> None:
         """Take in the physics of a control step."""
         torch.index_select(self._source, 1, self._columns, out=self.force)
+        if self._soil is not None:
+            self.force.index_add_(1, self._soil_parts, self._soil.force.index_select(1, self._soil_rows))
         torch.ge(self.force.norm(dim=2), max(self._threshold, 1e-30), out=self.touching)
         self.landed.copy_(self.time_in_air * self.touching)
         self.time_in_air.add_(self._period).masked_fill_(self.touching, 0.0)
@@ -144,12 +168,12 @@ class ContactTracker:
     def __init__(self) -> None:
         self._all: list[NamedContacts] = []
 
-    def add(self, task: Any, names: tuple[str, ...], threshold: float) -> NamedContacts:
+    def add(self, task: Any, names: tuple[str, ...], threshold: float, soil: SoilForces | None) -> NamedContacts:
         """Track the contacts of further parts; see :meth:`~simwarp.tasks.Task.contacts`."""
         if task.simulation is None:
             raise InputError(f"task '{task.name}': contacts need physics")
         period = task.config.control_dt
-        self._all.append(NamedContacts(names, task.simulation, task.views, period, threshold, task.name))
+        self._all.append(NamedContacts(names, task.simulation, task.views, period, threshold, task.name, soil))
         return self._all[-1]
 
     def update(self) -> None:

@@ -38,7 +38,7 @@ from .interface_checks import check_action, check_names, check_physics_flag, che
 from .joint_rows import JointRows
 from .mirror import Mirror
 from .model_group import ModelGroup
-from .named_contacts import ContactTracker, NamedContacts
+from .named_contacts import ContactTracker, NamedContacts, SoilForces
 from .recorded_launches import WorldLaunch, filled, launch_over
 from .rewards_and_ends import RewardsAndEnds
 from .saved_task import copy_task_worlds, load_task_state, task_state
@@ -362,17 +362,18 @@ class Task(Readable, ABC, Generic[ConfigT]):
         """
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
 
-    def contacts(self, *names: str, threshold: float = 1.0) -> NamedContacts:
+    def contacts(self, *names: str, threshold: float = 1.0, soil: SoilForces | None = None) -> NamedContacts:
         """Return the contacts of shapes or bodies, kept up to date from now on: for ``setup``.
 
         Args:
             names: of shapes, or of bodies.
             threshold: of the force from which on a part touches [N].
+            soil: whose forces on the parts are contacts too; None: there is none.
 
         Raises:
             InputError: a name is unknown, or the task has no physics.
         """
-        return self._contacts.add(self, names, threshold)
+        return self._contacts.add(self, names, threshold, soil)
 
     # ---- what runners and adapters call ------------------------------------------------------------------------
 

@@ -49,7 +49,7 @@ def test_a_convoy_on_soil_is_sound():
         (("hmmwv-convoy", "--vehicles", "0"), "vehicles must be a whole number from 1 to 64, got 0"),
         (("hmmwv-convoy", "--vehicles", "1.5"), "vehicles must be a whole number from 1 to 64, got 1.5"),
         (("hmmwv-convoy", "--vehicles", "inf"), "vehicles must be a whole number from 1 to 64, got inf"),
-        (("hmmwv-convoy", "--soil", "mud"), "soil: preset must be soft, mid, hard, clay, snow, got 'mud'"),
+        (("hmmwv-convoy", "--soil", "mud"), "soil: preset must be soft, mid, hard, clay, snow, sand, got 'mud'"),
         (("hmmwv-convoy", "--spacing", "0.1"), "choose --soil mid"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Robots on legs that follow commanded velocities, on flat and on rough ground."""
+"""Robots on legs that follow commanded velocities, on flat and on rough ground and on soil."""
 
 from .config import VelocityConfig, VelocityObs
 from .ground import Climbing, FlatGround, Ground, RoughConfig, RoughGround, ScanConfig, ground_of
@@ -6,6 +6,7 @@ from .height_scan import RayScan
 from .hexapod import HexapodVelocity, HexapodVelocityConfig
 from .legged import LeggedTask
 from .quadruped import QuadrupedVelocity
+from .walked_soil import WalkedSoilConfig, WalkedSoilKind
 
 __all__ = [
     "Climbing",
@@ -21,5 +22,7 @@ __all__ = [
     "ScanConfig",
     "VelocityConfig",
     "VelocityObs",
+    "WalkedSoilConfig",
+    "WalkedSoilKind",
     "ground_of",
 ]

@@ -11,6 +11,7 @@ from simwarp.tasks import Fraction, Ge, Gt, Le, Lt, NotNegative, Positive
 from ...framework.config import RewardWeights, TaskConfig
 from ...framework.config_values import Settings
 from .ground import Ground, RoughConfig, ScanConfig
+from .walked_soil import WalkedSoilConfig
 
 
 class VelocityObs(enum.Enum):
@@ -85,7 +86,9 @@ class VelocityConfig(TaskConfig):
     gait: GaitConfig = GaitConfig()
     """Clock that feet keep to."""
     ground: Ground = Ground.FLAT
-    """flat: a plane. rough: patches of seven kinds, from easy to hard."""
+    """flat: a plane. rough: patches of seven kinds, from easy to hard. soil: feet sink in, and leave footprints."""
+    soil: WalkedSoilConfig = dataclasses.field(default_factory=WalkedSoilConfig)
+    """Soil, its parameters and its grid; its own strength counts in place of a friction."""
     rough: RoughConfig = dataclasses.field(default_factory=RoughConfig)
     """Rough ground and its levels."""
     scan: ScanConfig = dataclasses.field(default_factory=ScanConfig)
@@ -111,6 +114,18 @@ class VelocityConfig(TaskConfig):
     """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
     push_time: Positive = 4.0
     """Time between two pushes [s]."""
+
+    @property
+    def on_soil(self) -> bool:
+        """Feet sink in."""
+        return self.ground is Ground.SOIL
+
+    @property
+    def surface(self) -> Ground:
+        """What the ground is where nothing has sunk in: a plane, or patches of rough ground."""
+        if self.on_soil:
+            return Ground.ROUGH if self.soil.rough else Ground.FLAT
+        return self.ground
 
     def steps_in(self, time: float) -> int:
         """Return the control steps in a time [s], at least 1."""

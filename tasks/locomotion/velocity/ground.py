@@ -59,6 +59,7 @@ class Ground(enum.Enum):
 
     FLAT = "flat"
     ROUGH = "rough"
+    SOIL = "soil"
 
 
 class Climbing(enum.Enum):
@@ -413,12 +414,12 @@ def ground_of(
     """Return the ground that a configuration asks for.
 
     Args:
-        kind: a plane, or patches.
+        kind: a plane, or patches; of soil the undeformed surface, a plane.
         stand: height of the base over the feet of the robot that stands [m].
         rough: patches and levels of rough ground.
         scan: grid of the height scan.
     """
     grid = ScanConfig() if scan is None else scan
-    if kind is Ground.FLAT:
+    if kind is not Ground.ROUGH:
         return FlatGround(grid, stand)
     return RoughGround(RoughConfig() if rough is None else rough, grid, stand)

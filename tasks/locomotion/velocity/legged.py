@@ -15,10 +15,12 @@ from ...framework.errors import InputError
 from ...framework.mirror import Mirror
 from ...framework.rotations import heading_of
 from ...framework.task import Task
+from ...framework.task_simulation import Attachments
 from . import mdp
 from .config import VelocityConfig, VelocityObs
 from .ground import RoughGround, ground_of
 from .mirroring import mirror_of
+from .walked_soil import WalkedSoil
 
 LeggedT = TypeVar("LeggedT", bound=VelocityConfig)
 
@@ -47,6 +49,8 @@ class LeggedTask(Task[LeggedT]):
     friction: ClassVar[float] = 1.0
     """Of the ground; where it meets a foot, the smaller one counts."""
     per_world: ClassVar[tuple[str, ...]] = RoughGround.model_arrays
+    soil: WalkedSoil | None
+    """Soil below the robot; None on rigid ground. From `attach` on."""
     state_buffers: ClassVar[Mapping[str, str]] = {"before": "before", "rates_before": "rates_before"}
 
     @abstractmethod
@@ -59,9 +63,18 @@ class LeggedTask(Task[LeggedT]):
     def build(self, builder: sw.ModelBuilder) -> sw.ModelBuilder:
         """The robot on its ground."""
         config, robot = self.config, self.robot()
-        self.ground = ground_of(config.ground, self.height, rough=config.rough, scan=config.scan)
-        self.ground.build(robot, material=sw.Material(friction=self.friction), group=2)
+        self.ground = ground_of(config.surface, self.height, rough=config.rough, scan=config.scan)
+        meets = {"mask": 0} if config.on_soil else {}  # what sinks in meets no surface
+        self.ground.build(robot, material=sw.Material(friction=self.friction), group=2, **meets)
         return robot
+
+    def attach(self, model: sw.Model) -> Attachments:
+        """Return the soil, where there is one. A subclass puts elements of its own before those of ``super()``."""
+        self.soil = None
+        if not self.config.on_soil:
+            return Attachments()
+        self.soil = WalkedSoil(model, self.ground.shape, self.config.soil, self.random, friction=self.friction)
+        return Attachments(elements=[self.soil.element])
 
     def solver_options(self) -> sw.SolverOptions:
         """Contacts to 1 mm/s, which no gait notices."""
@@ -129,8 +142,9 @@ class LeggedTask(Task[LeggedT]):
         self._mass = float(model.body_mass.numpy()[0].sum())
         self._weight = 9.81 * self._mass
         light = 0.01 * self._weight  # no touch by mistake, and none missed
-        self.on_feet = self.contacts(*self.feet, threshold=light)
-        self.on_trunk = self.contacts(self.trunk, threshold=light)
+        below = None if self.soil is None else self.soil.forces
+        self.on_feet = self.contacts(*self.feet, threshold=light, soil=below)
+        self.on_trunk = self.contacts(self.trunk, threshold=light, soil=below)
         self._gait = torch.tensor(self.gait, device=device)
         self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
         self._stance = torch.tensor(self.default_positions, device=device)
@@ -189,6 +203,8 @@ class LeggedTask(Task[LeggedT]):
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start near the stance in the middle of the ground, with any heading."""
         self.ground.choose(world_mask)
+        if self.soil is not None:
+            self.soil.draw(world_mask)
         self._start[:, self._place + 5] = self.random.uniform("heading", -math.pi, math.pi)[:, 0]
         angles = mdp.reset_joints_by_offset(self.random, "angles", self._stance, self.config.start_angle)
         self._start[:, self._columns] = angles
@@ -203,8 +219,9 @@ class LeggedTask(Task[LeggedT]):
         return {**told, **self.ground.metrics()}
 
     def scene(self) -> sw.sensors.Scene:
-        """The ground with the colours of its levels, and the robot."""
-        return self.ground.scene(self)
+        """The ground with the colours of its levels or with footprints, and the robot."""
+        scene = self.ground.scene(self)
+        return scene if self.soil is None else self.soil.show_in(scene)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return what differences need, and the levels of the ground."""
@@ -214,3 +231,5 @@ class LeggedTask(Task[LeggedT]):
         """Take it back."""
         super().load_extra_state(state)
         self.ground.load_extra_state(state)
+        if self.soil is not None:  # a checkpoint does not keep its parameters
+            self.soil.draw(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))

@@ -10,7 +10,8 @@ from simwarp.core.interop import to_torch
 from simwarp.sensors import CameraConfig, Pinhole
 from simwarp.sensors.cameras.camera import look_at
 from simwarp.soil import PRESETS
-from simwarp.tasks.driving.soil import RIGID_MODULUS, RIGID_SHARE, SoilKind
+from simwarp.tasks.driving.soil import SoilKind
+from simwarp.tasks.randomisation.soil_draws import RIGID_MODULUS, RIGID_SHARE
 from simwarp.viewer.free_camera import FreeCamera
 from tests.tasks.driving.driving_checks import NAMES, driving, held, wheels
 

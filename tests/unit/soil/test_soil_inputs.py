@@ -90,7 +90,7 @@ LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
         ),
         ({"soil_map": [[0, 1]]}, "soil_map must hold indices below 1, got 1; name more soils"),
         ({"soil_map": [0, 1]}, "soil_map must be (rows, columns) or (1, rows, columns), got (2,)"),
-        ({"soil": "sand"}, "preset must be soft, mid, hard, clay, snow, got 'sand'; or give a SoilSpec"),
+        ({"soil": "mud"}, "preset must be soft, mid, hard, clay, snow, sand, got 'mud'; or give a SoilSpec"),
         ({"shear_memory": "vector"}, "shear_memory must be one of direction, scalar, got 'vector'"),
         ({"spacing": 1e-6}, "spacing must be so wide that at most 1048576 pages may lie below the shapes, got 1e-06"),
         ({"spacing": "0.05"}, "spacing must be positive and at most half the narrowest shape's width, 0.127 m, got"),
@@ -125,7 +125,7 @@ def test_options_of_a_soil(options, message):
         ("b", "shapes must be a list, got 'b'; write shapes=[...]"),
         (
             ["b"],
-            "shapes must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, got 'b' among them; wrap it",
+            "of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, SoilBlade, got 'b' among them; wrap it",
         ),
         ([], "shapes must be at least one, got none; name those that sink in"),
         (
@@ -239,7 +239,7 @@ def test_soil_lies_on_the_vehicles_ground():
 
 COMMANDS = [
     (["--soil", "mid"], "tires of vehicle 'hmmwv' must be soil-rigid, got tmeasy", "--tire soil-rigid"),
-    (["--tire", "soil-rigid", "--soil", "sand"], "preset must be soft, mid, hard, clay, snow, got 'sand'", "SoilSpec"),
+    (["--tire", "soil-rigid", "--soil", "mud"], "preset must be soft, mid, hard, clay, snow, sand, got", "SoilSpec"),
     (
         ["--tire", "soil-rigid", "--spacing", "0.2"],
         "at most half the narrowest shape's width, 0.127 m, got 0.2",

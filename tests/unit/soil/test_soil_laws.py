@@ -208,7 +208,7 @@ def test_soil_gives_no_energy(seed):
         (lambda m: SoilSpec(k_phi=math.nan), "k_phi must be a finite number, got nan"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], spacing=0.11), "spacing must be positive"),
         (lambda m: Soil(m, [], "mid"), "shapes must be at least one"),
-        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "sand"), "preset must be soft, mid, hard, clay"),
+        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "mud"), "preset must be soft, mid, hard, clay"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], pages=1), "pages"),
         (lambda m: Soil(m, [SoilWheel(body="x", radius=0.4, width=0.2)]), "'x'"),
         (lambda m: Soil(m, [SoilWheel(body=1, radius=0.4, width=WIDTH)]), "must be an integer >= 0 and <= 0, got 1"),
