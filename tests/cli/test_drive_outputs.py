@@ -14,7 +14,7 @@ from simwarp.vehicle.spec.vehicle_files import save_vehicle
 from tests.physics.sample_vehicles import shipped
 from tests.unit.exporters.test_run_report import Page, external
 
-MASS = ("--vary", "chassis.components[0].mass=+-5%", "--worlds", "2")
+MASS = ("--vary", "chassis.components[0].mass=-5%..5%", "--worlds", "2")
 TURN = ("gator", "--maneuver", "constant-radius", "--duration", "0.3")
 
 

@@ -225,6 +225,7 @@ class Outcome:
     wall: float
     interrupted: bool = False
     broken: bool = False
+    left_road: float | None = None
     films: tuple[AnyFilm, ...] = ()
     chains: ChainRecord | None = None
     channels: tuple[Channel, ...] = ()
@@ -269,7 +270,7 @@ def run(arguments: list[str]) -> int:
     options.emit(_content(spec, options, outcome, found) | {"passed": passed(judged), "verdicts": verdict_rows(judged)})
     if outcome.interrupted:
         return INTERRUPTED
-    return FELL_SHORT if outcome.broken else DONE
+    return FELL_SHORT if outcome.broken or outcome.left_road is not None else DONE
 
 
 def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
@@ -448,7 +449,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     outcome.wall = time.perf_counter() - begin - sum(film.seconds for film in films)
     outcome.run, outcome.channels = drive.result(), drive.recorder.channels
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
-    outcome.broken = drive.broken()
+    outcome.broken, outcome.left_road = drive.broken(), drive.left_road
     return outcome
 
 
@@ -522,6 +523,9 @@ def _print_results(
             f"the vehicle broke down at t = {end:.2f} s: a value is not finite; try a smaller --dt",
             style="red", highlight=False, soft_wrap=True,
         )  # fmt: skip
+    if outcome.left_road is not None:
+        text = f"the vehicle left the road at t = {end:.2f} s, where the run ends; take a longer one or --duration"
+        console.print(text, style="red", highlight=False, soft_wrap=True)
     if outcome.interrupted:
         console.print(f"interrupted at t = {end:.2f} s; what was recorded is kept", highlight=False, soft_wrap=True)
     rate = outcome.steps / max(outcome.wall, 1e-9)
@@ -588,6 +592,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         **{name: None if path is None else str(path) for name, path in files.items()},
         "interrupted": outcome.interrupted,
         "broken": outcome.broken,
+        "left_road_s": outcome.left_road,
         "wall_s": outcome.wall,
         "steps_per_s": outcome.steps / max(outcome.wall, 1e-9),
     }

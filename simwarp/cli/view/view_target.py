@@ -62,8 +62,11 @@ def find_target(name: str) -> ViewTarget:
     scenes = catalogue("simwarp.scenes")
     if name in scenes:
         return ViewTarget("scene", name)
-    from simwarp.tasks import task_names
     from simwarp.vehicle.tracks.tracked_files import all_vehicle_names
+
+    if name in all_vehicle_names():  # not all have a file of their own
+        return ViewTarget("vehicle", name)
+    from simwarp.tasks import task_names
 
     if name in task_names():
         return ViewTarget("task", name)

@@ -12,7 +12,7 @@ from simwarp.study.varied_vehicle import varied_vehicle
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 FACTOR, NUMBER = "chassis.components[0].mass", "ground.friction"
-KEYS = (f"{FACTOR}=+-5%", f"{NUMBER}=0.5..1")
+KEYS = (f"{FACTOR}=-5%..5%", f"{NUMBER}=0.5..1")
 
 
 @pytest.fixture
