@@ -63,7 +63,7 @@ TRIALS = {
     "mcap": Trial(("tests/unit/mcap", "tests/unit/ros2"), ("mcap-ros2-support",)),
     "minari": Trial(("tests/train/datasets",), ("pyarrow",)),
     "lerobot": Trial(("tests/train/datasets",), ("minari",)),
-    "crg": Trial(("tests/unit/vehicle/test_open_crg.py",)),
+    "crg": Trial(("tests/unit/vehicle/roads/test_open_crg.py",)),
     "fmu": Trial(("tests/cli/test_export_fmu.py",), ("fmpy",)),
     "fit": Trial(("tests/unit/identify/test_fit_laws.py",)),
     "sweep": Trial(("tests/train/sweeps", "tests/unit/search")),

@@ -108,7 +108,9 @@ def check_plain_road(road: RoadSurface, spec: AnyVehicleSpec) -> None:
         raise SpecError(f"road: {rule}; simwarp drive --tire soil-rigid sinks into them")
     template = next((axle.tire.template for axle in spec.axles if axle.tire.template not in MODELS), None)
     if road.friction is not None and template is not None:
-        raise SpecError(f"road: a map of friction must be below tires that are force laws, got {template}; leave it out")
+        raise SpecError(
+            f"road: a map of friction must be below tires that are force laws, got {template}; leave it out"
+        )
 
 
 def road_window(maneuver: Maneuver) -> Window:
