@@ -75,7 +75,7 @@ TRIALS = {
     "mcap": Trial(("tests/unit/mcap", "tests/unit/ros2"), ("mcap-ros2-support",)),
     "minari": Trial(("tests/train/datasets",), ("pyarrow",)),
     "lerobot": Trial(("tests/train/datasets",), ("minari",)),
-    "crg": Trial(("tests/unit/vehicle/test_open_crg.py",)),
+    "crg": Trial(("tests/unit/vehicle/roads/test_open_crg.py",)),
     "fmu": Trial(
         ("tests/cli/test_export_fmu.py",),
         ("fmpy",),

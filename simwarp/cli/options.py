@@ -72,7 +72,7 @@ class CommonOptions:
 
         Raises:
             FileError: one cannot be written.
-            UsageError: two are the same, or one is read.
+            UsageError: two are the same, one is read, or rows go to a file that is no .csv.
         """
         if self.json == "-" and sys.stdout is None:
             raise UsageError("--json - writes to standard output, which is closed; name a file")
@@ -85,6 +85,9 @@ class CommonOptions:
             other = taken.setdefault(os.path.realpath(path), option)
             if other != option:
                 raise UsageError(f"{option} would overwrite '{path}', which is {other} too; give it another name")
+        rows = outputs.get("csv")
+        if rows is not None and Path(rows).suffix.lower() != ".csv" and not is_special(Path(rows)):
+            raise UsageError(f"--csv must end in .csv, got '{rows}'")
 
     def emit(self, content: Mapping[str, Any]) -> None:
         """Write the results where ``--json`` asks for them.

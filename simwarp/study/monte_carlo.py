@@ -74,12 +74,14 @@ class StudyResult:
         figures: that runs have.
         nominal: figures of the vehicle as built.
         rows: of the worlds that are done, in their order.
+        factors: names of keys whose values are factors of what is built; values of others are as in the file.
     """
 
     keys: tuple[str, ...]
     figures: tuple[Figure, ...]
     nominal: Mapping[str, float]
     rows: tuple[StudyRow, ...]
+    factors: frozenset[str] = frozenset()
 
     @property
     def sound(self) -> tuple[StudyRow, ...]:
@@ -250,7 +252,7 @@ class MonteCarlo:
         nominal = {} if self.nominal is None else {k: item.value for k, item in figures_of(self.nominal).items()}
         return StudyResult(
             keys=tuple(key.name for key in self.vehicle.keys), figures=tuple(self._figures.values()), nominal=nominal,
-            rows=tuple(self._rows),
+            rows=tuple(self._rows), factors=frozenset(key.name for key in self.vehicle.keys if key.factor),
         )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from simwarp.core.files import replacing
 from simwarp.study.design_goal import Goal
 from simwarp.study.design_search import Design
 from simwarp.study.distributions import Kind
+from simwarp.study.study_plot import unit_of_key
 from simwarp.study.varied_vehicle import VariedKey
 from simwarp.vehicle.results.plot_style import BLUE, GREY, INK, ORANGE, dress, title_of
 
@@ -57,6 +58,7 @@ def draw_search(designs: Sequence[Design], keys: Sequence[VariedKey], goal: Goal
         axes = page.add_subplot(grid[1 + index // ACROSS, index % ACROSS])
         dress(axes)
         title_of(axes, f"over {key.name if len(key.name) <= 40 else '...' + key.name[-37:]}")
+        axes.set_xlabel(unit_of_key(key.factor), fontsize=9, color=INK)
         if key.distribution.kind is Kind.LOG_UNIFORM:
             axes.set_xscale("log")
         else:

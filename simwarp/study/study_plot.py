@@ -71,6 +71,7 @@ def _draw_histogram(axes: Any, each: FigureSummary, result: StudyResult) -> None
         axes.axvline(value, color=INK, linewidth=0.9, linestyle=":")
     if math.isfinite(each.nominal):
         axes.axvline(each.nominal, color=ORANGE, linewidth=1.4)
+    axes.set_xlabel(f"[{each.figure.unit or '1'}]", fontsize=9, color=INK)
     axes.set_ylabel("worlds", fontsize=9, color=INK)
 
 
@@ -95,8 +96,14 @@ def _draw_strongest(axes: Any, each: FigureSummary, result: StudyResult) -> None
     passed = np.array([row.passed is not False for row in rows])
     values = result.column(each.figure.key)
     title_of(axes, f"over {_short(result.keys[index])}")
+    axes.set_xlabel(unit_of_key(result.keys[index] in result.factors), fontsize=9, color=INK)
     for mask, colour in ((passed, BLUE), (~passed, ORANGE)):
         axes.plot(np.asarray(key)[mask], values[mask], ".", color=colour, markersize=4)
+
+
+def unit_of_key(factor: bool) -> str:
+    """What stands below an axis of a key's values."""
+    return "times as built" if factor else "as in the file [SI]"
 
 
 def _short(key: str, most: int = 34) -> str:

@@ -94,13 +94,13 @@ def test_names_in_brackets_and_between_colons_are_printed_as_they_are(folder, ca
     save_vehicle(spec, folder / "car.json")
     assert cli.main(["drive", "car.json", *SHORT, "--csv", "[a]:x:.csv"]) == 0
     out = capfd.readouterr().out
-    assert out.startswith("[/x] [bold]my:car:, slope-hold")
+    assert out.startswith("building '[/x] [bold]my:car:' ...\n[/x] [bold]my:car:, slope-hold")
     assert "wrote [a]:x:.csv" in out
 
 
 @pytest.mark.parametrize("option", ["--csv", "--json", "--plot"])
 def test_a_full_disk_is_one_line_and_the_old_file_stays(drive, folder, option):
-    name = "a.svg" if option == "--plot" else "a.out"
+    name = {"--plot": "a.svg", "--csv": "a.csv"}.get(option, "a.out")
     (folder / name).write_text("old")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (512, hard))

@@ -101,7 +101,7 @@ def test_a_patch_of_ice_lengthens_a_stop_and_stands_in_title_and_files(command, 
     for patch in ([], ice):
         code, out, err = command(*common, *patch, "--json", "a.json")
         assert (code, err) == (0, "")
-        assert ("friction 0.05 on a patch" in out.splitlines()[0]) == bool(patch)
+        assert ("friction 0.05 on a patch" in out.splitlines()[1]) == bool(patch)
         assert "at 6 m/s" in " ".join(out.split())
         content = json.loads((tmp_path / "a.json").read_text())
         assert len(content["friction_patches"]) == bool(patch)

@@ -7,11 +7,14 @@ import sys
 import numpy as np
 import pytest
 
+from simwarp.cli.view.drive_film import DriveFilm
+from simwarp.core import warp_start
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.spec.vehicle_files import save_vehicle
 from tests.physics.sample_vehicles import shipped
 from tests.unit.exporters.test_run_report import Page, external
 
+MASS = ("--vary", "chassis.components[0].mass=-5%..5%", "--worlds", "2")
 TURN = ("gator", "--maneuver", "constant-radius", "--duration", "0.3")
 
 
@@ -42,6 +45,40 @@ def test_an_output_of_csv_is_that_of_csv(command, tmp_path, monkeypatch):
     run = Run.read(tmp_path / "a.csv")
     # forwards is positive
     assert all(run[f"omega_{wheel}_radps"][-1] > 0.0 for wheel in ("FL", "FR", "RL", "RR"))
+
+
+@pytest.mark.parametrize("first", [("drive", *TURN), ("drive", *TURN, *MASS), ("rig", "tire", "gator")])
+def test_rows_go_to_a_file_of_their_kind(command, tmp_path, monkeypatch, first):
+    monkeypatch.chdir(tmp_path)
+    assert command(*first, "--csv", "x.txt")[::2] == (2, "simwarp: --csv must end in .csv, got 'x.txt'\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_worlds_that_do_the_same_are_called_so(command):
+    code, out, _ = command("drive", *TURN, "--worlds", "4")
+    assert code == 0
+    assert out.splitlines()[0] == "building 'gator' ..."
+    assert out.splitlines()[-1].startswith("4 worlds that did the same, ")
+    assert out.splitlines()[-1].endswith(" steps/s; --vary KEY=LOW..HIGH lets them differ")
+    assert command("drive", *TURN)[1].splitlines()[-1].startswith("1 world, ")
+
+
+def test_whatever_a_drive_compiles_is_reported(command, tmp_path, monkeypatch):
+    """Kernels of cameras are compiled when a film is begun and when its pictures are made."""
+    monkeypatch.chdir(tmp_path)
+    real, seen = (DriveFilm.__init__, DriveFilm.write), []
+
+    def seen_first(method):
+        def called(self, *arguments):
+            seen.append((method.__name__, warp_start._busy.locked()))
+            return method(self, *arguments)
+
+        return called
+
+    monkeypatch.setattr(DriveFilm, "__init__", seen_first(real[0]))
+    monkeypatch.setattr(DriveFilm, "write", seen_first(real[1]))
+    assert command("drive", *TURN, "--video", "a.png")[0] == 0
+    assert seen == [("__init__", True), ("write", True)]
 
 
 @pytest.mark.slow

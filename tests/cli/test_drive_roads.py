@@ -87,11 +87,79 @@ def test_soils_of_a_road_sink_as_they_do_alone(drive):
     assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
+@pytest.mark.parametrize("vehicle", ["hmmwv-reduced", "m113-belt"])
+def test_a_run_ends_where_its_road_does(drive, vehicle):
+    road = write_road("short.json", origin=[-6.0, -6.0], size=[14.0, 12.0])
+    (code, out, err) = drive(vehicle, "--maneuver", "inputs.csv", "--duration", "20", "--road", road, "--csv", "a.csv")
+    assert (code, remarks(err)) == (0, [])  # it stops before
+    with open("go.csv", "w") as file:
+        file.write("t_s,throttle\n0,1\n9,1\n")
+    code, out, err = drive(vehicle, "--maneuver", "go.csv", "--road", road, "--json", "a.json")
+    assert (code, remarks(err)) == (1, [])
+    with open("a.json") as file:
+        content = json.load(file)
+    assert content["left_road_s"] == pytest.approx(content["final"]["t_s"], abs=1e-6)
+    assert f"the vehicle left the road at t = {content['left_road_s']:.2f} s, where the run ends" in out
+    # the front wheel's centre is at the border, the chassis' before it; it has not begun to fall
+    assert 3.0 < content["final"]["x_m"] < 8.0
+    assert abs(content["final"]["pitch_rad"]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("drive", "m113-belt"), "road: must be of one friction below tracks, got a map of friction; leave it out"),
+        (("view", "m113-belt", "--no-open"), "road: must be of one friction below tracks, got a map of friction"),
+        (("view", "skid-steer", "--no-open"), "a map of friction must be below tires that are force laws, got rigid"),
+    ],
+)
+def test_maps_that_a_vehicle_does_not_read_are_refused(drive, capfd, arguments, message):
+    road = write_road("road.json", friction={"pixels": "slippery.npy"})
+    assert cli.main([*arguments, "--road", road, "--device", "cpu"]) == 2
+    _, err = capfd.readouterr()
+    assert message in err
+    assert len(remarks(err)) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("drive", "m113"), "road: must be rigid below tracks, got soils mid, hard; leave them out"),
+        (("view", "m113-belt", "--no-open"), "road: must be rigid below tracks, got soils mid, hard"),
+        (("view", "gator", "--no-open"), "road: must be rigid here, got soils mid, hard; simwarp drive --tire"),
+        (("drive", "gator"), "soil: tires of vehicle 'gator' must be soil-rigid, got tmeasy"),
+    ],
+)
+def test_soils_that_a_vehicle_does_not_sink_into_are_refused(drive, capfd, arguments, message):
+    road = write_road("road.json", soil="soil.npy", soils=["mid", "hard"])
+    assert cli.main([*arguments, "--road", road, "--device", "cpu"]) == 2
+    _, err = capfd.readouterr()
+    assert message in err
+    assert len(remarks(err)) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--roads", "K"), ("--roads", "K")),
+        (("--roads", "C", "--seed", "-1"), ("seed: must be 0 or more, got -1",)),
+    ],
+)
+def test_roads_of_rigs_that_are_none_are_one_line(capfd, arguments, words):
+    assert cli.main(["rig", "full-car", "artcar", "--test", "road", *arguments]) == 2
+    _, err = capfd.readouterr()
+    assert len(remarks(err)) == 1
+    for word in words:
+        assert word in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--road", "iso8608:K"), "--road: must be of a class from A to H, got 'K'"),
         (("--road", "iso8608:C:x"), "--road: must be of a seed"),
+        (("--road", "iso8608:C:-1"), "--road: must be of a seed that is a whole number, 0 or more, got '-1'"),
+        (("--road", "mud.json", "--tire", "soil-rigid"), "preset must be soft, mid, hard, clay, snow, got 'mud'"),
         (("--road", "gravel"), "--road: must be iso8608:CLASS"),
         (("--road", "none.json"), "--road: none.json: cannot be read"),
         (("--road", "iso8608:C", "--maneuver", "slope-hold"), "level ground, got slope-hold with a slope"),
@@ -106,6 +174,7 @@ def test_wrong_roads_are_refused_in_one_line(drive, arguments, message):
         json.dump({"origin": [0.0, 0.0], "size": [1.0, 1.0]}, file)
     write_road("short.json", origin=[-1.0, -1.0])
     write_road("soils.json", soils=["mid"])
+    write_road("mud.json", soils=["mud"])
     code, _, err = drive("hmmwv", *arguments)
     assert code == 2
     assert message in err

@@ -11,6 +11,7 @@ import pytest
 
 from simwarp import cli
 from simwarp.vehicle import Drive, load_vehicle, maneuver, set_up
+from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.tracks.tracked_files import all_vehicle_names, load_any_vehicle
 
 fmpy = pytest.importorskip("fmpy")
@@ -102,18 +103,20 @@ def test_the_file_holds_the_vehicle(export, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_fmu_moves_as_a_drive_does(export, tmp_path):
-    """In a second process with no kernels, in a folder with a space: the same motion to the last bit."""
-    assert export(VEHICLE, "--output", "my truck.fmu")[0] == 0
+@pytest.mark.parametrize(("vehicle", "cold"), [(VEHICLE, True), ("gator", False), ("m113-belt", False)])
+def test_an_fmu_moves_as_a_drive_does(export, tmp_path, vehicle, cold):
+    """In a second process, in a folder with a space, once with no kernels: the same motion to the last bit."""
+    assert export(vehicle, "--output", "my truck.fmu")[0] == 0
     (tmp_path / "inputs.csv").write_text(SCRIPT)
-    spec = load_vehicle(VEHICLE)
+    spec = load_any_vehicle(vehicle)
     what = maneuver("inputs.csv", spec)
-    run = Drive(set_up(spec, what, device="cpu", friction=0.7), channels=("Fx_*", "Fy_*")).run()
+    forces = () if isinstance(spec, TrackedVehicleSpec) else ("Fx_*", "Fy_*")
+    run = Drive(set_up(spec, what, device="cpu", friction=0.7), channels=forces).run()
     names = [each.name for each in description_of("my truck.fmu").modelVariables if each.causality == "output"]
     plan = {"parameters": {"friction": 0.7}, "outputs": names, "steps": 100, "step": 0.01, "inputs": INPUTS}
     (tmp_path / "importer.py").write_text(IMPORTER)
     folder = tmp_path / "with a space"
-    environment = {**os.environ, "WARP_CACHE_PATH": str(tmp_path / "empty cache")}
+    environment = {**os.environ, **({"WARP_CACHE_PATH": str(tmp_path / "empty cache")} if cold else {})}
     done = subprocess.run(
         [sys.executable, "importer.py", "my truck.fmu", str(folder), "rows.npy", json.dumps(plan)],
         env=environment, capture_output=True, text=True, check=False,
@@ -123,7 +126,7 @@ def test_an_fmu_moves_as_a_drive_does(export, tmp_path):
     assert rows.shape == (101, len(names))
     for number, name in enumerate(names):
         np.testing.assert_array_equal(rows[:, number], run[name], err_msg=name)
-    assert rows[-1, names.index("speed_mps")] > 1.0
+    assert rows[-1, names.index("speed_mps")] > 0.5
 
 
 @pytest.mark.parametrize(

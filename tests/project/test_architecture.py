@@ -13,7 +13,10 @@ MOST_FILES = 8
 TOGETHER = ("simwarp/vehicle/data", "tests/cli", "tests/data", "tests/emulated_cuda", "tests/reference", "tests/tasks",
             "tests/train", "tests/unit", "benchmarks", "docs", "examples")  # fmt: skip
 """Folders that have one row with all that is below them."""
-WALKS = ("From an action to a torque", "From a contact to an impulse", "From a pixel to an observation")
+WALKS = (
+    "From an action to a torque", "From a contact to an impulse", "From a pixel to an observation",
+    "From a word to the ground below a wheel",
+)  # fmt: skip
 
 
 def section(title):

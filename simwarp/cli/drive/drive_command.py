@@ -33,6 +33,7 @@ from simwarp.cli.drive.drive_titles import UNITS, choices_of_run, named_options,
 from simwarp.cli.drive.study_options import StudyOptions
 from simwarp.cli.options import FLAT, parse_options, require_subject, split_subject
 from simwarp.core.memory import check_fits
+from simwarp.core.warp_start import report_compiling, start_warp
 from simwarp.exporters.run_report import check_report
 from simwarp.exporters.run_tables import check_run_file, write_run
 from simwarp.importers.chrono_json import vehicle_template
@@ -224,6 +225,7 @@ class Outcome:
     wall: float
     interrupted: bool = False
     broken: bool = False
+    left_road: float | None = None
     films: tuple[AnyFilm, ...] = ()
     chains: ChainRecord | None = None
     channels: tuple[Channel, ...] = ()
@@ -268,7 +270,7 @@ def run(arguments: list[str]) -> int:
     options.emit(_content(spec, options, outcome, found) | {"passed": passed(judged), "verdicts": verdict_rows(judged)})
     if outcome.interrupted:
         return INTERRUPTED
-    return FELL_SHORT if outcome.broken else DONE
+    return FELL_SHORT if outcome.broken or outcome.left_road is not None else DONE
 
 
 def _run_batch(spec: AnyVehicleSpec, options: DriveOptions) -> int:
@@ -413,16 +415,20 @@ def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, opti
 
 def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
+    console.print(f"building '{spec.name}' ...", highlight=False, markup=False, soft_wrap=True)
     road = road_below(what, options.road, options.soil)
-    setup = set_up(
-        spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
-        elements=lambda vehicle: _soil(vehicle, options, road), on_soil=_on_soil(options, road),
-        joint_reactions=wants_reactions(options.patterns), sensors=sensors_of(what, options), road=road,
-    )  # fmt: skip
-    drive = Drive(setup, channels=options.patterns)
     outcome = Outcome(Run({}), what, 0, 0.0)
+    start_warp()
+    with report_compiling():
+        setup = set_up(
+            spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt,
+            friction=options.friction, elements=lambda vehicle: _soil(vehicle, options, road),
+            on_soil=_on_soil(options, road), joint_reactions=wants_reactions(options.patterns),
+            sensors=sensors_of(what, options), road=road,
+        )  # fmt: skip
+        drive = Drive(setup, channels=options.patterns)
+        outcome.films = films = films_of(drive, options)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
-    outcome.films = films = films_of(drive, options)
     if options.chains is not None and isinstance(setup.vehicle, TrackedVehicle):
         outcome.chains = ChainRecord(setup.simulation, setup.vehicle)
     begin = time.perf_counter()
@@ -443,7 +449,7 @@ def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console:
     outcome.wall = time.perf_counter() - begin - sum(film.seconds for film in films)
     outcome.run, outcome.channels = drive.result(), drive.recorder.channels
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
-    outcome.broken = drive.broken()
+    outcome.broken, outcome.left_road = drive.broken(), drive.left_road
     return outcome
 
 
@@ -517,11 +523,15 @@ def _print_results(
             f"the vehicle broke down at t = {end:.2f} s: a value is not finite; try a smaller --dt",
             style="red", highlight=False, soft_wrap=True,
         )  # fmt: skip
+    if outcome.left_road is not None:
+        text = f"the vehicle left the road at t = {end:.2f} s, where the run ends; take a longer one or --duration"
+        console.print(text, style="red", highlight=False, soft_wrap=True)
     if outcome.interrupted:
         console.print(f"interrupted at t = {end:.2f} s; what was recorded is kept", highlight=False, soft_wrap=True)
     rate = outcome.steps / max(outcome.wall, 1e-9)
-    worlds = f"{options.worlds:,} worlds" if options.worlds > 1 else "1 world"
-    console.print(f"{worlds}, {outcome.wall:.1f} s, {rate:,.0f} steps/s", highlight=False, soft_wrap=True)
+    worlds = f"{options.worlds:,} worlds that did the same" if options.worlds > 1 else "1 world"
+    differ = "; --vary KEY=LOW..HIGH lets them differ" if options.worlds > 1 else ""
+    console.print(f"{worlds}, {outcome.wall:.1f} s, {rate:,.0f} steps/s{differ}", highlight=False, soft_wrap=True)
 
 
 def _write(
@@ -554,7 +564,8 @@ def _write(
         draw_chains(outcome.chains, options.chains, title)
         console.print(f"wrote {options.chains}", highlight=False, markup=False, soft_wrap=True)
     for film in outcome.films:
-        film.write()
+        with report_compiling():
+            film.write()
         console.print(f"wrote {film.path}", highlight=False, markup=False, soft_wrap=True)
 
 
@@ -581,6 +592,7 @@ def _content(spec: AnyVehicleSpec, options: DriveOptions, outcome: Outcome, foun
         **{name: None if path is None else str(path) for name, path in files.items()},
         "interrupted": outcome.interrupted,
         "broken": outcome.broken,
+        "left_road_s": outcome.left_road,
         "wall_s": outcome.wall,
         "steps_per_s": outcome.steps / max(outcome.wall, 1e-9),
     }

@@ -123,6 +123,7 @@ def _tires(target: str, options: TireOptions) -> tuple[dict[str, Tire], tuple[fl
     found = {Path(name).stem: tire for name, tire in tires.items()} or {own.template: own}
     if options.loads:
         return found, options.loads
+    spec.require_linkages("the load of its standing wheels, in the place of --loads,")
     with progress_bar(f"{spec.name} at rest"):
         standing = float(standing_loads(spec, device=options.device_name).wheel_load[options.axle])
     return found, tuple(share * standing for share in SHARES)

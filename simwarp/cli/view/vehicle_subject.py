@@ -16,6 +16,7 @@ from simwarp.simulation.attachments import ForceElement, Sensor
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.results.road import check_plain_road
 from simwarp.vehicle.results.runs import START_REACH
 from simwarp.vehicle.roads.road_files import road_of
 from simwarp.vehicle.roads.road_surface import add_road, road_ground
@@ -75,6 +76,8 @@ def vehicle_subject(
     more = Additions() if additions is None else additions
     spec = load_any_vehicle(name)
     below = None if road is None else road_of(road, ROAD_WINDOW)
+    if below is not None:
+        check_plain_road(below, spec)
     lift = 0.0 if below is None else below.highest(START_REACH)
     builder = ModelBuilder()
     parts: VehicleParts | TrackedVehicleParts

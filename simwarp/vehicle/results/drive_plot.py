@@ -221,4 +221,4 @@ def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
         axes.set_ylim(float(y.mean()) - 0.04 * width, float(y.mean()) + 0.04 * width)
         if float(np.ptp(x)) < width:
             axes.set_xlim(float(x.mean()) - 0.5 * width, float(x.mean()) + 0.5 * width)
-    axes.set_xlabel("x", fontsize=9, color=INK)
+    axes.set_xlabel("x [m]", fontsize=9, color=INK)

@@ -12,8 +12,10 @@ import warp as wp
 from simwarp.core.types import ShapeType
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
+from simwarp.vehicle.roads.random_roads import MOST_NODES, SPACING
 from simwarp.vehicle.roads.road_files import Window
 from simwarp.vehicle.roads.road_surface import RoadSurface
+from simwarp.vehicle.spec.tracked_vehicle_spec import AnyVehicleSpec, TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.ground_kernels import TerrainTables
 from simwarp.vehicle.tires.parameter_vector import MODELS
@@ -27,10 +29,14 @@ ROAD_AHEAD: Final = 50.0
 """Before the origin and behind the bump [m], beside what the manoeuvre covers."""
 ROAD_SIDE: Final = 20.0
 """To either side of a bump [m]."""
-STRAIGHT_LENGTH: Final = 900.0
-"""Ahead, of random roads below manoeuvres without steering [m]."""
+STRAIGHT_LENGTH: Final = 2400.0
+"""Most ahead, of random roads below manoeuvres without steering [m]."""
+TURN_AHEAD: Final = 900.0
+"""Most ahead, below those with steering [m]."""
 TURN_REACH: Final = 150.0
-"""To all sides, of random roads below manoeuvres with steering [m]."""
+"""Most to the sides and behind, of random roads below manoeuvres with steering [m]."""
+MOST_SPEED: Final = 60.0
+"""Taken for vehicles whose pedals alone decide [m/s]."""
 MOST_CELLS: Final = 200_000
 """Of a height field along the road."""
 CELL: Final = 0.25
@@ -76,15 +82,78 @@ def check_own_ground(maneuver: Maneuver) -> None:
         raise SpecError(f"road: must be driven by a manoeuvre on level ground, got {maneuver.name} with {found}")
 
 
+def check_below_tracks(road: RoadSurface) -> None:
+    """Refuses maps that tracks do not read.
+
+    Raises:
+        SpecError: the road has a map of friction, or soils.
+    """
+    if road.friction is not None:
+        raise SpecError("road: must be of one friction below tracks, got a map of friction; leave it out")
+    if road.soils:
+        raise SpecError(f"road: must be rigid below tracks, got soils {', '.join(road.soils)}; leave them out")
+
+
+def check_plain_road(road: RoadSurface, spec: AnyVehicleSpec) -> None:
+    """Refuses maps that a vehicle does not read where no soil is laid.
+
+    Raises:
+        SpecError: the road has soils, or a map of friction below tracks or tires that are no force laws.
+    """
+    if isinstance(spec, TrackedVehicleSpec):
+        check_below_tracks(road)
+        return
+    if road.soils:
+        rule = f"must be rigid here, got soils {', '.join(road.soils)}"
+        raise SpecError(f"road: {rule}; simwarp drive --tire soil-rigid sinks into them")
+    template = next((axle.tire.template for axle in spec.axles if axle.tire.template not in MODELS), None)
+    if road.friction is not None and template is not None:
+        raise SpecError(
+            f"road: a map of friction must be below tires that are force laws, got {template}; leave it out"
+        )
+
+
 def road_window(maneuver: Maneuver) -> Window:
     """First and last x and y of the ground that a manoeuvre needs below random roads [m].
 
-    Straight ones go far ahead, others turn to any side. Beyond the border there is no ground.
+    It holds the path that is followed; without one it goes ahead as far as the vehicle may come, and where it turns as
+    far to the sides as it may come then. Beyond the border there is no ground.
     """
-    turns = maneuver.follow is not None or any(value for _, value in maneuver.script.steering)
-    if not turns:
-        return (-ROAD_AHEAD, STRAIGHT_LENGTH), (-ROAD_SIDE, ROAD_SIDE)
-    return (-TURN_REACH, TURN_REACH), (-TURN_REACH, TURN_REACH)
+    way = min(_longest_way(maneuver), STRAIGHT_LENGTH)
+    x, y = (-ROAD_AHEAD, way + ROAD_AHEAD), (-ROAD_SIDE, ROAD_SIDE)
+    if maneuver.follow is not None:
+        points = np.concatenate([path.points for path in maneuver.follow.paths])
+        (left, low), (right, high) = np.clip([points.min(axis=0), points.max(axis=0)], -way, way).tolist()
+        # behind the end of an open path it goes straight on
+        ahead = right if all(path.closed for path in maneuver.follow.paths) else way
+        x, y = (min(left, 0.0) - ROAD_AHEAD, ahead + ROAD_AHEAD), (low - ROAD_SIDE, high + ROAD_SIDE)
+    begins = next((time for time, value in maneuver.script.steering if value), math.inf)
+    if maneuver.intervention is not None:
+        begins = min(begins, maneuver.start)
+    if begins == math.inf:
+        return x, y
+    # where it begins to turn, it may come to any side
+    reach = min(max(way - begins * _fastest(maneuver), ROAD_AHEAD), TURN_REACH)
+    x = (min(x[0], -reach), max(x[1], min(way, TURN_AHEAD) + ROAD_AHEAD))
+    widest = MOST_NODES * SPACING[0] * SPACING[1] / (x[1] - x[0] + 1.0) - 2.0 * SPACING[1]
+    low, high = min(y[0], -reach), max(y[1], reach)
+    share = min(1.0, widest / (high - low))
+    return x, (share * low, share * high)
+
+
+def _fastest(maneuver: Maneuver) -> float:
+    """Speed that a manoeuvre holds or begins with [m/s]; `MOST_SPEED` where pedals alone decide."""
+    held = [value for _, value in maneuver.script.speed if value > 0.0]
+    if maneuver.follow is not None:
+        held.append(maneuver.follow.speed)
+    if not held or any(value for _, value in maneuver.script.throttle):
+        return MOST_SPEED
+    return max(*held, maneuver.initial_speed)
+
+
+def _longest_way(maneuver: Maneuver) -> float:
+    """That a vehicle may come from its start [m]."""
+    return _fastest(maneuver) * (maneuver.start + maneuver.duration)
 
 
 def add_bump(builder: ModelBuilder, maneuver: Maneuver) -> int:

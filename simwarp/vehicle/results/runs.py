@@ -24,7 +24,7 @@ from simwarp.vehicle.driving.intervention import Intervening, no_intervention
 from simwarp.vehicle.driving.maneuver_spec import Crossing, CrossingKind, Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
-from simwarp.vehicle.results.road import add_bump, check_own_ground, check_road, tire_ground
+from simwarp.vehicle.results.road import add_bump, check_below_tracks, check_own_ground, check_road, tire_ground
 from simwarp.vehicle.roads.road_surface import FRICTION, RoadSurface, add_road, road_ground
 from simwarp.vehicle.spec.parts import Array
 from simwarp.vehicle.spec.track_parts import SimpleTrackDriveline
@@ -61,12 +61,13 @@ Kind = TypeVar("Kind", bound=AnyVehicle, covariant=True)
 
 @dataclasses.dataclass(frozen=True)
 class Setup(Generic[Kind]):
-    """A manoeuvre ready to run, of a `Vehicle` or a `TrackedVehicle`."""
+    """A manoeuvre ready to run, of a `Vehicle` or a `TrackedVehicle`, on a road or on the manoeuvre's own ground."""
 
     simulation: Simulation
     vehicle: Kind
     driver: ForceElement
     maneuver: Maneuver
+    road: RoadSurface | None = None
 
 
 class SetUpOptions(TypedDict, total=False):
@@ -155,6 +156,8 @@ def set_up(
     builder = ModelBuilder()
     vehicle: AnyVehicle
     if isinstance(spec, TrackedVehicleSpec):
+        if road is not None:
+            check_below_tracks(road)
         if on_soil:
             raise SpecError(f"on_soil: must be False of a vehicle on tracks, got True for '{spec.name}'")
         model, vehicle = _tracks_on_ground(
@@ -183,7 +186,7 @@ def set_up(
         model, dt, elements=acting, solver=solver or (TRACK_SOLVER if chains else VEHICLE_SOLVER),
         joint_reactions=chains or joint_reactions, sensors=sensors(vehicle, acting),
     )  # fmt: skip
-    return Setup(simulation, vehicle, driver, maneuver)
+    return Setup(simulation, vehicle, driver, maneuver, road)
 
 
 def _tracks_on_ground(
@@ -200,9 +203,6 @@ def _tracks_on_ground(
         add_ground(builder, maneuver.crossing, rotation, Material(friction=friction))
     else:
         check_own_ground(maneuver)
-        if road.friction is not None:
-            rule = "of one friction below tracks, got a map of friction; leave it out"
-            raise SpecError(f"road: must be {rule}")
         add_road(builder, road, friction=friction)
     model = finished()
     below = None
@@ -333,6 +333,7 @@ class Drive(Readable):
     Attributes:
         after_step: called after every step; None: nothing is.
         steps_to_call: returns how many steps may be taken at once until `after_step` is called next.
+        left_road: time of the manoeuvre at which a body came beyond the road's border [s]; None: none did.
     """
 
     def __init__(
@@ -345,6 +346,7 @@ class Drive(Readable):
         self.steps_to_call: Callable[[], int] = lambda: 1
         self._to_call = 0
         """Steps until the call."""
+        self.left_road: float | None = None
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 
@@ -352,7 +354,7 @@ class Drive(Readable):
         return f" of vehicle '{self.setup.vehicle.parts.spec.name}': {self.setup.maneuver.duration:g} s"
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Steps to the end of the manoeuvre, or until all recorded worlds have broken down.
+        """Steps to the end of the manoeuvre, or until all recorded worlds have broken down or one has left the road.
 
         An interruption leaves what was recorded: `result`.
         """
@@ -370,6 +372,9 @@ class Drive(Readable):
                 if self.broken():
                     # a frozen world shows its last state again
                     self.recorder.rows.pop()
+                    break
+                if self._beyond_road():
+                    self.left_road = done * simulation.dt - maneuver.start
                     break
                 if progress is not None:
                     progress(done * simulation.dt - maneuver.start)
@@ -392,6 +397,15 @@ class Drive(Readable):
         """True if no recorded world is finite any more."""
         status = self.setup.simulation.state.world_status.numpy()[self.recorder.worlds]
         return bool(np.all(status & WorldStatus.NON_FINITE))
+
+    def _beyond_road(self) -> bool:
+        """True if a body of a recorded world is beyond the road's border, where there is no ground."""
+        road = self.setup.road
+        if road is None:
+            return False
+        places = self.setup.simulation.state.body_x.numpy()[self.recorder.worlds, :, :2].astype(np.float64)
+        beyond = (places < road.origin) | (places > np.add(road.origin, road.size))
+        return bool(beyond.any())
 
     def result(self, world: int = 0) -> Run:
         """Recorded run of one of the recorder's worlds, at multiples of 10 ms."""

@@ -20,6 +20,8 @@ from simwarp.vehicle.tires.tires import ground_of
 
 SHAPE: Final = "road"
 """Name of the shape."""
+HIGHEST: Final = 1.0e4
+"""Most height above or below zero [m], in single precision to a millimetre."""
 FRICTION: Final = (1.0e-4, 10.0)
 """Least and most of a ground."""
 
@@ -53,8 +55,12 @@ class RoadSurface:
             if len(pair) != 2 or not all(np.isfinite(value) and value > least for value in pair):
                 rule = "two finite numbers" + (" > 0" if name == "size" else "") + " [m]"
                 raise refuse(name, rule, pair, "it has one of x and one of y")
-        if self.heights.ndim != 2 or min(self.heights.shape) < 2 or not np.isfinite(self.heights).all():
-            raise refuse("heights", "(rows, columns) finite numbers, at least 2 x 2", self.heights.shape)
+        if self.heights.ndim != 2 or min(self.heights.shape) < 2:
+            raise refuse("heights", "(rows, columns) numbers, at least 2 x 2", self.heights.shape)
+        far = self.heights[~(np.abs(self.heights) <= HIGHEST)]
+        if far.size:
+            rule = f"from -{HIGHEST:g} to {HIGHEST:g} m"
+            raise refuse("heights", rule, float(far[0]), "check the height's scale and offset")
         if self.friction is not None:
             values = self.friction
             wrong = values[~((values >= FRICTION[0]) & (values <= FRICTION[1]))]

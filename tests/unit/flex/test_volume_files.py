@@ -174,23 +174,37 @@ def test_what_is_written_comes_back(tmp_path, ending, elements):
 
 
 @pytest.mark.parametrize(
-    ("blocks", "words"),
+    ("blocks", "got", "remedy"),
     [
-        ([("tetra10", [list(range(10))])], ("tetra10", "first order")),
-        ([("hexahedron20", [[*range(10)] * 2])], ("hexahedron20", "first order")),
-        ([("wedge", [[0, 1, 2, 3, 4, 5]])], ("wedge", "hexahedra")),
-        ([("tetra", [[0, 1, 2, 3]]), ("pyramid", [[0, 1, 2, 3, 4]])], ("pyramid", "hexahedra")),
-        ([("triangle", [[0, 1, 2]])], ("triangle", "sw.flex.tetrahedra")),
-        ([("tetra", [[0, 1, 2, 4]]), ("hexahedron", [[*range(8)]])], ("hexahedron and tetra", "one kind")),
-        ([("tetra", [[0, 1, 2, 3]])], ("volume mesh 'cells.vtu'", "flat")),
+        ([("tetra10", [list(range(10))])], "1 of kind tetra10", "export a mesh of first order"),
+        ([("hexahedron20", [[*range(10)] * 2])], "1 of kind hexahedron20", "export a mesh of first order"),
+        ([("wedge", [[0, 1, 2, 3, 4, 5]])], "1 of kind wedge", "mesh with tetrahedra or hexahedra alone"),
+        (
+            [("tetra", [[0, 1, 2, 3]]), ("pyramid", [[0, 1, 2, 3, 4]])], "1 of kind pyramid",
+            "mesh with tetrahedra or hexahedra alone",
+        ),
+        (
+            [("triangle", [[0, 1, 2]])], "triangle",
+            "fill a closed surface with sw.flex.lattice or sw.flex.tetrahedra",
+        ),
+        (
+            [("tetra", [[0, 1, 2, 4]]), ("hexahedron", [[*range(8)]])], "hexahedron and tetra",
+            "mesh with one of them, or split it",
+        ),
+        (
+            [("tetra", [[0, 1, 2, 3]])], "element 0 of nodes [0, 1, 2, 3], which is flat",
+            "reorder its nodes or repair the mesh",
+        ),
     ],
-)
-def test_other_cells_are_refused_by_name(tmp_path, blocks, words):
+)  # fmt: skip
+def test_other_cells_are_refused_by_name(tmp_path, blocks, got, remedy):
     meshio = pytest.importorskip("meshio")
     points = np.array(CUBE.split(), float).reshape(8, 3)
     path = tmp_path / "cells.vtu"
     meshio.Mesh(np.vstack([points, points + 1.0]), [(kind, np.array(cells)) for kind, cells in blocks]).write(path)
-    refused(lambda: sw.flex.read(path), *words)
+    text = refused(lambda: sw.flex.read(path))
+    assert text.partition(":")[0].endswith(" 'cells.vtu'")
+    assert text.endswith(f", got {got}; {remedy}")
 
 
 def test_what_cannot_be_read_is_told_in_one_line(write, tmp_path, capfd):
@@ -299,13 +313,20 @@ def test_tetrahedra_turn_what_the_library_mirrors(stand_in, tmp_path, monkeypatc
     ],
 )
 def test_a_library_that_fails_is_told_in_one_line(stand_in, text, words):
-    stand_in(text)
-    refused(lambda: sw.flex.tetrahedra(SPHERE, edge=0.3), *words)
+    asked = stand_in(text)
+    assert refused(lambda: sw.flex.tetrahedra(SPHERE, edge=0.3), *words).startswith("tetrahedra: ")
+    assert sorted(each.name for each in asked.parent.iterdir() if each.is_file()) == ["pytetwild.py"]
 
 
 def test_tetrahedra_keep_their_rules():
+    # The sphere's radius is 1 m: its box has a diagonal of 2 sqrt(3) m
+    rule = "edge must be positive and at most the surface's diagonal of 3.464 m"
     for edge in (0.0, -1.0, 10.0, np.nan, "fine"):
-        refused(lambda edge=edge: FLEX.tetrahedra(SPHERE, edge=edge), "edge")
+        text = refused(lambda edge=edge: FLEX.tetrahedra(SPHERE, edge=edge))
+        assert text == f"tetrahedra: {rule}, got {edge!r}; give metres"
+    rule = "deviation must be above 0 and at most 0.1"
     for deviation in (0.0, -1.0, 0.2, np.nan, "near"):
-        refused(lambda share=deviation: FLEX.tetrahedra(SPHERE, edge=0.3, deviation=share), "deviation")
-    refused(lambda: sw.flex.tetrahedra((SPHERE.vertices, SPHERE.faces[1:]), edge=0.3), "enclose a volume")
+        text = refused(lambda share=deviation: FLEX.tetrahedra(SPHERE, edge=0.3, deviation=share))
+        assert text.startswith(f"tetrahedra: {rule}, got {deviation!r}; ")
+    text = refused(lambda: sw.flex.tetrahedra((SPHERE.vertices, SPHERE.faces[1:]), edge=0.3), "enclose a volume")
+    assert f", got {len(SPHERE.faces) - 1} triangles that do not; " in text

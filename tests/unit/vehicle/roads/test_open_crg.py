@@ -35,6 +35,33 @@ def test_a_bent_road_is_where_its_line_leads(tmp_path):
     np.testing.assert_allclose(road.height_at(points), 0.01 * np.arange(81)[5:76], rtol=0.0, atol=1e-3)
 
 
+def without(text, title):
+    """A file's head without a section."""
+    lines = text.split("\n")
+    first = next(k for k, line in enumerate(lines) if line.strip() == title)
+    last = next(k for k in range(first + 1, len(lines)) if lines[k].startswith("$"))
+    return "\n".join(lines[:first] + lines[last:])
+
+
+def test_files_with_a_part_missing_are_one_line(tmp_path):
+    pycrg = pytest.importorskip("pycrg")
+    whole = tmp_path / "whole.crg"
+    pycrg.write(whole, np.zeros((41, len(V))), 0.5, V, mods={})
+    content = whole.read_bytes()
+    end = content.find(b"$$$$")
+    head = content[:end].decode("latin1")
+    parts = {
+        "line": without(head, "$ROAD_CRG").encode("latin1") + content[end:],
+        "definition": without(head, "$KD_DEFINITION").encode("latin1") + content[end:],
+        "head": content[end:], "data": content[: end + 400], "end": content[:-700], "all": b"",
+    }  # fmt: skip
+    for name, part in parts.items():
+        (tmp_path / f"{name}.crg").write_bytes(part)
+        with pytest.raises(SpecError, match=f"^{name}.crg: cannot be read: ") as caught:
+            load_road(tmp_path / f"{name}.crg")
+        assert "\n" not in str(caught.value)
+
+
 def test_what_is_no_road_is_refused(tmp_path, monkeypatch):
     pytest.importorskip("pycrg")
     (tmp_path / "text.crg").write_text("no road")

@@ -10,7 +10,7 @@ from scipy import signal, stats
 
 from simwarp.vehicle import SpecError
 from simwarp.vehicle.rigs import RoadClass, displacement_spectrum
-from simwarp.vehicle.roads import load_road, random_road
+from simwarp.vehicle.roads import RoadSurface, load_road, random_road
 from simwarp.vehicle.roads.random_roads import NODES, SPACING
 from simwarp.vehicle.roads.road_files import road_of
 from simwarp.vehicle.roads.road_profiles import track_correlation
@@ -133,6 +133,14 @@ def test_a_road_of_bitmaps(tmp_path):
             r"height: must be one number per pixel, got uint8 of the shape \(2, 2, 3\)",
         ),
         ({"height": {"pixels": "row.npy"}}, r"height: must have at least 2 x 2 pixels .*, got 3 x 1"),
+        ({"height": {"pixels": "pixel.png"}}, r"height: must have at least 2 x 2 pixels .*, got 1 x 1 in 'pixel\.png'"),
+        ({"height": {"pixels": "none.npy"}}, r"height: must have at least 2 x 2 pixels .*, got 0 x 0 in 'none\.npy'"),
+        ({"height": {"pixels": "gaps.npy"}}, r"height: must hold finite numbers, got others in 'gaps\.npy'; fill"),
+        ({"height": {"pixels": "height.png", "scale": 1.0}}, r"heights: must be from -10000 to 10000 m, got 14000"),
+        ({"height": {"pixels": "road.json"}}, r"height: 'road\.json' cannot be read: .*; give a \.png or \.npy file"),
+        ({"height": {"pixels": ""}}, r"height: '' cannot be read: it is a folder"),
+        ({"soil": "gaps.npy"}, r"soil: must hold finite numbers, got others in 'gaps\.npy'"),
+        ({"friction": {"pixels": "gaps.npy"}}, r"friction: must hold finite numbers, got others in 'gaps\.npy'"),
         ({"friction": {"pixels": "friction.png"}}, r"road\.json: friction: must be .* 0\.0001 to 10, got 90"),
         ({"soils": ["mid"]}, r"road\.json: soil: must be .* indices below 1, got 1; name more soils"),
         ({"size": [4.0, 0.0]}, r"road\.json.*size.*must be"),
@@ -141,9 +149,37 @@ def test_a_road_of_bitmaps(tmp_path):
 def test_bitmaps_that_are_none(tmp_path, changes, message):
     Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "color.png")
     np.save(tmp_path / "row.npy", np.zeros((1, 3)))
+    np.save(tmp_path / "none.npy", np.zeros((0, 0)))
+    np.save(tmp_path / "gaps.npy", np.array([[0.0, np.nan], [0.0, 0.0]]))
+    Image.fromarray(np.full((1, 1), 7, np.uint16)).save(tmp_path / "pixel.png")
     with pytest.raises(SpecError, match=message) as caught:
         load_road(write_road(tmp_path, **changes))
     assert "\n" not in str(caught.value)
+
+
+def test_a_bitmap_of_one_colour_is_level(tmp_path):
+    Image.fromarray(np.full((3, 4), 700, np.uint16)).save(tmp_path / "grey.png")
+    road = load_road(write_road(tmp_path, height={"pixels": "grey.png", "scale": 0.001}))
+    assert np.unique(road.heights).tolist() == [np.float32(0.7)]
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", "{nope"])
+def test_a_file_without_a_road_is_one_line(tmp_path, content):
+    (tmp_path / "road.json").write_text(content)
+    with pytest.raises(SpecError, match=r"^road\.json: ") as caught:
+        load_road(tmp_path / "road.json")
+    assert "\n" not in str(caught.value)
+
+
+def test_heights_that_are_none():
+    options = {"origin": (0.0, 0.0), "size": (1.0, 1.0)}
+    for heights, message in (
+        (np.full((2, 2), np.nan), "heights: must be from -10000 to 10000 m, got nan; check the height's scale"),
+        (np.full((2, 2), 2e4), "heights: must be from -10000 to 10000 m, got 20000.0"),
+        (np.zeros((1, 2)), r"heights: must be \(rows, columns\) numbers, at least 2 x 2, got \(1, 2\)"),
+    ):
+        with pytest.raises(SpecError, match=message):
+            RoadSurface(heights=heights.astype(np.float32), **options)
 
 
 @pytest.mark.parametrize(
@@ -151,6 +187,11 @@ def test_bitmaps_that_are_none(tmp_path, changes, message):
     [
         ("iso8608:K", "road: must be of a class from A to H, got 'K'"),
         ("iso8608", "road: must be iso8608:CLASS"),
+        ("iso8608:", "road: must be of a class from A to H, got ''"),
+        ("iso8608:C:1:2", "road: must be iso8608:CLASS"),
+        ("", "road: must be iso8608:CLASS"),
+        ("iso8608:C:1.5", "a seed that is a whole number"),
+        ("iso8608:C:99999999999999999999", "a seed that is a whole number"),
         ("iso8608:C:-1", "a seed that is a whole number"),
         ("gravel", "road: must be iso8608:CLASS"),
         ("none.json", "none.json: cannot be read"),
