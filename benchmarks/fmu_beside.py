@@ -125,7 +125,9 @@ def main() -> None:
     print(json.dumps(found, indent=1))
     print(arguments.output)
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps({"vehicle": arguments.vehicle, "largest": found}, indent=1) + "\n")
+        arguments.json.write_text(
+            json.dumps({"vehicle": arguments.vehicle, "largest": found}, indent=1) + "\n", encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":

@@ -188,7 +188,9 @@ def main() -> None:
     print("density over that of the class", {key: round(value, 3) for key, value in ratios.items()})
     print(arguments.output)
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps({"rows": rows, "density_ratio": ratios}, indent=1) + "\n")
+        arguments.json.write_text(
+            json.dumps({"rows": rows, "density_ratio": ratios}, indent=1) + "\n", encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":

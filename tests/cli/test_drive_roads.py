@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from simwarp import cli
+from simwarp.vehicle import load_vehicle, save_vehicle, with_options
 
 STRAIGHT = "t_s,steering,throttle,braking\n0,0,0,1\n0.5,0,0,1\n0.5,0,1,0\n1.5,0,1,0\n1.5,0,0,1\n2.5,0,0,1\n"
 
@@ -100,8 +101,8 @@ def test_a_run_ends_where_its_road_does(drive, vehicle):
         content = json.load(file)
     assert content["left_road_s"] == pytest.approx(content["final"]["t_s"], abs=1e-6)
     assert f"the vehicle left the road at t = {content['left_road_s']:.2f} s, where the run ends" in out
-    # the front wheel's centre is at the border, the chassis' before it; it has not begun to fall
-    assert 3.0 < content["final"]["x_m"] < 8.0
+    # the first wheel's centre is at the border, which is 8 m ahead; it has not begun to fall
+    assert 5.0 < content["final"]["x_m"] < 9.0
     assert abs(content["final"]["pitch_rad"]) < 0.1
 
 
@@ -110,10 +111,12 @@ def test_a_run_ends_where_its_road_does(drive, vehicle):
     [
         (("drive", "m113-belt"), "road: must be of one friction below tracks, got a map of friction; leave it out"),
         (("view", "m113-belt", "--no-open"), "road: must be of one friction below tracks, got a map of friction"),
-        (("view", "skid-steer", "--no-open"), "a map of friction must be below tires that are force laws, got rigid"),
+        (("view", "stiff.json", "--no-open"), "a map of friction must be below tires that are force laws, got rigid"),
+        (("drive", "stiff.json"), "must be driven on tires that are force laws, got rigid; leave out --tire"),
     ],
 )
 def test_maps_that_a_vehicle_does_not_read_are_refused(drive, capfd, arguments, message):
+    save_vehicle(with_options(load_vehicle("hmmwv"), tire="rigid"), "stiff.json")
     road = write_road("road.json", friction={"pixels": "slippery.npy"})
     assert cli.main([*arguments, "--road", road, "--device", "cpu"]) == 2
     _, err = capfd.readouterr()
@@ -142,7 +145,7 @@ def test_soils_that_a_vehicle_does_not_sink_into_are_refused(drive, capfd, argum
     ("arguments", "words"),
     [
         (("--roads", "K"), ("--roads", "K")),
-        (("--roads", "C", "--seed", "-1"), ("seed: must be 0 or more, got -1",)),
+        (("--roads", "C", "--seed", "-1"), ("--seed must be a whole number from 0", "got '-1'")),
     ],
 )
 def test_roads_of_rigs_that_are_none_are_one_line(capfd, arguments, words):

@@ -126,7 +126,7 @@ def test_an_fmu_moves_as_a_drive_does(export, tmp_path, vehicle, cold):
     assert rows.shape == (101, len(names))
     for number, name in enumerate(names):
         np.testing.assert_array_equal(rows[:, number], run[name], err_msg=name)
-    assert rows[-1, names.index("speed_mps")] > 0.5
+    assert rows[-1, names.index("speed_mps")] > 0.3
 
 
 @pytest.mark.parametrize(
