@@ -112,8 +112,9 @@ def figures(name: str, driven: Driven) -> tuple[str, ...]:
     share = [turn.curvature / turn.bicycle for turn in (driven.crawl, driven.turn)]
     return (
         name, f"{driven.loads.sum() / driven.weight - 1.0:+.0e}", f"{np.degrees(driven.tilt):.1f}",
-        f"{driven.reached:.1f}", f"{radius(left)}, {radius(right)}", f"{share[0]:.2f}, {share[1]:.2f}",
-        f"{driven.understeer:+.3f}, {driven.expected_understeer:+.3f}",
+        f"{driven.reached:.1f}", f"{radius(left)}, {radius(right)}",
+        f"{share[0]:.2f}, {share[1]:.2f}".replace("nan", "–"),
+        f"{driven.understeer:+.3f}, {driven.expected_understeer:+.3f}".replace("+nan", "–"),
         f"{driven.braked_from:.1f}, {driven.stopping:.1f}",
     )  # fmt: skip
 

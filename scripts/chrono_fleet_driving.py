@@ -45,7 +45,7 @@ spring sinks together."""
 QUIET: Final = 0.01
 """Speed of a vehicle that stands [m/s]: it would take 100 s for a metre."""
 GRIP: Final = 1.15
-"""More than the largest friction of any tire of the files: 1.0 of Fiala's, 0.8 to 1.1 over their curves of TMeasy's."""
+"""More than any of these tires has on this road: 1.0 of Fiala's, on 0.9 where 0.8 is what it was measured on: 1.125."""
 SLIDING: Final = 0.5
 """Less than the friction of any of these tires that is dragged over a dry road with its wheel blocked."""
 THROTTLE_TIME: Final = 15.0
@@ -291,9 +291,9 @@ def _turn(spec: VehicleSpec, speed: float, steering: float, reached: float) -> T
         motion = [np.array(each.numpy(), np.float64) for each in (run.vehicle.velocity_b, run.vehicle.omega_b)]
         seen.append((motion[0][:, 0], motion[1][:, 2], run.loads, *_wheels(run)))
     velocity, rate, loads, ahead, heading = (np.mean(each, axis=0) for each in zip(*seen, strict=True))
-    curvature = rate / velocity
+    curvature, friction = rate / velocity, float(run.vehicle.tires.ground_friction.numpy()[0])
     bicycle, wheels = (
-        [bicycle_curvature(spec, loads[k], ahead[k], heading[k], share * velocity[k]) for k in range(2)]
+        [bicycle_curvature(spec, loads[k], ahead[k], heading[k], share * velocity[k], friction) for k in range(2)]
         for share in (1.0, 0.0)
     )
     return Turn(
@@ -326,16 +326,20 @@ def _wheels(run: _Run) -> tuple[Array, Array]:
     return np.array(ahead), np.array(heading)
 
 
-def bicycle_curvature(spec: VehicleSpec, loads: Array, ahead: Array, heading: Array, speed: float) -> float:
+def bicycle_curvature(
+    spec: VehicleSpec, loads: Array, ahead: Array, heading: Array, speed: float, friction: float
+) -> float:
     """Curvature of a bicycle with an axle at every wheel [1/m]; `speed` 0: at a crawl, where no force is needed.
 
     Unknown are the angle b at which the centre of mass moves, positive to the left, and the curvature k. A wheel with
-    its heading h slips by h - b - x k; its force is C times that, and acts its trail behind its centre.
+    its heading h slips by h - b - x k; its force is C times that, and acts its trail behind its centre. `friction` is
+    the road's.
     """
     stiffness, trail = np.zeros_like(loads), np.zeros_like(loads)
     for wheel, load in enumerate(loads):
         if load > 1.0:
-            probe = tire_forces(spec.axles[wheel // 2].tire, slip_angle=PROBE, load=load, speed=max(speed, CRAWL))
+            tire = spec.axles[wheel // 2].tire
+            probe = tire_forces(tire, slip_angle=PROBE, load=load, speed=max(speed, CRAWL), friction=friction)
             stiffness[wheel] = abs(float(probe.fy)) / PROBE
             trail[wheel] = abs(float(probe.mz) / float(probe.fy))
     mass = float(loads.sum()) / GRAVITY

@@ -87,7 +87,7 @@ def test_the_bicycle_of_two_axles_is_that_of_the_books(loads):
     ahead = np.array([front, front, front - 2.5, front - 2.5])
     heading = np.array([0.02, 0.02, 0.0, 0.0])
     speed, mass = 12.0, wheels.sum() / GRAVITY
-    probes = [tire_forces(spec.axles[0].tire, slip_angle=PROBE, load=load, speed=speed) for load in loads]
+    probes = [tire_forces(spec.axles[0].tire, slip_angle=PROBE, load=load, speed=speed, friction=0.9) for load in loads]
     stiffness = [2.0 * abs(float(probe.fy)) / PROBE for probe in probes]
     trail = [abs(float(probe.mz) / float(probe.fy)) for probe in probes]
     # moments about the centre of mass: forces act at a' = a - trail ahead of it and at b' = b + trail behind it
@@ -95,12 +95,12 @@ def test_the_bicycle_of_two_axles_is_that_of_the_books(loads):
     force = mass * speed**2  # per curvature, shared by the levers: slip of an axle is force times share over stiffness
     slip = [force * b / (a + b) / stiffness[0], force * a / (a + b) / stiffness[1]]
     expected = 0.02 / (2.5 + slip[0] - slip[1])
-    assert bicycle_curvature(spec, wheels, ahead, heading, speed) == pytest.approx(expected, rel=1e-6)
+    assert bicycle_curvature(spec, wheels, ahead, heading, speed, 0.9) == pytest.approx(expected, rel=1e-6)
     # at a crawl its axles alone count, wherever the forces act
-    assert bicycle_curvature(spec, wheels, ahead, heading, 0.0) == pytest.approx(0.02 / 2.5, rel=1e-6)
+    assert bicycle_curvature(spec, wheels, ahead, heading, 0.0, 0.9) == pytest.approx(0.02 / 2.5, rel=1e-6)
 
 
 def test_a_vehicle_on_two_wheels_has_no_bicycle():
     spec = load_vehicle("hmmwv")
     loads = np.array([9000.0, 0.0, 9000.0, 0.0])
-    assert np.isnan(bicycle_curvature(spec, loads, np.zeros(4), np.zeros(4), 5.0))
+    assert np.isnan(bicycle_curvature(spec, loads, np.zeros(4), np.zeros(4), 5.0, 0.9))
