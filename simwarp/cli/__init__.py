@@ -129,7 +129,7 @@ def input_errors() -> tuple[type[Exception], ...]:
     for module, names in (
         ("simwarp.core.types", ("ModelError",)),
         ("simwarp.core.files", ("FileError",)),
-        ("simwarp.core.input_error", ("InputError",)),
+        ("simwarp.core.wording", ("InputError",)),
         ("simwarp.vehicle.spec.parts", ("SpecError",)),
         ("simwarp.identify.fit_error", ("FitError",)),
         ("simwarp.tasks.framework.errors", ("TaskError",)),
