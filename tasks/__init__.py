@@ -8,7 +8,7 @@ if __name__ != "simwarp.tasks":
     raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegative, Positive, Whole
-from simwarp.core.task_names import ENTRY_POINT_GROUP
+from simwarp.task_names import ENTRY_POINT_GROUP
 
 from .actuation.actuator_network import ActuatorNetwork
 from .actuation.attached_actuators import actuators_of

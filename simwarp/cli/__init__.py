@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
-from simwarp.cli.lighter_imports import FULL, few_collections, leave_unused_out, run_in_full, stand_ins
+from simwarp.cli.early.lighter_imports import FULL, few_collections, leave_unused_out, run_in_full, stand_ins
 from simwarp.cli.process import leave, leave_at_once, prepare_streams, silence_output
 from simwarp.core.stopping import exit_at_signals, interrupted_by_signals
 from simwarp.core.wording import suggestions
@@ -129,7 +129,7 @@ def input_errors() -> tuple[type[Exception], ...]:
     for module, names in (
         ("simwarp.core.types", ("ModelError",)),
         ("simwarp.core.files", ("FileError",)),
-        ("simwarp.core.input_error", ("InputError",)),
+        ("simwarp.core.wording", ("InputError",)),
         ("simwarp.vehicle.spec.parts", ("SpecError",)),
         ("simwarp.identify.fit_error", ("FitError",)),
         ("simwarp.tasks.framework.errors", ("TaskError",)),
@@ -314,7 +314,7 @@ def _run(arguments: list[str], *, alone: bool) -> int:
     command = _find(arguments[0])
     if command.reads_only:
         return _read(lambda: command.load()(arguments[1:]), arguments, alone=alone)
-    importlib.import_module("simwarp.cli.early_refusals").refuse_early(command.name, arguments[1:])
+    importlib.import_module("simwarp.cli.early.early_refusals").refuse_early(command.name, arguments[1:])
     if alone:
         leave_unused_out()
     with few_collections():

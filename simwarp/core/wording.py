@@ -1,4 +1,4 @@
-"""Words for errors: near names, and long names made short."""
+"""Words for errors, and the error of wrong input: near names, and long names made short. Light to import."""
 
 from __future__ import annotations
 
@@ -10,6 +10,15 @@ from typing import Final
 LONGEST_WORD: Final = 255
 """Letters of a name that are compared with those there are."""
 LONGEST_PATH: Final = 200
+MOST_LISTED: Final = 24
+"""Names that an error lists."""
+
+
+class InputError(ValueError):
+    """The user asked for something impossible; the message names it, the rule and the remedy.
+
+    The command line prints the message in one line and exits with code 2.
+    """
 
 
 def close_names(word: object, known: Iterable[str], count: int = 1, cutoff: float = 0.6) -> list[str]:
@@ -35,6 +44,14 @@ def suggestions(word: object, known: Iterable[str], otherwise: str, *, count: in
     """`did you mean x or y?` with at most `count` names, or what a message says otherwise."""
     close = close_names(word, known, count, cutoff)
     return f"did you mean {' or '.join(close)}?" if close else otherwise
+
+
+def near_names(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean A or B?"`` for names close to ``name``, else ``"; known: ..."``."""
+    known = sorted(known)
+    more = ", ..." if len(known) > MOST_LISTED else ""
+    hint = suggestions(name, known, f"known: {', '.join(known[:MOST_LISTED])}{more}")
+    return f"; {hint}" if known else ""
 
 
 def option_word(field: str) -> str:

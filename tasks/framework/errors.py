@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from simwarp.core.input_error import InputError as InputError, near_names as near_names
 from simwarp.core.object_repr import plural
+from simwarp.core.wording import InputError as InputError, near_names as near_names
 
 
 class TaskFileError(InputError):

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from simwarp.core.task_names import built_in_tasks, offered_tasks, unknown_task
 from simwarp.core.warp_start import report_compiling
+from simwarp.task_names import built_in_tasks, offered_tasks, unknown_task
 
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device

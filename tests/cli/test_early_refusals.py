@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from simwarp.cli.early_refusals import refuse_early
+from simwarp.cli.early.early_refusals import refuse_early
 
 PROGRAM = """
 import sys

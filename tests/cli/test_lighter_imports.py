@@ -7,7 +7,7 @@ import textwrap
 
 import pytest
 
-from simwarp.cli.lighter_imports import FULL, REPLACED, StandIn, stand_ins
+from simwarp.cli.early.lighter_imports import FULL, REPLACED, StandIn, stand_ins
 
 
 def said(*arguments: str, **variables: str) -> tuple[int, str, str]:
@@ -37,7 +37,7 @@ def test_the_text_is_that_of_full_imports(words):
 )
 def test_nothing_heavy_is_loaded(words):
     code = f"""
-        import sys, simwarp.cli.lighter_imports as light
+        import sys, simwarp.cli.early.lighter_imports as light
         light.run_in_full = lambda _: print("in full") or 0
         import simwarp.cli as cli
         cli.run_in_full = light.run_in_full
@@ -94,7 +94,7 @@ def test_a_stand_in_is_whatever_a_module_makes_of_it():
 def test_a_process_that_leaves_out_what_is_unused_can_learn():
     """torch's compiler, which an optimiser imports, goes through all modules: none may be in its way."""
     code = (
-        "from simwarp.cli.lighter_imports import SERVICES, leave_unused_out\n"
+        "from simwarp.cli.early.lighter_imports import SERVICES, leave_unused_out\n"
         "leave_unused_out()\n"
         "import sys\n"
         "from simwarp.train.algorithm.trainer import Trainer\n"

@@ -22,7 +22,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 RANKS = {
-    "core": 0, "statistics": 0, "search": 0,
+    "core": 0, "statistics": 0, "search": 0, "task_names": 0,
     "kernels": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "actuators": 6, "kinematics": 6,
     "motions": 6, "analysis": 6, "meshes": 3,
     "vehicle": 6, "sensors": 6, "soil": 6, "flex": 6,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from simwarp.core.files import FileError, check_input, check_output
-from simwarp.core.input_error import InputError
+from simwarp.core.wording import InputError
 
 
 class DatasetFormat(enum.Enum):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simwarp.cli import HELP, UsageError
-from simwarp.cli.lighter_imports import few_collections
+from simwarp.cli.early.lighter_imports import few_collections
 from simwarp.cli.options import parse_options, split_path
 from simwarp.cli.view.view_options import ACTORS, TaskViewOptions, ViewOptions, announce, check_view_options
 from simwarp.cli.view.view_target import ViewTarget, find_target

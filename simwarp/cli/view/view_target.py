@@ -9,8 +9,8 @@ from pathlib import Path
 
 from simwarp.cli import UsageError
 from simwarp.cli.options import TASK_FILE
-from simwarp.core.task_names import built_in_tasks, known_tasks
 from simwarp.core.wording import close_names
+from simwarp.task_names import built_in_tasks, known_tasks
 
 MODEL_FILES = (".xml", ".urdf", ".usd", ".usda", ".usdc", ".stp", ".step", ".py")
 DUMPS = (".npz",)

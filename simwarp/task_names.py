@@ -10,7 +10,7 @@ from importlib import metadata
 from importlib.resources import files
 from typing import Final
 
-from simwarp.core.input_error import InputError, near_names
+from simwarp.core.wording import InputError, near_names
 
 ENTRY_POINT_GROUP: Final = "simwarp.tasks"
 """Entry points of this group are loaded once; loading one must register its tasks."""

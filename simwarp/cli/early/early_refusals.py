@@ -13,7 +13,7 @@ from typing import Final
 
 from simwarp.cli import UsageError
 from simwarp.cli.options import TASK_FILE, is_run, option_value, parse_own, split_path, split_subject
-from simwarp.core.task_names import built_in_tasks, known_tasks, unknown_task
+from simwarp.task_names import built_in_tasks, known_tasks, unknown_task
 
 
 def refuse_early(command: str, arguments: list[str]) -> None:
