@@ -265,8 +265,8 @@ def test_the_table_has_both_ends_of_every_extra():
         "| `core` | demo 1.0 | 3 passed | demo 1.0 | 5 passed, 2 skipped | 2026-01-02, 2026-01-03 |",
     ]
     assert extra_results.table(tried[1:], ["core", "mcap"]).splitlines()[2:] == [
-        "| `core` |  | not tried | demo 1.0 | 5 passed, 2 skipped | 2026-01-03 |",
-        "| `mcap` |  | not tried |  | not tried |  |",
+        "| `core` |  | not passed yet | demo 1.0 | 5 passed, 2 skipped | 2026-01-03 |",
+        "| `mcap` |  | not passed yet |  | not passed yet |  |",
     ]
 
 
