@@ -121,12 +121,12 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def table(outcomes: Sequence[Outcome], extras: Sequence[str]) -> str:
-    """The table of the page, in Markdown: a row for each extra, which says so where it was not tried."""
+    """The table of the page, in Markdown: a row for each extra, which says so where none passed yet."""
     by_trial = {(each.extra, each.at): each for each in outcomes}
     lines = ["| extra | floor | tests | ceiling | tests | on |", "|---|---|---|---|---|---|"]
     for extra in extras:
         ends = [by_trial.get((extra, at)) for at in ENDS]
-        cells = [cell for each in ends for cell in (("", "not tried") if each is None else cells_of(each))]
+        cells = [cell for each in ends for cell in (("", "not passed yet") if each is None else cells_of(each))]
         dates = ", ".join(sorted({each.date for each in ends if each is not None}))
         lines.append(f"| {' | '.join([f'`{extra}`', *cells, dates])} |")
     return "\n".join(lines) + "\n"

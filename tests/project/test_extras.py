@@ -137,6 +137,7 @@ def test_passed_and_failed_are_counted(tmp_path, monkeypatch):
     assert extras.run_tests(Path(sys.executable), "demo", []) == (2, 0, 1)
 
 
+@pytest.mark.slow
 def test_slow_tests_that_belong_to_a_trial_are_run_too(tmp_path, monkeypatch):
     text = (
         "import pytest\n\n\ndef test_a():\n    pass\n\n\n@pytest.mark.slow\n@pytest.mark.parametrize('n', range(3))\n"
@@ -152,6 +153,7 @@ def test_slow_tests_that_belong_to_a_trial_are_run_too(tmp_path, monkeypatch):
         assert extras.run_tests(Path(sys.executable), "demo", []) == expected
 
 
+@pytest.mark.slow
 def test_a_package_that_no_test_imports_was_not_tried(tmp_path):
     """What processes of an environment import is noted, of those too that others start."""
     wheels = tmp_path / "wheels"
@@ -265,8 +267,8 @@ def test_the_table_has_both_ends_of_every_extra():
         "| `core` | demo 1.0 | 3 passed | demo 1.0 | 5 passed, 2 skipped | 2026-01-02, 2026-01-03 |",
     ]
     assert extra_results.table(tried[1:], ["core", "mcap"]).splitlines()[2:] == [
-        "| `core` |  | not tried | demo 1.0 | 5 passed, 2 skipped | 2026-01-03 |",
-        "| `mcap` |  | not tried |  | not tried |  |",
+        "| `core` |  | not passed yet | demo 1.0 | 5 passed, 2 skipped | 2026-01-03 |",
+        "| `mcap` |  | not passed yet |  | not passed yet |  |",
     ]
 
 
