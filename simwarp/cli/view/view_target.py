@@ -65,6 +65,8 @@ def find_target(name: str) -> ViewTarget:
     from simwarp.tasks import task_names
     from simwarp.vehicle.tracks.tracked_files import all_vehicle_names
 
+    if name in all_vehicle_names():  # m113-belt, which has no file of its own
+        return ViewTarget("vehicle", name)
     if name in task_names():
         return ViewTarget("task", name)
     close = close_names(name, [*task_names(), *all_vehicle_names(), *scenes])
