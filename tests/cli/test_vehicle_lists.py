@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from simwarp.cli.view.view_target import find_target
 from simwarp.cli.view.vehicle_subject import vehicle_subject
+from simwarp.cli.view.view_target import find_target
 from simwarp.tasks.driving import DRIVEN_VEHICLES
 from simwarp.vehicle import Vehicle, all_vehicle_names, load_any_vehicle, option_names, vehicle_names, with_options
 from simwarp.vehicle.spec.catalogue import catalogue
