@@ -47,7 +47,7 @@ class Outline:
 
 
 def outline_of(spec: VehicleSpec) -> Outline:
-    """The least rectangle around the box of the chassis (`chassis.size`) and all tires, straight ahead."""
+    """The least rectangle around the chassis' box (`chassis.size`) and its tires, straight on, without trailers."""
     size, center = spec.chassis.size, spec.chassis.size_center
     front, rear = center[0] + 0.5 * size[0], center[0] - 0.5 * size[0]
     half = abs(center[1]) + 0.5 * size[1]

@@ -178,12 +178,15 @@ class PostRig(Readable):
         return np.stack([height, roll, pitch], axis=1)
 
     def suspension_travel(self) -> Array:
-        """(W, wheels) of the wheels' centres along the chassis' vertical axis, from its centre of mass [m]."""
-        chassis = self.vehicle.parts.chassis
+        """(W, wheels) of the wheels' centres along the vertical axis of the chassis that they carry, from its centre of
+        mass [m].
+        """
+        parts = self.vehicle.parts
+        chassis = [parts.unit_of(side.axle).chassis for side in parts.sides]
         place = np.asarray(self.simulation.state.body_x.numpy()[:, chassis], np.float64)
-        x, y, z, w = np.asarray(self.simulation.state.body_rot.numpy()[:, chassis], np.float64).T
-        up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
-        return np.asarray(np.einsum("wki,wi->wk", self.wheel_places() - place[:, None], up))
+        x, y, z, w = np.moveaxis(np.asarray(self.simulation.state.body_rot.numpy()[:, chassis], np.float64), -1, 0)
+        up = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+        return np.asarray(np.einsum("wki,wki->wk", self.wheel_places() - place, up))
 
     def step(self) -> None:
         """One time step, and a look at the worlds: those that break down in it get their reason."""

@@ -164,7 +164,7 @@ class VehicleSpec(Readable, Spec):
 
     @property
     def all_axles(self) -> tuple[Axle, ...]:
-        """Those of the vehicle, then those of its trailers, placed in the vehicle's frame of reference as built."""
+        """Axles of the vehicle, then of its trailers, which are placed in the vehicle's frame of reference as built."""
         behind = (moved_axle(axle, unit.origin) for unit in self.units[1:] for axle in unit.axles)
         return (*self.axles, *behind) if self.trailers else self.axles
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simwarp.core.rotation import matrix_of
+from simwarp.core.types import pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.scenery import add_vehicle_visual
 from simwarp.sensors import Visuals
@@ -138,3 +140,15 @@ def test_boxes_of_trailers_meet_others_and_are_seen_as_what_they_stand_for():
     instances = add_vehicle_visual(visuals, parts, box=box)
     # nothing is drawn twice: a body, ten wheels, a trailer
     assert len(visuals.instances) == len(instances) == 12
+
+
+@pytest.mark.parametrize("name", TRAINS)
+def test_the_axes_of_a_hitch_turn_with_the_train(name):
+    """Built towards +Y, coordinates of the hitch, with their friction and limits, are those of the towing vehicle."""
+    frames = []
+    for turn in ((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))):
+        builder = ModelBuilder()
+        parts = add_vehicle(builder, load_vehicle(name), at=pose((3.0, 1.0, 0.5), turn))
+        joint = builder.joints[parts.units[1].hitch]
+        frames.append([matrix_of(np.asarray(frame.rotation, float)) for frame in (joint.frame0, joint.frame1)])
+    np.testing.assert_allclose(frames[0], frames[1], atol=1e-12)
