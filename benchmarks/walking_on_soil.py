@@ -2,9 +2,9 @@
 
     python benchmarks/walking_on_soil.py quadruped-velocity rigid=shipped soft=RUN --kinds soft --seeds 10 --episodes 16
 
-Every policy plays the same episodes: those of ``simwarp eval TASK --task.ground soil --task.soil.kind KIND --seed S`` for
-each seed. A seed's mean return, errors and share without a fall is one number; printed are means over the seeds with
-intervals of 95 % (Student's t). ``flat`` as a kind is the plane.
+Every policy plays the same episodes: those of ``simwarp eval TASK --task.ground soil --task.soil.kind KIND --seed S``
+for each seed. A seed's mean return, errors and share without a fall is one number; printed are means over the seeds
+with intervals of 95 % (Student's t). ``flat`` as a kind is the plane.
 """
 
 from __future__ import annotations

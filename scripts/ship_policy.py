@@ -84,12 +84,18 @@ def ship(
         "evaluation": {"seed": _SEED} | {key: value.as_json() for key, value in results.items()},
     }
     target.mkdir(exist_ok=True)
-    soil = "soil" if trained.get("soil", "none") != "none" else None
+    soil = "soil" if _on_soil(trained) else None
     several = "vehicles" if "," in (content["task_config"].get("vehicle") or "") else None
     title = ".".join(part for part in (name, trained.get("obs"), soil, several) if part is not None)
     save_checkpoint(target / f"{title}{SUFFIX}", content)
     write_json(target / f"{title}.json", record)
     return record
+
+
+def _on_soil(config: dict[str, Any]) -> bool:
+    """Whether a task's worlds are on soil: of driving tasks the field `soil` says it, of those on legs `ground`."""
+    soil = config.get("soil", "none")
+    return config.get("ground") == "soil" if isinstance(soil, dict) else soil != "none"
 
 
 def _teacher(content: dict[str, Any]) -> dict[str, Any]:

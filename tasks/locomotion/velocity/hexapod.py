@@ -14,6 +14,7 @@ from ...framework.registry import register
 from ..walking import BASE
 from .config import VelocityConfig
 from .quadruped import QuadrupedVelocity
+from .walked_soil import WalkedSoilConfig
 
 _LEGS = range(1, 7)
 _SERVO = PositionDrive(stiffness=10.0, damping=0.2, effort_limit=1.5)
@@ -30,6 +31,8 @@ class HexapodVelocityConfig(VelocityConfig):
     """Bound of the commanded speed to either side [m/s]."""
     max_turn: float = 0.6
     """Bound of the commanded turn about the vertical [rad/s]."""
+    soil: WalkedSoilConfig = dataclasses.field(default_factory=lambda: WalkedSoilConfig(spacing=0.0044))
+    """Soil, its parameters and its grid; its own strength counts in place of a friction."""
     push_speed: float = 0.15
     """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
 
