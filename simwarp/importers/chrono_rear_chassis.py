@@ -106,7 +106,7 @@ def connector(node: Node, entry: Node) -> float | None:
     if template not in templates:
         raise entry.place.at("Connector Input File").error(
             f"must be that of a {' or a '.join(templates)}, got {formatted(template)}: a trailer is no rear chassis; "
-            "describe it as a vehicle with a hitch"
+            "describe it among the `trailers` of a vehicle"
         )
     value = node.number(templates[template])
     node.finish()

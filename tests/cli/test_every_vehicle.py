@@ -13,11 +13,12 @@ from simwarp.cli.view.vehicle_subject import vehicle_subject
 from simwarp.cli.view.view_target import find_target
 from simwarp.tasks import make
 from simwarp.tasks.driving import DRIVEN_VEHICLES
-from simwarp.vehicle import Drive, maneuver, set_up
+from simwarp.vehicle import Drive, Vehicle, maneuver, option_names, set_up, vehicle_names, with_options
 from simwarp.vehicle.driving.maneuvers import MANEUVERS
 from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
 from simwarp.vehicle.results.road import check_own_ground, road_window
 from simwarp.vehicle.roads import random_road
+from simwarp.vehicle.spec.catalogue import catalogue
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.tracked_vehicle_spec import TrackedVehicleSpec
 from simwarp.vehicle.spec.vehicle_files import DATA, REDUCED, TRACKED, plain, reduced_vehicle_names
@@ -77,9 +78,27 @@ def test_the_catalogue_has_every_file(command):
     assert {name.removesuffix(ON_BELTS) for name in NAMES} == FILES
     code, out, _ = command("list", "--json", "-")
     assert code == 0
-    assert sorted(each["name"] for each in json.loads(out)["vehicles"]) == sorted(NAMES)
+    listed = {each["name"]: each["summary"] for each in json.loads(out)["vehicles"]}
+    assert listed == catalogue()
+    assert list(listed) == NAMES
+    assert all("chassis" in line and "\n" not in line for line in listed.values())
+    for name, trailers in (("truck-semitrailer", 1), ("sedan-trailer", 1), ("sedan", 0)):
+        assert listed[name].count("trailer") == trailers
     words = json.loads((Path(simwarp.__file__).parent / "data" / "completions.json").read_text(encoding="utf-8"))
     assert words["words"]["vehicles"] == sorted(NAMES)
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_it_takes_its_options(name):
+    spec = load_any_vehicle(name)
+    for kind in ("tire", "powertrain", "driveline"):
+        for option in option_names(name, kind):
+            assert with_options(spec, **{kind: option}).name == name
+
+
+def test_vehicles_of_tasks_are_shipped_ones():
+    assert set(DRIVEN_VEHICLES) <= set(NAMES)
+    assert {driven.full_name for driven in DRIVEN_VEHICLES.values()} <= set(vehicle_names())
 
 
 @pytest.mark.parametrize("name", ["drive", "export-fmu"])
@@ -176,6 +195,22 @@ def test_it_is_driven_on_a_plane_and_on_a_road(here, name):
     assert road["final"]["z_m"] != pytest.approx(plane["final"]["z_m"], abs=1e-4)
     assert abs(road["final"]["z_m"] - plane["final"]["z_m"]) < 0.5
     assert (here / "b.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", vehicle_names())
+def test_it_stands_in_a_page_with_all_of_its_units(name):
+    """At rest on asphalt: each body that is drawn is there, and nothing breaks in half a second."""
+    subject = vehicle_subject(name, 1, "cpu")
+    assert subject.advance is not None
+    for _ in range(25):
+        subject.advance()
+    vehicle = subject.elements["vehicle"]
+    assert isinstance(vehicle, Vehicle)
+    drawn = set(subject.scene.body.tolist())
+    assert {unit.chassis for unit in vehicle.parts.units} <= drawn
+    assert {side.spindle for side in vehicle.parts.sides} <= drawn
+    assert subject.simulation.problems() == []
 
 
 @pytest.mark.slow

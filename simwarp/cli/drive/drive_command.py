@@ -124,7 +124,9 @@ class DriveOptions(RecordOptions):
     """Another engine with its transmission, likewise. For a Chrono vehicle its two files, with a comma between."""
     driveline: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Another driveline, likewise."""
-    soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard|clay|snow|sand", help_behavior_hint=SOIL_HINT)] = None
+    soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard|clay|snow|sand", help_behavior_hint=SOIL_HINT)] = (
+        None
+    )
     """Deformable ground below `--tire soil-rigid` or `flexible`."""
     spacing: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=SPACING_HINT)] = None
     """Of the soil's nodes."""
