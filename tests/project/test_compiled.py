@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp import ModelBuilder, Simulation
-from simwarp.kernels.dynamics.step_stages import fused_step
+from simwarp.kernels.dynamics.step_stages import fused_tree_step
 from tests.compiled import CPU_BLOCK
 
 
@@ -13,5 +13,5 @@ def test_the_step_is_launched_in_blocks_of_that_size():
     builder.add_body("ball", mass=1.0, inertia=(1.0, 1.0, 1.0))
     Simulation(builder.finalize(1, device="cpu"), dt=1e-3).step()
     context = wp.get_device("cpu").context
-    blocks = {block for where, block in fused_step(False, False, False, False).kernel.module.execs if where == context}
+    blocks = {block for where, block in fused_tree_step().kernel.module.execs if where == context}
     assert blocks == {CPU_BLOCK}
