@@ -13,7 +13,7 @@ from simwarp.cli.view.vehicle_subject import vehicle_subject
 from simwarp.cli.view.view_target import find_target
 from simwarp.tasks import make
 from simwarp.tasks.driving import DRIVEN_VEHICLES
-from simwarp.vehicle import Drive, Vehicle, maneuver, option_names, set_up, vehicle_names, with_options
+from simwarp.vehicle import Drive, Vehicle, load_vehicle, maneuver, option_names, set_up, vehicle_names, with_options
 from simwarp.vehicle.driving.maneuvers import MANEUVERS
 from simwarp.vehicle.driving.track_maneuvers import TRACK_MANEUVERS
 from simwarp.vehicle.results.road import check_own_ground, road_window
@@ -90,7 +90,7 @@ def test_the_catalogue_has_every_file(command):
 
 @pytest.mark.parametrize("name", vehicle_names())
 def test_it_takes_its_options(name):
-    spec = load_any_vehicle(name)
+    spec = load_vehicle(name)
     for kind in ("tire", "powertrain", "driveline"):
         for option in option_names(name, kind):
             assert with_options(spec, **{kind: option}).name == name

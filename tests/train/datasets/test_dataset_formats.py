@@ -128,7 +128,7 @@ def test_the_instruction_is_the_given_one_the_tasks_own_or_its_summary(recorded_
 @both
 def test_progress_is_told_of_each_episode(recorded_task, tmp_path, kind):
     """Of many that end in one step, too."""
-    seen = []
+    seen: list[int] = []
     written(tmp_path / "d-v0", kind, report=seen.append)
     assert seen == sorted(seen)
     assert set(seen) == set(range(12))
