@@ -16,7 +16,7 @@ from simwarp.core.names_on_demand import names_on_demand
 if TYPE_CHECKING:
     from simwarp.vehicle.assessment.verdict import Verdict
     from simwarp.vehicle.assessment.verdicts import verdicts
-    from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
+    from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle, trailer_boxes
     from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
     from simwarp.vehicle.driving.maneuver_spec import FrictionPatch, Maneuver
     from simwarp.vehicle.driving.maneuvers import maneuver
@@ -149,6 +149,7 @@ __all__ = [
     "spring_lengths",
     "stance",
     "tracked_vehicle_names",
+    "trailer_boxes",
     "travel_table",
     "trim",
     "twist_gains_for",
@@ -188,8 +189,9 @@ _MODULES: Final = {
     "reduce_vehicle": "reduced.reduction", "reduced_vehicle_names": "spec.vehicle_files",
     "save_tracked_vehicle": "tracks.tracked_files", "save_vehicle": "spec.vehicle_files", "set_payload": "payload",
     "set_up": "results.runs", "set_up_convoy": "vehicle_convoy", "spring_lengths": "suspensions.kinematics",
-    "stance": "stances", "tracked_vehicle_names": "tracks.tracked_files", "travel_table": "suspensions.kinematics",
-    "trim": "trimming", "twist_gains_for": "driving.twist", "unicycle_for": "driving.path_tracking",
+    "stance": "stances", "tracked_vehicle_names": "tracks.tracked_files", "trailer_boxes": "construction",
+    "travel_table": "suspensions.kinematics", "trim": "trimming",
+    "twist_gains_for": "driving.twist", "unicycle_for": "driving.path_tracking",
     "vehicle_names": "spec.vehicle_files", "verdicts": "assessment.verdicts",
     "with_belts": "spec.tracked_vehicle_spec", "with_options": "spec.variants",
 }  # fmt: skip

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from typing import Final, Unpack
+from collections.abc import Iterable
+from typing import Final, Protocol, Unpack
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from simwarp.vehicle.initial_velocity import Rolling, roll_bodies, roll_drivelin
 from simwarp.vehicle.reduced.reduced_construction import add_reduced_bodies, drive_row, reduced_driveline
 from simwarp.vehicle.spec.parts import merged
 from simwarp.vehicle.spec.vehicle_parts import Chassis
-from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Unit, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
@@ -195,8 +196,35 @@ def _add_reduced(
     )  # fmt: skip
 
 
+class ChassisParts(Protocol):
+    """A vehicle on wheels or tracks in the builder, as far as its chassis goes."""
+
+    @property
+    def chassis(self) -> int:
+        """The sprung body."""
+
+    @property
+    def reference(self) -> Array:
+        """(3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]."""
+
+    @property
+    def bodies(self) -> Iterable[int]:
+        """All of it."""
+
+    @property
+    def prefix(self) -> str:
+        """Of its names."""
+
+
+def _trailers(parts: ChassisParts) -> list[tuple[UnitParts, Unit]]:
+    """Trailers in the builder and as described; on tracks none are towed."""
+    if not isinstance(parts, VehicleParts):
+        return []
+    return list(zip(parts.units[1:], parts.spec.units[1:], strict=True))
+
+
 def add_chassis_box(
-    builder: ModelBuilder, parts: VehicleParts, *, half: Vec3, position: Vec3 = (0.0, 0.0, 0.0),
+    builder: ModelBuilder, parts: ChassisParts, *, half: Vec3, position: Vec3 = (0.0, 0.0, 0.0),
     name: str | None = None, **options: Unpack[SurfaceOptions],
 ) -> int:  # fmt: skip
     """A box in contacts that stands for a vehicle: it meets other vehicles' and the world's shapes, its own never.
@@ -205,7 +233,7 @@ def add_chassis_box(
 
     Args:
         builder: that `parts` was added to.
-        parts: from `add_vehicle`.
+        parts: from `add_vehicle` or `add_tracked_vehicle`.
         half: half lengths along x (ahead), y (to the left) and z [m].
         position: of its middle in the vehicle's frame of reference [m].
         name: of the shape; `chassis_box` behind the vehicle's prefix when None.
@@ -220,13 +248,14 @@ def add_chassis_box(
     called = f"{parts.prefix}chassis_box" if name is None else name
     place = pose(parts.reference + finite_vector(called, "position", position, 3))
     shape = builder.add_shape_box(parts.chassis, half=half, pose=place, name=called, **options)
-    for number, (unit, described) in enumerate(zip(parts.units[1:], parts.spec.units[1:], strict=True)):
+    trailers = _trailers(parts)
+    for number, (unit, described) in enumerate(trailers):
         x, y, z = (0.5 * length for length in described.chassis.size)
         builder.add_shape_box(
             unit.chassis, half=(x, y, z), pose=pose(unit.reference + np.array(described.chassis.size_center)),
             name=f"{called}{TRAILER_BOX}{number}", **options,
         )  # fmt: skip
-    boxed = [unit.chassis for unit in parts.units]
+    boxed = [parts.chassis, *(unit.chassis for unit, _ in trailers)]
     for place_of, chassis in enumerate(boxed):
         for body in parts.bodies:
             if body not in boxed[: place_of + 1]:
@@ -234,9 +263,9 @@ def add_chassis_box(
     return shape
 
 
-def trailer_boxes(builder: ModelBuilder, parts: VehicleParts) -> list[int]:
-    """The shapes that `add_chassis_box` added for trailers; none before that."""
-    pulled = {unit.chassis for unit in parts.units[1:]}
+def trailer_boxes(builder: ModelBuilder, parts: ChassisParts) -> list[int]:
+    """Indices of the shapes that `add_chassis_box` added for trailers; none before that."""
+    pulled = {unit.chassis for unit, _ in _trailers(parts)}
     return [
         index
         for index, shape in enumerate(builder.shapes)

@@ -11,7 +11,6 @@ import torch
 import warp as wp
 
 import simwarp as sw
-from simwarp.vehicle.construction import trailer_boxes
 
 from ..framework.agents import beside
 from ..framework.errors import InputError, TaskError
@@ -423,7 +422,7 @@ class DrivingTask(Task[DrivingT]):
         bodies = sw.to_torch(self.vehicle.bodies).long()
         places, turns = (sw.to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
         start_x, start_rot = wp.from_torch(places, dtype=wp.vec3d), wp.from_torch(turns, dtype=wp.quatd)
-        pulled = trailer_boxes(self._builder, self.parts)
+        pulled = sw.vehicle.trailer_boxes(self._builder, self.parts)
         self._car = filled(
             kernels.Car, chassis=self.parts.chassis, shape=self.chassis_shape,
             trailer_shapes=wp.array(pulled, dtype=int, device=self.simulation.model.device),

@@ -162,7 +162,7 @@ def test_roads_of_rigs_that_are_none_are_one_line(capfd, arguments, words):
         (("--road", "iso8608:K"), "--road: must be of a class from A to H, got 'K'"),
         (("--road", "iso8608:C:x"), "--road: must be of a seed"),
         (("--road", "iso8608:C:-1"), "--road: must be of a seed that is a whole number, 0 or more, got '-1'"),
-        (("--road", "mud.json", "--tire", "soil-rigid"), "preset must be soft, mid, hard, clay, snow, got 'mud'"),
+        (("--road", "mud.json", "--tire", "soil-rigid"), "preset must be soft, mid, hard, clay, snow, sand, got 'mud'"),
         (("--road", "gravel"), "--road: must be iso8608:CLASS"),
         (("--road", "none.json"), "--road: none.json: cannot be read"),
         (("--road", "iso8608:C", "--maneuver", "slope-hold"), "level ground, got slope-hold with a slope"),

@@ -102,7 +102,7 @@ def check_source(path: Path, task_name: str) -> DatasetFormat:
         if not os.path.lexists(path):
             raise FileError(
                 f"trajectories '{path}': there is no such file or folder; write it with `simwarp record {task_name}"
-                " --output ...`"
+                f" --output {path}`"
             )
         check_input(path, "file of trajectories")
     return found

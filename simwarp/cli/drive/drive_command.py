@@ -417,7 +417,6 @@ def _print_channels(console: Console, spec: AnyVehicleSpec, what: Maneuver, opti
 
 def _drive(spec: AnyVehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
-    console.print(f"building '{spec.name}' ...", highlight=False, markup=False, soft_wrap=True)
     road = road_below(what, options.road, options.soil)
     outcome = Outcome(Run({}), what, 0, 0.0)
     start_warp()

@@ -88,7 +88,7 @@ VALID: dict[str, dict[str, Any]] = {
     "add_joint_fixed": {**PAIR, "anchor": (0, 0, 0)},
     "add_joint_revolute": {**PAIR, "axis": (0, 0, 1), "anchor": (0, 0, 0), **LAW},
     "add_joint_prismatic": {**PAIR, "axis": (0, 0, 1), "anchor": (0, 0, 0)},
-    "add_joint_spherical": {**PAIR, "anchor": (0, 0, 0), "dofs": ()},
+    "add_joint_spherical": {**PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "dofs": ()},
     "add_joint_cylindrical": {**PAIR, "axis": (0, 0, 1), "anchor": (0, 0, 0), "dofs": ()},
     "add_joint_universal": {**PAIR, "anchor": (0, 0, 0), "axis0": (1, 0, 0), "axis1": (0, 1, 0), "dofs": ()},
     "add_joint_planar": {**PAIR, "normal": (0, 0, 1), "direction": (1, 0, 0), "anchor": (0, 0, 0), "dofs": ()},
