@@ -58,7 +58,13 @@ class Trial:
 
 TRIALS = {
     CORE: Trial(
-        ("tests/unit/core", "tests/unit/geometry", "tests/tasks/test_pendulum.py", "tests/cli/test_cli_words.py"),
+        (
+            "tests/unit/core",
+            "tests/unit/geometry",
+            "tests/tasks/test_pendulum.py",
+            "tests/cli/test_cli_words.py",
+            "tests/train/evaluation/test_filming.py",
+        ),
         ("mujoco",),
         command=("train", "pendulum", "--iterations", "2", "--num-envs", "8", "--device", "cpu"),
     ),

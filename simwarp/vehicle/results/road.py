@@ -29,6 +29,8 @@ ROAD_AHEAD: Final = 50.0
 """Before the origin and behind the bump [m], beside what the manoeuvre covers."""
 ROAD_SIDE: Final = 20.0
 """To either side of a bump [m]."""
+DRIFT: Final = 0.01
+"""Of the way that a vehicle may come straight ahead, as much more to either side: nobody holds it on its line."""
 STRAIGHT_LENGTH: Final = 2400.0
 """Most ahead, of random roads below manoeuvres without steering [m]."""
 TURN_AHEAD: Final = 900.0
@@ -120,7 +122,8 @@ def road_window(maneuver: Maneuver) -> Window:
     far to the sides as it may come then. Beyond the border there is no ground.
     """
     way = min(_longest_way(maneuver), STRAIGHT_LENGTH)
-    x, y = (-ROAD_AHEAD, way + ROAD_AHEAD), (-ROAD_SIDE, ROAD_SIDE)
+    side = ROAD_SIDE + DRIFT * way
+    x, y = (-ROAD_AHEAD, way + ROAD_AHEAD), (-side, side)
     if maneuver.follow is not None:
         points = np.concatenate([path.points for path in maneuver.follow.paths])
         (left, low), (right, high) = np.clip([points.min(axis=0), points.max(axis=0)], -way, way).tolist()
@@ -130,15 +133,14 @@ def road_window(maneuver: Maneuver) -> Window:
     begins = next((time for time, value in maneuver.script.steering if value), math.inf)
     if maneuver.intervention is not None:
         begins = min(begins, maneuver.start)
-    if begins == math.inf:
-        return x, y
-    # where it begins to turn, it may come to any side
-    reach = min(max(way - begins * _fastest(maneuver), ROAD_AHEAD), TURN_REACH)
-    x = (min(x[0], -reach), max(x[1], min(way, TURN_AHEAD) + ROAD_AHEAD))
+    if begins != math.inf:
+        # where it begins to turn, it may come to any side
+        reach = min(max(way - begins * _fastest(maneuver), ROAD_AHEAD), TURN_REACH)
+        x = (min(x[0], -reach), max(x[1], min(way, TURN_AHEAD) + ROAD_AHEAD))
+        y = (min(y[0], -reach), max(y[1], reach))
     widest = MOST_NODES * SPACING[0] * SPACING[1] / (x[1] - x[0] + 1.0) - 2.0 * SPACING[1]
-    low, high = min(y[0], -reach), max(y[1], reach)
-    share = min(1.0, widest / (high - low))
-    return x, (share * low, share * high)
+    share = min(1.0, widest / (y[1] - y[0]))
+    return x, (share * y[0], share * y[1])
 
 
 def _fastest(maneuver: Maneuver) -> float:

@@ -20,7 +20,7 @@ Progress: TypeAlias = Callable[[float], None]
 """Called with the share of a rig's work that is done, 0 to 1."""
 
 Statuses: TypeAlias = npt.NDArray[np.int8]
-Reasons: TypeAlias = npt.NDArray[np.object_]
+Reasons: TypeAlias = npt.NDArray[Any]
 """(n,) texts: why a row is DIVERGED or TIPPED; empty of others."""
 
 
