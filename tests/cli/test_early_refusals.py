@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from simwarp.cli.early.early_refusals import refuse_early
+from simwarp.task_names import known_tasks
 
 PROGRAM = """
 import sys
@@ -129,4 +130,5 @@ def test_other_words_are_left_to_the_command(words, tmp_path, monkeypatch):
 def test_tasks_that_are_registered_already_are_left_to_the_command():
     import simwarp.tasks  # noqa: F401  with its registry
 
+    assert known_tasks() is None
     refuse_early("record", ["of-another-package"])
